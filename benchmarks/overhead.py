@@ -20,7 +20,7 @@ from pathlib import Path
 import brushexp
 
 # isort: split
-from brushexp.cli.many_pictures import pictures_in
+from brushexp.pictures.folders import pictures_in
 
 LOOKS = ("plain", "oil")
 STEPS = 5

@@ -1,1 +1,1 @@
-"""How far numbers can be trusted: extreme scenes, and a verdict on what each piece of the program makes of them."""
+"""Numerical accuracy: extreme scenes, and a verdict on how each part of the program draws them."""

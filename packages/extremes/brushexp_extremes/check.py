@@ -1,4 +1,4 @@
-"""Cells of the matrix: a scene drawn forwards and backwards, or strokes optimised, in one precision against float64."""
+"""Check a cell: draw a scene forwards and backwards, or optimise strokes, in one precision against float64."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -29,47 +29,37 @@ DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.
 PICTURE_BOUNDS = {"float64": 1e-9, "float32": 1e-4, "bfloat16": 1e-4, "float16": 1e-4}
 # Largest relative difference of a field's gradient, see `gradient_error`; of 16 bits, what rounding it once may cost.
 GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16": 2**-9}
-NEGLIGIBLE_SHARE = 1e-3  # of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
-PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is looked at, at most
+NEGLIGIBLE_SHARE = 1e-3  # share of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
+PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is checked, at most
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
 BACKGROUND = (0.2, 0.5, 0.9)
-FEW = 2  # strokes that a slow renderer optimises
-SLACK = 1e-6  # of the bounds of a field, relative
 DENSE = Dense()
 
 
 @dataclass(frozen=True)
 class Check:
-    """A verdict and its reasons.
-
-    ``picture`` is the largest difference of a pixel from float64, ``gradient`` the largest relative difference of a
-    gradient, None without one. ``note`` is a message, what is broken, or how many strokes or steps it was.
-    """
+    """A verdict and its reasons."""
 
     verdict: str
-    picture: float | None = None
-    gradient: float | None = None
-    note: str = ""
+    picture: float | None = None  # largest difference of a pixel from float64
+    gradient: float | None = None  # largest relative difference of a gradient
+    note: str = ""  # a message, what is broken, or the number of strokes or steps
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture (3, H, W), and the gradient of its mean squared error by field.
-
-    ``pull`` is the sum of |dL/dI| over the picture, what a gradient is large or small against; ``fault`` is "" or what
-    is already known to be broken.
-    """
+    """A picture (3, H, W), and the gradient of its mean squared error by field."""
 
     image: Tensor
     gradient: Mapping[str, Tensor]
-    pull: float = 0.0
-    fault: str = ""
+    pull: float = 0.0  # sum of |dL/dI| over the picture, the scale of its gradients
+    fault: str = ""  # what is broken
 
 
 def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
-    """The picture of strokes, and the gradient of its mean squared error from a target (3, H, W).
+    """Draw strokes, and compute the gradient of the mean squared error from a target (3, H, W).
 
-    ``order`` (N,) are numbers of strokes, the uppermost first; None for as they come.
+    ``order`` (N,) are numbers of strokes, the uppermost first; None keeps their order.
     """
     size: Size = (target.shape[1], target.shape[2])
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
@@ -84,7 +74,7 @@ def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor
 
 
 class SceneCheck:
-    """Checks of what a renderer makes of a scene; each picture in float64 is drawn once."""
+    """Checks of one renderer on one scene; each picture in float64 is drawn once."""
 
     def __init__(self, renderer: Renderer, scene: Scene, most: int) -> None:
         self.renderer, self.precise = renderer, deepcopy(renderer).double()
@@ -111,7 +101,7 @@ class SceneCheck:
             return check_of_error(error)
 
     def exact(self, blend: Blend, dtype: str) -> Drawn:
-        """The strokes as ``dtype`` holds them, drawn in float64."""
+        """Draw the strokes as ``dtype`` holds them, in float64."""
         kind = self.strokes.position.dtype if DTYPES[dtype] in PRECISE else DTYPES[dtype]
         if (blend, str(kind)) not in self._exact:
             strokes = drawable(self.strokes.map(lambda value: value.to(kind))).map(Tensor.double)
@@ -120,15 +110,12 @@ class SceneCheck:
 
 
 def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float, blend: Blend, dtype: str) -> Check:
-    """Optimise a few strokes, and check what they are in the end: finite, in range, and painted as in float64.
-
-    After ``patience`` seconds no further step is taken.
-    """
+    """Optimise a few strokes for up to ``patience`` seconds, and check the result: finite, in range, as in float64."""
     precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", scene.color, {})
     stage = Stage(name, precise if dtype == "float64" else renderer, scene.steps)
     components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=scene.rate))
     components = replace(components, **{family: build_named(family, *part) for family, part in scene.parts.items()})
-    strokes = scene.strokes(scene.n if renderer.warm_up is None else FEW).map(lambda value: value.to(kind))
+    strokes = scene.strokes(scene.n if renderer.warm_up is None else 2).map(lambda value: value.to(kind))
     target, focus = scene.target(scene.canvas), scene.focus and scene.focus(scene.canvas).to(kind)
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
     timer = Timer(timedelta(seconds=patience), verbose=False)
@@ -149,14 +136,14 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Refused if a user can act on the message of an exception, else broken."""
+    """Judge an exception: refused if a user can act on its message, else broken."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
 def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str = "") -> Check:
-    """Compare what was drawn of strokes that came in the precision ``dtype`` with the same in float64."""
+    """Compare a picture of strokes of the precision ``dtype`` with the same picture in float64."""
     bound = PICTURE_BOUNDS[dtype]
     faults = [drawn.fault, _fault("the picture", drawn.image, -bound, 1 + bound)]
     faults += [_fault(f"the gradient of {name}", gradient) for name, gradient in drawn.gradient.items()]
@@ -170,10 +157,9 @@ def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str 
 
 
 def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pull: float) -> float:
-    """|g - g64| / (|g64| + NEGLIGIBLE_SHARE * pull), norms over all strokes.
+    """Compute |g - g64| / (|g64| + NEGLIGIBLE_SHARE * pull), norms over all strokes.
 
-    Gradients of points and widths, which are fractions of a window, count per pixel, so that large windows do not
-    make rounding large.
+    Gradients of points and widths, which are fractions of a window, count per pixel, whatever the size of windows.
     """
     difference, size = value.double() - exact.double(), exact.double()
     if name in ("start", "control", "end", "width"):
@@ -183,17 +169,17 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 
 
 def range_fault(strokes: Strokes) -> str:
-    """Which field of strokes is not finite or outside `FIELDS`; "" if none is."""
+    """Name a field of strokes that is not finite or outside `FIELDS`; "" if none is."""
     for name, bounds in FIELDS.items():
-        room = SLACK * max(abs(bounds.low), abs(bounds.high))
-        if fault := _fault(name, getattr(strokes, name).detach(), bounds.low - room, bounds.high + room):
+        slack = 1e-6 * max(abs(bounds.low), abs(bounds.high))
+        if fault := _fault(name, getattr(strokes, name).detach(), bounds.low - slack, bounds.high + slack):
             return fault
     return ""
 
 
 @torch.no_grad()
 def _alpha_fault(layers: Layers, size: Size) -> str:
-    """What is wrong with the alpha of some strokes at some pixels."""
+    """Check the alpha of some strokes at some pixels."""
     pairs = ((len(layers.reach), PROBED_STROKES), (size[0] * size[1], PROBED_PIXELS))
     index, pixel = (torch.linspace(0, n - 1, min(n, most)).round().long()[None] for n, most in pairs)
     alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
@@ -202,7 +188,7 @@ def _alpha_fault(layers: Layers, size: Size) -> str:
 
 
 def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
-    """What is wrong with numbers that should be finite and between two others; "" if nothing is."""
+    """Say what is wrong with numbers that should be finite and between two others; "" if nothing is."""
     if not value.isfinite().all():
         return f"{name} is not finite"
     if value.numel() and (value.min() < low or value.max() > high):

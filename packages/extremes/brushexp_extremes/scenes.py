@@ -1,7 +1,6 @@
-"""Extreme scenes: strokes, a canvas and a target each, from empty to absurd.
+"""Extreme scenes: strokes, a canvas and a target each, from empty to absurd; import it when plugins are loaded.
 
-Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`. To be imported when plugins
-are loaded: there is a scene for each colour space.
+Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`.
 """
 
 import math
@@ -18,25 +17,21 @@ from brushexp.compositing.layers import Size
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import FARTHEST, Strokes
 
-CANVAS, SMALL = (
-    (24, 37),
-    (16, 25),
-)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
+# Height and width of canvases: no multiples of a tile, and not square.
+CANVAS, SMALL = (24, 37), (16, 25)
 MIDDLE = (18.0, 12.0)  # x and y
-SEVERAL = 16  # strokes of most scenes
 USUAL_RATE = 0.02
 
 Fields = dict[str, Tensor]  # of strokes
 
 
 def _uniform(seed: int) -> Callable[..., Tensor]:
-    """Numbers in [0, 1), always the same ones."""
     generator = torch.Generator().manual_seed(seed)
     return lambda *shape: torch.rand(*shape, generator=generator)
 
 
 def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.0)) -> Strokes:
-    """``n`` gently bent strokes all over a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
+    """Draw ``n`` gently bent strokes on a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
     draw = _uniform(0)
     angle = 2 * math.pi * draw(n)
     end = (0.3 + 0.4 * draw(n))[:, None] * torch.stack([angle.cos(), angle.sin()], dim=1)
@@ -53,12 +48,12 @@ def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.
 
 
 def random_target(size: Size) -> Tensor:
-    """(3, H, W), every pixel by itself."""
+    """Draw a target (3, H, W) of independent pixels."""
     return _uniform(1)(3, *size)
 
 
 def one_bright_pixel(size: Size) -> Tensor:
-    """(3, H, W), 1 in its middle and 0 elsewhere."""
+    """Make a target (3, H, W) that is 1 in its middle and 0 elsewhere."""
     target = torch.zeros(3, *size)
     target[:, size[0] // 2, size[1] // 2] = 1
     return target
@@ -66,10 +61,10 @@ def one_bright_pixel(size: Size) -> Tensor:
 
 @dataclass(frozen=True)
 class Scene:
-    """Random strokes with windows of ``scale`` on a canvas, some of their fields replaced by ``change``."""
+    """Random strokes with windows of ``scale`` on a canvas, with some fields replaced by ``change``."""
 
     change: Callable[[Strokes], Fields] = lambda strokes: {}
-    n: int = SEVERAL
+    n: int = 16
     canvas: Size = CANVAS
     scale: tuple[float, float] = (8.0, 24.0)
     target: Callable[[Size], Tensor] = random_target
@@ -81,19 +76,19 @@ class Scene:
     focus: Callable[[Size], Tensor] | None = None  # (H, W), of mean 1, weighs the pixels
 
     def strokes(self, most: int) -> Strokes:
-        """The strokes, at most so many: a network draws a thousand times more slowly than a formula."""
+        """Make at most ``most`` strokes: a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.n), self.canvas, scale=self.scale)
         return replace(strokes, **self.change(strokes))
 
 
 def _within_one_pixel(strokes: Strokes) -> Fields:
-    """Of a canvas of 2 x 3, so faint that the lowest stroke is still seen."""
+    """Place strokes on a canvas of 2 x 3, so faint that the lowest one is still visible."""
     n, draw = len(strokes), _uniform(2)
     return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 
 
 def _coincident(strokes: Strokes) -> Fields:
-    """The same stroke again and again, in other colours."""
+    """Repeat one stroke in several colours."""
     n, one = len(strokes), random_strokes(1, CANVAS, scale=(20.0, 24.0))
     same = {name: value.expand(n, *value.shape[1:]).clone() for name, value in one.items()}
     middle = torch.tensor(MIDDLE).expand(n, 2).clone()
@@ -101,14 +96,14 @@ def _coincident(strokes: Strokes) -> Fields:
 
 
 def _long(strokes: Strokes) -> Fields:
-    """10,000 px long and as thick as usual, across the canvas."""
+    """Make strokes 10,000 px long and as thick as usual, across the canvas."""
     end, side = 0.7 * normalize(strokes.end), 1e4 / 1.4
     bend, width = 1e-2 * strokes.control, 3 / side * (1 + strokes.opacity)
     return {"scale": torch.full_like(width, side), "start": -end, "end": end, "control": bend, "width": width}
 
 
 def _thick(strokes: Strokes) -> Fields:
-    """1,000 px thick, with their edges across the canvas."""
+    """Make strokes 1,000 px thick, with their edges across the canvas."""
     aside = torch.tensor([0.0, 500.0]) * torch.where(strokes.opacity > 0.5, 1.0, -1.0)[:, None]
     end = torch.tensor([0.5, 0.0]).repeat(len(strokes), 1)
     width = torch.full_like(strokes.width, 1000 / 8000)
@@ -116,7 +111,7 @@ def _thick(strokes: Strokes) -> Fields:
 
 
 def _far_windows(strokes: Strokes) -> Fields:
-    """On the canvas, but with the middle of their windows 1e6 px away, where float32 has steps of 1/16 px."""
+    """Move the windows of strokes on the canvas 1e6 px away, where float32 has steps of 1/16 px."""
     near = 8 + 0.7 * strokes.position - FARTHEST
     points = {name: (near + 8 * getattr(strokes, name)) / 1000 for name in ("start", "control", "end")}
     position, scale = torch.full_like(strokes.start, FARTHEST), torch.full_like(strokes.scale, 2000.0)

@@ -24,6 +24,6 @@ class ExtremesTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        from brushexp_extremes.matrix import chosen_axes  # noqa: PLC0415
+        from brushexp_extremes.task import choose_axes  # noqa: PLC0415
 
-        chosen_axes(**{axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes")})
+        choose_axes(**{axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes")})

@@ -1,4 +1,4 @@
-"""The painters of others, as members of the family ``painter``."""
+"""Painters that others have published, as members of the family ``painter``."""
 
 from brushexp_painters import evolution, gatys, greedy, haeberli, hertzmann, kotovenko, litwinowicz, zou
 

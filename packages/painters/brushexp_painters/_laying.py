@@ -1,4 +1,4 @@
-"""What painters that decide stroke by stroke share."""
+"""Helpers of painters that decide stroke by stroke."""
 
 from collections.abc import Iterator
 
@@ -9,34 +9,34 @@ from brushexp.plugins.painter.base import PaintState
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-PORTIONS = 60  # states of a painting whose strokes are all known
-
+PORTIONS = 60  # states that a painter yields, at most
 LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue in papers of the time
 
 Array = np.ndarray
 
 
-def laid(strokes: Strokes) -> Iterator[PaintState]:
-    """States of a painting whose strokes are known: so many are laid, then more; a step is a stroke."""
-    n = len(strokes)
-    for k in range(1, PORTIONS + 1):
-        if (done := n * k // PORTIONS) > n * (k - 1) // PORTIONS:
-            yield PaintState(strokes[:done], done, n)
+def portions(n: int) -> list[int]:
+    """Divide n strokes into up to `PORTIONS` states: how many strokes each has."""
+    return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
+
+
+def lay(strokes: Strokes) -> Iterator[PaintState]:
+    """Yield the states of a painting whose strokes are known; a step is a stroke."""
+    for n in portions(len(strokes)):
+        yield PaintState(strokes[:n], n, len(strokes))
 
 
 def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
-    """Strokes along curves (N, 3, 2), so many (N,) pixels thick, in colours (N, 3)."""
-    line, thick, shade = (
-        torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color)
-    )
+    """Make strokes along curves (N, 3, 2) of a thickness (N,) in pixels and colours (N, 3)."""
+    line, thick, shade = (torch.from_numpy(np.ascontiguousarray(x, np.float32)) for x in (curves, thickness, color))
     return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
 
 
 def vectors(length: Array, angle: Array) -> Array:
-    """Vectors (N, 2) of lengths (N,) in directions (N,) in radians."""
+    """Compute vectors (N, 2) of lengths (N,) in directions (N,) in radians."""
     return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
 
 
 def numpy_generator(generator: torch.Generator) -> np.random.Generator:
-    """A generator of NumPy that follows from one of PyTorch."""
+    """Seed a generator of NumPy from one of PyTorch."""
     return np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))

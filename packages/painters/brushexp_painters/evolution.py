@@ -1,4 +1,4 @@
-"""A population of strokes that is the painting: children take the place of parents where the picture gains."""
+"""The painter ``evolution``: a genetic algorithm whose population is the painting."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -14,16 +14,16 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST, SMALLEST, worst_places
 
-LEAST_HALF = 0.5  # of the thickness, pixels
+LEAST_HALF = 0.5  # pixels: half of the smallest thickness
 MARGIN = 1.5  # pixels around a stroke in which its soft edge ends
-SIDES = (2.5, 6.0)  # of cells, in reaches of some stroke
-RULE = 0.2  # share of children that live with which mutations have the right size (Rechenberg, 1973)
-STEP_RANGE = (0.01, 0.5)  # of mutations: shape in lengths of the stroke, colour in its range
+SIDES = (2.5, 6.0)  # range of the side of a cell, in reaches of some stroke
+SUCCESS_RATE = 0.2  # share of children that live at which mutations keep their size (Rechenberg, 1973)
+STEP_RANGE = (0.01, 0.5)  # size of mutations: shape in lengths of the stroke, colour in its range
 
 
 @dataclass(frozen=True)
 class Genes:
-    """Of N strokes, in any order."""
+    """The genes of N strokes, in any order."""
 
     middle: Array  # (N, 2) pixels
     along: Array  # (N, 2) from the middle to the end
@@ -35,20 +35,20 @@ class Genes:
     def __getitem__(self, index: Array) -> "Genes":
         return Genes(*(getattr(self, gene.name)[index] for gene in fields(Genes)))
 
-    def replaced(self, index: Array, others: "Genes") -> "Genes":
-        """These strokes, those at places ``index`` replaced by as many others."""
-        found = Genes(*(getattr(self, gene.name).copy() for gene in fields(Genes)))
+    def replace(self, index: Array, others: "Genes") -> "Genes":
+        """Copy the genes, with those at places ``index`` replaced by as many others."""
+        result = Genes(*(getattr(self, gene.name).copy() for gene in fields(Genes)))
         for gene in fields(Genes):
-            getattr(found, gene.name)[index] = getattr(others, gene.name)
-        return found
+            getattr(result, gene.name)[index] = getattr(others, gene.name)
+        return result
 
     @property
     def reach(self) -> Array:
-        """How far (N,) strokes go from their middles."""
+        """The distance (N,) that strokes reach from their middles."""
         return np.hypot(*self.along.T) * np.hypot(1, self.bend) + self.half + MARGIN
 
     def strokes(self, opacity: float) -> Strokes:
-        """The lowest first."""
+        """Convert to strokes, the lowest first."""
         across = np.stack([-self.along[:, 1], self.along[:, 0]], 1) * self.bend[:, None]
         curves = np.stack([self.middle - self.along, self.middle + across, self.middle + self.along], 1)
         order = np.argsort(self.depth, kind="stable")
@@ -86,35 +86,33 @@ class Evolution(Painter):
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         random = numpy_generator(request.generator)
         target = request.target.cpu().permute(1, 2, 0).contiguous().numpy()
-        genes, step = begun_genes(request, target, random), STEP_RANGE[1]
-        canvas, judged, shown = self._drawn(request, genes), 0, 0
+        genes, step = initial_genes(request, target, random), STEP_RANGE[1]
+        canvas, judged, portion = self._draw(request, genes), 0, 0
         due = self.children * request.n
         while judged < due:
             cells = Cells(request.size, genes, random)
             parents, children, are_mutants = self._children(genes, cells, target, canvas, step, random)
-            painted = self._drawn(request, genes.replaced(parents, children))
+            picture = self._draw(request, genes.replace(parents, children))
             place = cells.of(children.middle)
-            lives = (cells.errors(target - painted) < cells.errors(target - canvas))[place]
-            genes = genes.replaced(parents[lives], children[lives])
-            canvas = np.where(np.isin(cells.of_pixels, place[lives])[..., None], painted, canvas)
+            lives = (cells.errors(target - picture) < cells.errors(target - canvas))[place]
+            genes = genes.replace(parents[lives], children[lives])
+            canvas = np.where(np.isin(cells.of_pixels, place[lives])[..., None], picture, canvas)
             if are_mutants.any():
-                step = float(np.clip(step * np.exp(lives[are_mutants].mean() - RULE), *STEP_RANGE))
+                step = float(np.clip(step * np.exp(lives[are_mutants].mean() - SUCCESS_RATE), *STEP_RANGE))
             judged = min(judged + max(1, len(parents)), due)
-            if judged * PORTIONS // due > shown:
-                shown = judged * PORTIONS // due
+            if judged * PORTIONS // due > portion:
+                portion = judged * PORTIONS // due
                 yield PaintState(genes.strokes(self.opacity), judged, due)
 
-    def _drawn(self, request: PaintRequest, genes: Genes) -> Array:
-        """The picture (H, W, 3) of strokes."""
+    def _draw(self, request: PaintRequest, genes: Genes) -> Array:
         strokes = genes.strokes(self.opacity).map(lambda value: value.to(request.target))
-        picture: Array = request.draw(strokes).cpu().permute(1, 2, 0).numpy()
-        return picture
+        return request.draw(strokes).cpu().permute(1, 2, 0).numpy()
 
     def _children(
         self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
     ) -> tuple[Array, Genes, Array]:
-        """Indices of parents, a child of each in the same cell, and which of the children have mutated."""
-        parents = cells.one_each(genes, random)
+        """Choose parents, a child of each in the same cell, and say which of the children are mutants."""
+        parents = cells.choose_one_each(genes, random)
         if random.random() < self.renewal:
             places = worst_places(target, canvas, random)
             _, chosen, at = np.intersect1d(cells.of(genes.middle[parents]), cells.of(places), return_indices=True)
@@ -125,50 +123,49 @@ class Evolution(Painter):
         else:
             are_mutants = random.random(len(parents)) >= self.crossover
             others = genes[random.integers(len(genes.half), size=len(parents))]
-            children = varied(genes[parents], others, are_mutants, step, random)
+            children = vary(genes[parents], others, are_mutants, step, random)
         fits = (cells.room(children.middle) >= children.reach) & (
             cells.of(children.middle) == cells.of(genes.middle[parents])
         )
         return parents[fits], children[fits], are_mutants[fits]
 
 
-def varied(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Children of strokes, half of the genes of each changed: by chance where ``mutate`` (n,), else those of others."""
+def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
+    """Change half of the genes of each stroke: at random where ``mutate`` (n,), else to those of others."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
-    found = {}
+    genes = {}
     for name, size in sizes.items():
         value = getattr(own, name)
         wide = (n, *[1] * (value.ndim - 1))
         mutant, change = mutate.reshape(wide), random.random(wide) < 0.5
-        taken = value if name == "middle" else getattr(others, name)
-        child = np.where(mutant, value + step * size.reshape(wide) * random.standard_normal(value.shape), taken)
-        found[name] = np.where(change, child, value)
-    found["half"], found["color"] = found["half"].clip(LEAST_HALF, None), found["color"].clip(0, 1)
-    return Genes(**found, depth=own.depth)
+        other = value if name == "middle" else getattr(others, name)
+        child = np.where(mutant, value + step * size.reshape(wide) * random.standard_normal(value.shape), other)
+        genes[name] = np.where(change, child, value)
+    genes["half"], genes["color"] = genes["half"].clip(LEAST_HALF, None), genes["color"].clip(0, 1)
+    return Genes(**genes, depth=own.depth)
 
 
-def begun_genes(request: PaintRequest, target: Array, random: np.random.Generator) -> Genes:
-    """Random strokes, small ones on top of large ones."""
-    n, pitch = request.n, request.pitch
+def initial_genes(request: PaintRequest, target: Array, random: np.random.Generator) -> Genes:
+    """Draw random strokes, small ones on top of large ones."""
+    n, smallest = request.n, SMALLEST * request.pitch
     middle = random.uniform(0, 1, (n, 2)) * request.size[::-1]
-    largest = max(LARGEST * min(request.size), SMALLEST * pitch)
-    low, high = np.log(SMALLEST * pitch), np.log(largest)
+    low, high = np.log(smallest), np.log(max(LARGEST * min(request.size), smallest))
     length = np.sort(np.exp(random.uniform(low, high, n)))[::-1]
     return random_genes(middle, length, target, np.arange(n, dtype=float), random)
 
 
 def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
-    """Strokes of half-lengths (n,) at places (n, 2), in the colours there, in random directions."""
-    n, angle = len(length), random.uniform(0, np.pi, len(length))
-    along = vectors(length, angle)
+    """Draw strokes of half-lengths (n,) at places (n, 2), in the colours of the target there, in random directions."""
+    n = len(length)
+    along = vectors(length, random.uniform(0, np.pi, n))
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
     color = sampled_at(target.transpose(2, 0, 1), *middle.T).T
     return Genes(middle, along, random.normal(0, 0.25, n), half, color, depth)
 
 
 class Cells:
-    """Squares of random size and place that cover the canvas and more; what is in one does not touch another."""
+    """Squares of random size and place that cover the canvas and more."""
 
     def __init__(self, size: tuple[int, int], genes: Genes, random: np.random.Generator) -> None:
         height, width = size
@@ -179,20 +176,20 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Numbers (...) of the cells of places (..., 2); what is far from the canvas has the number of a border."""
+        """The number (...) of the cell of each place (..., 2); places far from the canvas belong to the border."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
-        return np.asarray(index[..., 1] * self.columns + index[..., 0])
+        return index[..., 1] * self.columns + index[..., 0]
 
     def room(self, place: Array) -> Array:
-        """How far (n,) places (n, 2) are from the borders of their cells."""
+        """The distance (n,) of places (n, 2) from the borders of their cells."""
         inside = (place + self.shift) % self.side
-        return np.asarray(np.minimum(inside, self.side - inside).min(1))
+        return np.minimum(inside, self.side - inside).min(1)
 
     def errors(self, difference: Array) -> Array:
-        """Sum of squares of a picture (H, W, 3) in each cell."""
+        """The sum of squares of a picture (H, W, 3) in each cell."""
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
-    def one_each(self, genes: Genes, random: np.random.Generator) -> Array:
-        """Indices of strokes that lie within their cells, at most one of each cell."""
-        found = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
-        return np.asarray(found[np.unique(self.of(genes.middle[found]), return_index=True)[1]])
+    def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:
+        """Choose at most one of the strokes that lie within each cell, by their indices."""
+        index = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
+        return index[np.unique(self.of(genes.middle[index]), return_index=True)[1]]

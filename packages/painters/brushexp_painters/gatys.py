@@ -1,4 +1,4 @@
-"""Pixels, not strokes: what style transfer began with."""
+"""The painter ``gatys``: style transfer that optimises pixels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -56,25 +56,24 @@ class Gatys(Painter):
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         dots = lattice_dots(request)
         if self.start == "noise":
-            noise = torch.rand(dots.color.shape, generator=request.generator)
-            dots = replace(dots, color=noise.to(dots.color))
+            dots = replace(dots, color=torch.rand(dots.color.shape, generator=request.generator).to(dots.color))
         network = {"backbone": self.backbone, "weights": self.weights}
         content = build_named("loss", "perceptual", network).to(request.target.device)
         style = build_named("loss", "style", network | {"image": self.style}).to(request.target.device)
         color = dots.color.requires_grad_()
-        mover = torch.optim.Adam([color], lr=self.lr)
+        optimizer = torch.optim.Adam([color], lr=self.lr)
         for step in range(1, self.steps + 1):
-            seen = PaintedView(request.draw(dots), request.target, dots)
-            loss = self.content * 0.0015 * content(seen) + self.style_weight / 3 * style(seen)
+            view = PaintedView(request.draw(dots), request.target, dots)
+            loss = self.content * 0.0015 * content(view) + self.style_weight / 3 * style(view)
             (color.grad,) = torch.autograd.grad(loss, color)
-            mover.step()
+            optimizer.step()
             color.detach().clamp_(0, 1)
             if step * PORTIONS // self.steps > (step - 1) * PORTIONS // self.steps:
                 yield PaintState(dots.map(lambda value: value.detach().clone()), step, self.steps)
 
 
 def lattice_dots(request: PaintRequest) -> Strokes:
-    """A dot in the mean colour of each cell of a lattice, as many as there may be, in random order."""
+    """Make a dot in the mean colour of each cell of a lattice, at most one for each stroke, in random order."""
     height, width = request.size
     rows = min(height, max(1, round(height / request.pitch)))
     columns = min(width, max(1, request.n // rows))

@@ -1,4 +1,4 @@
-"""One stroke after another, each the best of many that were tried."""
+"""The painter ``greedy``: one stroke after another, each the best of many candidates."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Iterator
@@ -11,15 +11,15 @@ from brushexp.bounds import at_least, between
 from brushexp.compat.compiled import inline, kernel, prange
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
-from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
+from brushexp_painters._laying import Array, numpy_generator, portions, strokes_from_arrays, vectors
 
-SAMPLES = 400  # pixels of a candidate that are looked at, about
-PIECES = 8  # straight ones, as which a curve is measured
-LARGEST = 0.25  # half-length of the first candidates, in shorter sides of the canvas
-SMALLEST = 0.4  # of any candidate, in mean distances between strokes
-CELLS = 48  # of the map of the error, on its longer side
-OFTEN = 8  # strokes between two such maps
-STEP_SIZE = 0.3  # of the first mutations, in lengths of the stroke
+SAMPLES = 400  # pixels at which the error of a candidate is measured, about
+PIECES = 8  # straight lines that approximate a curve
+LARGEST = 0.25  # largest half-length of the first candidates, in shorter sides of the canvas
+SMALLEST = 0.4  # smallest half-length of a candidate, in mean distances between strokes
+CELLS = 48  # cells of the map of the error on its longer side
+MAP_EVERY = 8  # strokes between two such maps
+STEP_SIZE = 0.3  # size of the first mutations, in lengths of the stroke
 
 
 @register("painter", "greedy")
@@ -54,9 +54,9 @@ class Greedy(Painter):
         target = np.ascontiguousarray(request.target.cpu().permute(1, 2, 0).numpy(), np.float32)
         canvas = np.broadcast_to(request.background.cpu().numpy(), target.shape).astype(np.float32)
         curves, thickness, colors = np.zeros((n, 3, 2)), np.zeros(n), np.zeros((n, 3))
-        due = {max(1, n * k // PORTIONS) for k in range(1, PORTIONS + 1)}
+        due = portions(n)
         for k in range(n):
-            if k % OFTEN == 0:
+            if k % MAP_EVERY == 0:
                 places = worst_places(target, canvas, random)
             most = request.pitch + (1 - k / n) * LARGEST * min(request.size)
             stroke, color = self._best(target, canvas, places, (SMALLEST * request.pitch, most), random)
@@ -70,34 +70,36 @@ class Greedy(Painter):
     def _best(
         self, target: Array, canvas: Array, places: Array, lengths: tuple[float, float], random: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Points and half of the thickness (7,) of the stroke that lowers the error most, and its colour (3,)."""
-        k, opacity = self.candidates, np.float32(self.opacity)
+        """Find points and half of the thickness (7,) of the stroke that lowers the error most, and its colour (3,)."""
+
+        def best_of(strokes: Array) -> tuple[Array, Array, float]:
+            gain, color = np.zeros(len(strokes)), np.zeros((len(strokes), 3), np.float32)
+            judge_strokes(target, canvas, strokes, np.float32(self.opacity), gain, color)
+            best = int(gain.argmax())
+            return strokes[best], color[best], gain[best]
+
+        k = self.candidates
         middle = places[random.integers(len(places), size=k)] + random.uniform(-0.5, 0.5, (k, 2))
         reach = np.exp(random.uniform(np.log(lengths[0]), np.log(lengths[1]), k))
-        angle = random.uniform(0, np.pi, k)
-        along = vectors(reach, angle)
+        along = vectors(reach, random.uniform(0, np.pi, k))
         bend = random.normal(0, 0.25, k)[:, None] * np.stack([-along[:, 1], along[:, 0]], 1)
         half = reach * random.uniform(0.2, 0.7, k)
-        tried = np.concatenate([middle - along, middle + bend, middle + along, half[:, None]], 1).astype(np.float32)
-        gain, color = np.zeros(max(k, self.mutations)), np.zeros((max(k, self.mutations), 3), np.float32)
-        judge_strokes(target, canvas, tried, opacity, gain, color)
-        best = int(gain[:k].argmax())
-        stroke, found, least = tried[best], color[best].copy(), gain[best]
+        first = np.concatenate([middle - along, middle + bend, middle + along, half[:, None]], 1)
+        stroke, color, gain = best_of(first.astype(np.float32))
         for climb in range(self.climbs):
             size = STEP_SIZE * (1 - climb / (self.climbs + 1)) * (float(np.linalg.norm(stroke[4:6] - stroke[:2])) + 2)
             change = random.standard_normal((self.mutations, 7)) * (random.random((self.mutations, 7)) < 0.5) * size
             change[:, 6] *= 0.3
-            tried = (stroke + change).astype(np.float32)
-            tried[:, 6] = tried[:, 6].clip(0.5, None)
-            judge_strokes(target, canvas, tried, opacity, gain, color)
-            best = int(gain[: self.mutations].argmax())
-            if gain[best] > least:
-                stroke, found, least = tried[best], color[best].copy(), gain[best]
-        return stroke, found
+            mutants = (stroke + change).astype(np.float32)
+            mutants[:, 6] = mutants[:, 6].clip(0.5, None)
+            best = best_of(mutants)
+            if best[2] > gain:
+                stroke, color, gain = best
+        return stroke, color
 
 
 def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> Array:
-    """Places (256, 2) of pixels, more of them where the squared error of the canvas is."""
+    """Draw 256 places (256, 2), with the squared error of the canvas as their probability."""
     step = max(1, -(-max(target.shape) // CELLS))
     error = np.square(target - canvas).sum(2)
     rows, columns = (np.arange(0, side, step) for side in error.shape)

@@ -1,4 +1,4 @@
-"""Paint by numbers: a colour, a place, a direction."""
+"""The painter ``haeberli``: straight strokes at random places."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
-from brushexp_painters._laying import laid, numpy_generator, strokes_from_arrays, vectors
+from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays, vectors
 
 
 @register("painter", "haeberli")
 @dataclass(kw_only=True)
 class Haeberli(Painter):
-    """Straight strokes at scattered places, in the colour found there, along the forms, from large to small.
+    """Straight strokes at random places, in the colour of the picture, along its edges, from large to small.
 
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
     picture, and its direction across the picture's gradient.
@@ -56,8 +56,7 @@ class Haeberli(Painter):
         thickness = request.pitch * np.geomspace(self.largest, self.smallest, n)
         tensor = structure_tensor(picture, max(0.5, request.pitch * self.smallest))
         angle = along_edges(sampled_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
-        reach = 0.5 * max(self.length - 1, 0) * thickness  # round ends add half a thickness each
-        along = vectors(reach, angle)
+        along = vectors(0.5 * max(self.length - 1, 0) * thickness, angle)  # round ends add half a thickness each
         middle = np.stack([x, y], 1)
         curves = np.stack([middle - along, middle, middle + along], 1)
-        yield from laid(strokes_from_arrays(curves, thickness, sampled_at(picture, x, y).T, self.opacity))
+        yield from lay(strokes_from_arrays(curves, thickness, sampled_at(picture, x, y).T, self.opacity))

@@ -1,4 +1,4 @@
-"""Curved strokes in layers, from a large brush to a small one."""
+"""The painter ``hertzmann``: curved strokes in layers, from a large brush to a small one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,12 +12,11 @@ from brushexp.pictures.structure import sampled_at, worst_of_cells
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
-from brushexp_painters._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
-FIRST_LAYER = 0.2  # of the strokes, about: what the layer of the largest brush takes
-STEPS_PER_CURVE = 16  # by which a stroke takes one Bezier curve more, about
-LEVELS = 255.0  # in which the threshold counts
-FLAT = 1e-9  # slope of the luminance that has no direction
+FIRST_LAYER = 0.2  # share of the strokes that the layer of the largest brush takes, about
+STEPS_PER_CURVE = 16  # steps after which a stroke needs one more Bezier curve, about
+FLAT = 1e-9  # slope of the luminance below which it has no direction
 
 
 @register("painter", "hertzmann")
@@ -84,12 +83,12 @@ class Hertzmann(Painter):
             room = n - len(strokes)
             room = room if k == 0 else round(room * cells[0] / cells.sum())
             layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)
-            for state in laid(layer):
+            for state in lay(layer):
                 yield PaintState(Strokes.join(strokes, state.strokes), len(strokes) + state.step, n)
             strokes = Strokes.join(strokes, layer)
 
     def _scale(self, request: PaintRequest) -> float:
-        """Pixels of a unit with which the cells of the largest brush take `FIRST_LAYER` of the strokes."""
+        """Choose the pixels of a unit so that the cells of the largest brush take `FIRST_LAYER` of the strokes."""
         cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
@@ -103,8 +102,8 @@ class Hertzmann(Painter):
         *,
         everywhere: bool,
     ) -> Strokes:
-        """The strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
-        difference = LEVELS * np.linalg.norm(reference - canvas, axis=0)
+        """Make the strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
+        difference = 255 * np.linalg.norm(reference - canvas, axis=0)
         cells, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
         error = np.nanmean(cells, 1)
         chosen = np.argsort(-error, kind="stable")
@@ -115,17 +114,17 @@ class Hertzmann(Painter):
             return Strokes.none()
         x, y = x[chosen] + 0.5, y[chosen] + 0.5
         color = sampled_at(reference, x, y)
-        points, steps = self._traced(reference, canvas, x, y, color, radius)
-        owner, curves = fitted_curves(points, steps, self.tolerance * radius)
+        points, steps = self._trace(reference, canvas, x, y, color, radius)
+        owner, curves = fit_curves(points, steps, self.tolerance * radius)
         place = random.permutation(len(x))
         order = np.argsort(place[owner[:room]], kind="stable")  # the curves of a stroke stay together
-        color = self._jittered(color.T, random)[owner[order]]
+        color = self._jitter(color.T, random)[owner[order]]
         return strokes_from_arrays(curves[order], np.full(len(order), 2 * radius), color, self.opacity)
 
-    def _traced(
+    def _trace(
         self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
     ) -> tuple[Array, Array]:
-        """Points (S, L + 1, 2) of S strokes from places (S,) in colours (3, S), and how many steps (S,) each takes."""
+        """Trace S strokes from places (S,) in colours (3, S): their points (S, L + 1, 2) and numbers of steps (S,)."""
         from scipy.ndimage import sobel  # noqa: PLC0415
 
         luminance = np.tensordot(LUMINANCE, reference, 1)
@@ -151,49 +150,48 @@ class Hertzmann(Painter):
             points.append(place)
         return np.stack(points, 1), steps
 
-    def _jittered(self, color: Array, random: np.random.Generator) -> Array:
-        """Colours (S, 3), each a little another one."""
+    def _jitter(self, color: Array, random: np.random.Generator) -> Array:
         if any(self.jitter_hsv):
             from skimage.color import hsv2rgb, rgb2hsv  # noqa: PLC0415
 
-            moved = rgb2hsv(color.clip(0, 1)) + self.jitter_hsv * random.uniform(-0.5, 0.5, color.shape)
-            moved[:, 0] %= 1
-            color = hsv2rgb(moved.clip(0, 1))
+            hsv = rgb2hsv(color.clip(0, 1)) + self.jitter_hsv * random.uniform(-0.5, 0.5, color.shape)
+            hsv[:, 0] %= 1
+            color = hsv2rgb(hsv.clip(0, 1))
         return color + self.jitter_rgb * random.uniform(-0.5, 0.5, color.shape)
 
 
-def fitted_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
-    """Quadratic Bezier curves (M, 3, 2) along polylines (S, L + 1, 2), and the number (M,) of the line of each.
+def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
+    """Fit quadratic Bezier curves (M, 3, 2) to polylines (S, L + 1, 2), and number (M,) the line of each.
 
     A line of so many ``steps`` (S,) that is farther than ``tolerance`` from its curve is cut in halves, which meet; the
     curves of a line come in its direction.
     """
     line, first, last = np.arange(len(points)), np.zeros(len(points), int), steps
-    found: list[tuple[Array, Array, Array]] = []
+    pieces: list[tuple[Array, Array, Array]] = []
     while len(line):
         curves, away = least_squares_curves(points, line, first, last)
         good = (away <= tolerance) | (last - first < 2)
-        found.append((line[good], first[good], curves[good]))
+        pieces.append((line[good], first[good], curves[good]))
         middle = (first + last) // 2
         line, first, last = (
             np.concatenate([value[~good], other[~good]])
             for value, other in ((line, line), (first, middle), (middle, last))
         )
-    lines, begins, all_curves = (np.concatenate(part) for part in zip(*found, strict=True))
+    lines, begins, all_curves = (np.concatenate(part) for part in zip(*pieces, strict=True))
     order = np.lexsort((begins, lines))
     return lines[order], all_curves[order]
 
 
 def least_squares_curves(points: Array, line: Array, first: Array, last: Array) -> tuple[Array, Array]:
-    """Curves (M, 3, 2) from point ``first`` to point ``last`` of lines, and how far (M,) their points are from it."""
+    """Fit curves (M, 3, 2) from point ``first`` to ``last`` of lines, and measure their largest errors (M,)."""
     number = np.arange(points.shape[1])
     inside = (first[:, None] < number) & (number < last[:, None])
     t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # the points are evenly spaced
-    given, start, end = points[line], points[line, first], points[line, last]
+    polyline, start, end = points[line], points[line, first], points[line, last]
     weight = 2 * t * (1 - t) * inside
     ends = (1 - t)[..., None] ** 2 * start[:, None] + t[..., None] ** 2 * end[:, None]
     power = (weight**2).sum(1)
-    control = (weight[..., None] * (given - ends)).sum(1) / np.maximum(power, 1e-12)[:, None]
+    control = (weight[..., None] * (polyline - ends)).sum(1) / np.maximum(power, 1e-12)[:, None]
     control = np.where(power[:, None] > 0, control, (start + end) / 2)
-    away = np.linalg.norm(ends + weight[..., None] * control[:, None] - given, axis=2) * inside
+    away = np.linalg.norm(ends + weight[..., None] * control[:, None] - polyline, axis=2) * inside
     return np.stack([start, control, end], 1), away.max(1)

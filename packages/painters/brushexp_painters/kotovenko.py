@@ -1,6 +1,6 @@
-"""The parametrisation and the losses of the thesis's published successor."""
+"""The painter ``kotovenko``: parametrisation and losses of the published successor of the thesis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -65,42 +65,30 @@ class Kotovenko(Painter):
         catalogue = Catalogue(strokes, units)
         shape = [value for name, value in catalogue.named_parameters() if name in units and name != "color"]
         colors = [value for name, value in catalogue.named_parameters() if name == "color"]
-        movers = torch.optim.Adam(shape, lr=self.lr), torch.optim.Adam(colors, lr=self.lr_color)
+        optimizers = torch.optim.Adam(shape, lr=self.lr), torch.optim.Adam(colors, lr=self.lr_color)
         losses = self._losses(request.target.device)
         for step in range(1, self.steps + 1):
-            self._step(request, catalogue, losses, shape, colors)
-            for mover in movers:
-                mover.step()
+            strokes = catalogue()
+            view = PaintedView(request.draw(strokes), request.target, strokes)
+            terms = {name: weight * loss(view) for name, (weight, loss) in losses.items()}
+            total = torch.stack(list(terms.values())).sum()
+            for values, loss in ((colors, terms["style"] if self.style else total), (shape, total)):
+                for value, gradient in zip(values, torch.autograd.grad(loss, values, retain_graph=True), strict=True):
+                    value.grad = gradient
+            for optimizer in optimizers:
+                optimizer.step()
             catalogue.keep_in_range()
             if step * PORTIONS // self.steps > (step - 1) * PORTIONS // self.steps:
                 yield PaintState(catalogue().map(Tensor.detach), step, self.steps)
 
     def _losses(self, device: torch.device) -> dict[str, tuple[float, torch.nn.Module]]:
-        """Each term with its weight."""
         options = {"style": {"image": self.style}}
         weights = {"curvature": self.curvature, "direction": self.direction}
         if self.style is None:
             weights |= {"mse": self.content}
         else:
             weights |= {"perceptual": self.content * 0.0015, "style": self.style_weight / 3}
-        made = {name: build_named("loss", name, options.get(name, {})).to(device) for name in weights}
-        return {name: (weight, made[name]) for name, weight in weights.items()}
-
-    def _step(
-        self,
-        request: PaintRequest,
-        catalogue: Catalogue,
-        losses: dict[str, tuple[float, torch.nn.Module]],
-        shape: Sequence[Tensor],
-        colors: Sequence[Tensor],
-    ) -> None:
-        """Leave the gradients of all terms at the shapes, and that of the style at the colours."""
-        strokes = catalogue()
-        seen = PaintedView(request.draw(strokes), request.target, strokes)
-        terms = {name: weight * loss(seen) for name, (weight, loss) in losses.items()}
-        total = torch.stack(list(terms.values())).sum()
-        of_color = terms["style"] if self.style else total
-        for value, slope in zip(colors, torch.autograd.grad(of_color, colors, retain_graph=True), strict=True):
-            value.grad = slope
-        for value, slope in zip(shape, torch.autograd.grad(total, shape), strict=True):
-            value.grad = slope
+        return {
+            name: (weight, build_named("loss", name, options.get(name, {})).to(device))
+            for name, weight in weights.items()
+        }

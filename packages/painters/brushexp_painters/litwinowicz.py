@@ -1,4 +1,4 @@
-"""Short strokes on a grid that end at edges."""
+"""The painter ``litwinowicz``: short strokes on a grid that end at edges."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import sampled_at
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
-from brushexp_painters._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
-FAITH = 1e3  # of directions that are known, beside the bending of the field
+DATA_WEIGHT = 1e3  # weight of the reliable directions, beside the bending of the field
 
 
 @register("painter", "litwinowicz")
 @dataclass(kw_only=True)
 class Litwinowicz(Painter):
-    """Short straight strokes on a grid, along the forms, clipped where they come to an edge.
+    """Short straight strokes on a grid, along edges, clipped where they cross one.
 
     Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). From its centre a stroke grows
     both ways, pixel by pixel, until it has its length or the Sobel magnitude of the smoothed luminance falls; it has
@@ -72,31 +72,30 @@ class Litwinowicz(Painter):
         angle = angle + np.radians(self.stray) * random.uniform(-1, 1, len(x))
         middle, ahead = np.stack([x, y], 1), np.stack([np.cos(angle), np.sin(angle)], 1)
         reach = 0.5 * spacing * random.uniform(min(self.length), max(self.length), len(x))
-        ends = [middle + way * self._grown(smooth, middle, way * ahead, reach)[:, None] * ahead for way in (-1, 1)]
+        ends = [middle + way * self._grow(smooth, middle, way * ahead, reach)[:, None] * ahead for way in (-1, 1)]
         color = sampled_at(picture, x, y).T + self.stray_color / 255 * random.uniform(-1, 1, (len(x), 3))
         color = color * (1 + self.stray_intensity * random.uniform(-1, 1, (len(x), 1)))
         thickness = spacing * random.uniform(min(self.thickness), max(self.thickness), len(x))
         curves = np.stack([ends[0], (ends[0] + ends[1]) / 2, ends[1]], 1)
         order = random.permutation(len(x))
-        yield from laid(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
+        yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Angles (n,) of strokes at the places of a grid: normal to the gradient, interpolated where there is none."""
+        """Compute angles (n,) at the places of a grid: normal to the gradient, interpolated where there is none."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
-        known = (np.maximum(abs(gx), abs(gy)) >= self.flat).astype(float)
+        reliable = (np.maximum(abs(gx), abs(gy)) >= self.flat).astype(float)
         twice = 2 * np.arctan2(gx, -gy)  # of the normal
-        field = thin_plate(np.stack([np.cos(twice), np.sin(twice)], 1), known, grid)
-        return np.asarray(0.5 * np.arctan2(field[:, 1], field[:, 0]))
+        field = thin_plate(np.stack([np.cos(twice), np.sin(twice)], 1), reliable, grid)
+        return 0.5 * np.arctan2(field[:, 1], field[:, 0])
 
-    def _grown(self, smooth: Array, middle: Array, ahead: Array, reach: Array) -> Array:
-        """How many pixels (n,) strokes grow from their middles (n, 2) in directions (n, 2), ``reach`` (n,) at most."""
+    def _grow(self, smooth: Array, middle: Array, ahead: Array, reach: Array) -> Array:
+        """Grow strokes from their middles (n, 2) in directions (n, 2), by ``reach`` (n,) pixels at most."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
         edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels a pixel
-        grown, growing = np.zeros(len(reach)), np.ones(len(reach), bool)
-        last = np.zeros(len(reach))
+        grown, last, growing = np.zeros(len(reach)), np.zeros(len(reach)), np.ones(len(reach), bool)
         for step in range(int(reach.max(initial=0)) + 1):
             place = middle + step * ahead
             here = map_coordinates(edges, (place - 0.5).T[::-1], order=1, mode="nearest")
@@ -107,21 +106,20 @@ class Litwinowicz(Painter):
         return grown
 
 
-def thin_plate(values: Array, known: Array, grid: tuple[int, int]) -> Array:
-    """The field (n, k) on a grid of n places that bends least and has ``values`` (n, k) where ``known`` (n,) is 1.
+def thin_plate(values: Array, reliable: Array, grid: tuple[int, int]) -> Array:
+    """Compute the field (n, k) on a grid of n places that bends least and has ``values`` where ``reliable`` (n,) is 1.
 
-    It minimises the sum of squared Laplacians, with mirrored borders; 0 where nothing is known.
+    It minimises the sum of squared Laplacians, with mirrored borders; it is 0 if no value is reliable.
     """
     from scipy.sparse import diags, identity, kron  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
     def line(n: int) -> Array:
-        """The second differences of n values in a row, the outer ones mirrored."""
+        """Compute second differences of n values in a row, with mirrored borders."""
         inner = np.ones(n - 1)
         return diags([inner, -(np.r_[0, inner] + np.r_[inner, 0]), inner], [-1, 0, 1], shape=(n, n))
 
     rows, columns = grid
     laplacian = kron(line(rows), identity(columns)) + kron(identity(rows), line(columns))
-    system = laplacian.T @ laplacian + diags([FAITH * known + 1e-6], [0])
-    found: Array = splu(system.tocsc()).solve(FAITH * known[:, None] * values)
-    return found
+    system = laplacian.T @ laplacian + diags([DATA_WEIGHT * reliable + 1e-6], [0])
+    return splu(system.tocsc()).solve(DATA_WEIGHT * reliable[:, None] * values)

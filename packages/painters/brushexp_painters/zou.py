@@ -1,4 +1,4 @@
-"""Strokes added in turn and optimised in blocks of the canvas, ever finer ones."""
+"""The painter ``zou``: strokes are added in turn and optimised in ever finer blocks of the canvas."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,13 +16,12 @@ from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
-IN_A_BLOCK = 10  # strokes, about, where the number of levels is not chosen
-INSIDE = 0.9  # of a block, from its other side: as far as the middle of a stroke may be
-SPREAD = 1 / 16  # of a block: deviation of the blur of the error in which a place is drawn
-OPACITY = 0.95  # of a new stroke
-WIDTHS = (0.02, 0.6)  # of a stroke, in blocks
-SIZES = (0.1, 0.25)  # of a block: lengths and thicknesses to begin with
-SHARPNESS = 4  # power of the error with which places are drawn
+IN_A_BLOCK = 10  # strokes in a block, about, where the number of levels is not chosen
+INSIDE = 0.9  # share of a block, from its other side, in which the middle of a stroke may lie
+BLUR = 1 / 16  # deviation of the blur of the error from which a place is drawn, in blocks
+WIDTHS = (0.02, 0.6)  # range of the width of a stroke, in blocks
+SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
+SHARPNESS = 4  # power of the error to which the probability of a place is proportional
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
 
 
@@ -64,15 +63,15 @@ class ProgressiveBlocks(Painter):
             levels -= 1
         each = request.n // sum(m * m for m in range(1, levels + 1))
         for m in range(1, levels + 1):
-            level = Catalogue(begun_strokes(request, strokes, m, random), UNITS)
+            level = Catalogue(initial_strokes(request, strokes, m, random), UNITS)
             optimizer = torch.optim.RMSprop(level.parameters(), lr=self.lr, centered=True)
             for turn in range(each):
                 if turn:
-                    new = begun_strokes(request, Strokes.join(strokes, detached(level)), m, random)
+                    new = initial_strokes(request, Strokes.join(strokes, detach(level)), m, random)
                     level.revise(torch.ones(len(level), dtype=torch.bool, device=new.width.device), new, optimizer)
                 self._optimize(request, strokes, level, optimizer, m, max(1, self.iterations // each))
-                yield PaintState(Strokes.join(strokes, detached(level)), (m - 1) * each + turn + 1, levels * each)
-            strokes = Strokes.join(strokes, detached(level))
+                yield PaintState(Strokes.join(strokes, detach(level)), (m - 1) * each + turn + 1, levels * each)
+            strokes = Strokes.join(strokes, detach(level))
 
     def _optimize(
         self,
@@ -97,23 +96,23 @@ class ProgressiveBlocks(Painter):
             loss.backward()
             optimizer.step()
             level.keep_in_range()
-            moved = detached(level)
+            moved = detach(level)
             position = torch.maximum(torch.minimum(moved.position, middle + reach), middle - reach)
             level.replace(replace(moved, position=position, width=moved.width.clamp(*WIDTHS)))
 
 
-def detached(catalogue: Catalogue) -> Strokes:
-    """The strokes now, without gradient."""
+def detach(catalogue: Catalogue) -> Strokes:
+    """Detach the strokes of a catalogue from its gradients."""
     return catalogue().map(Tensor.detach)
 
 
-def begun_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """A stroke in each of m x m blocks of the canvas, where what is painted so far is most wrong."""
+def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
+    """Make a stroke in each of m x m blocks of the canvas, where the error of the painting so far is largest."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size
     error = (request.draw(strokes.map(Tensor.detach)) - request.target).abs().sum(0).double().cpu().numpy()
-    smooth = gaussian_filter(error, SPREAD * max(height, width) / m) ** SHARPNESS
+    smooth = gaussian_filter(error, BLUR * max(height, width) / m) ** SHARPNESS
     places = []
     for row in range(m):
         for column in range(m):
@@ -127,19 +126,19 @@ def begun_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.ra
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(request.target.cpu().numpy(), *middle.T).T
-    begun = in_windows(strokes_from_arrays(curves, thickness, color, OPACITY), block)
-    return begun.map(lambda value: value.to(request.target))
+    new = in_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
+    return new.map(lambda value: value.to(request.target))
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:
-    """First pixel of a block and the one behind its last, the outer tenths left out where there are enough."""
+    """The first pixel of a block and the one after its last, without the outer tenths where there are enough."""
     first, last = (number + 1 - INSIDE) * side / m, (number + INSIDE) * side / m
     first = min(int(first), side - 1)
     return first, max(int(last), first + 1)
 
 
 def in_windows(strokes: Strokes, side: float) -> Strokes:
-    """The same strokes, in windows of so many pixels: rates of all of a level are alike."""
+    """Express strokes in windows of ``side`` pixels, so that all of a level have the same learning rates."""
     share = strokes.scale / side
     points = {name: getattr(strokes, name) * share[:, None] for name in ("start", "control", "end")}
     return replace(strokes, scale=torch.full_like(strokes.scale, side), width=strokes.width * share, **points)

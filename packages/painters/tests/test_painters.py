@@ -5,14 +5,13 @@ from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
-import lightning as L
 import numpy as np
 import pytest
 import torch
 from brushexp_painters.gatys import lattice_dots
-from brushexp_painters.hertzmann import fitted_curves
+from brushexp_painters.hertzmann import fit_curves
 from lightning.pytorch.callbacks import LambdaCallback
-from painters import QUIET, fit, painter_of
+from painters import fit, painter_of
 from torch.testing import assert_close
 
 from brushexp.config.check import check
@@ -33,11 +32,12 @@ from brushexp.tasks import paint
 from brushexp.testing.families import request_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
+NAMES = [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)]
 QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}}
 
 
 class Counting(Painter):
-    """So many states of one more stroke each; ``then`` is called after each."""
+    """A number of states of one more stroke each; ``then`` is called after each."""
 
     def __init__(self, states=10, then=lambda step: None):
         self.states, self.then = states, then
@@ -48,19 +48,16 @@ class Counting(Painter):
             self.then(step)
 
 
-def fitted(method, *callbacks, **goals):
+def fit_states(method, *callbacks, **goals):
     painter = OtherPainter(method, standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     goals = goals_of(**{"early_stop": None, "psnr": None, "seconds": None} | goals, has_plan=False)
-    trainer = L.Trainer(
-        **QUIET | {"enable_checkpointing": True}, callbacks=[*goals, *callbacks, TimedCheckpoint(None, None)]
-    )
-    trainer.fit(painter)
+    fit(painter, [*goals, *callbacks, TimedCheckpoint(None, None)])
     return painter
 
 
 def test_all_states_are_shown_filmed_and_counted():
     film = Timelapse(5, 32)
-    painter = fitted(Counting(), film)
+    painter = fit_states(Counting(), film)
     assert painter.schedule.step == painter.schedule.steps == 30
     assert painter.trainer.global_step == 10
     assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
@@ -85,16 +82,13 @@ def test_cpu_seconds_are_those_of_the_steps(by_steps):
     assert painter.schedule.cpu_seconds == trainer.global_step == (4 if by_steps else 10)
 
 
-@pytest.mark.parametrize(("goals", "status"), [({"seconds": 0.0}, "seconds spent"), ({"psnr": 0.5}, "psnr reached")])
-def test_a_goal_ends_it_after_a_state(goals, status):
-    painter = fitted(Counting(), **goals)
-    assert (painter.stop, len(painter.strokes())) == (status, 1)
-
-
-def test_ctrl_c_ends_it_with_what_there_is():
-    painter = fitted(Counting(then=lambda step: signal.raise_signal(signal.SIGINT) if step == 4 else None))
-    assert painter.stop == "interrupted"
-    assert len(painter.strokes()) == 5
+@pytest.mark.parametrize(("interrupted_at", "goals", "status", "n"), [
+    (0, {"seconds": 0.0}, "seconds spent", 1), (0, {"psnr": 0.5}, "psnr reached", 1), (4, {}, "interrupted", 5),
+])  # fmt: skip
+def test_a_goal_or_ctrl_c_ends_it_after_a_state(interrupted_at, goals, status, n):
+    method = Counting(then=lambda step: signal.raise_signal(signal.SIGINT) if step == interrupted_at else None)
+    painter = fit_states(method, **goals)
+    assert (painter.stop, len(painter.strokes())) == (status, n)
 
 
 def test_fewer_strokes_than_were_promised_are_all_there_is():
@@ -102,24 +96,24 @@ def test_fewer_strokes_than_were_promised_are_all_there_is():
         def __call__(self, request):
             yield from list(super().__call__(request))[:4]
 
-    painter = fitted(Lazy())
+    painter = fit_states(Lazy())
     assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
 
 
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(name):
     target = torch.nn.functional.interpolate(TARGET[None, :, ::6, ::8], TARGET.shape[1:], mode="bilinear")[0]
     bare = target.mean((1, 2))
-    found = []
+    pictures = []
     for seed in (1, 2):
         request = replace(request_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
         *_, last = build_named("painter", name, QUICK.get(name, {}))(request)
-        found.append(request.draw(last.strokes))
-        assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
-    assert not torch.equal(*found)
+        pictures.append(request.draw(last.strokes))
+        assert (pictures[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
+    assert not torch.equal(*pictures)
 
 
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch):
     whole, drawn = OtherPainter.draw, []
 
@@ -128,30 +122,30 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
         return whole(painter, strokes) * (torch.nan if len(drawn) > 3 else 1)
 
     monkeypatch.setattr(OtherPainter, "draw", draw)
-    kept = []
-    note = L.pytorch.callbacks.LambdaCallback(on_train_start=lambda _, painter: kept.append(painter))
+    painters = []
+    note = LambdaCallback(on_train_start=lambda _, painter: painters.append(painter))
     with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
-        fitted(build_named("painter", name, QUICK.get(name, {})), note)
+        fit_states(build_named("painter", name, QUICK.get(name, {})), note)
     assert len(drawn) > 3
-    check_strokes(kept[0].strokes())
+    check_strokes(painters[0].strokes())
     monkeypatch.undo()
-    assert kept[0].drawn().isfinite().all()
+    assert painters[0].drawn().isfinite().all()
 
 
-@pytest.mark.parametrize(("broken", "said"), [
+@pytest.mark.parametrize(("broken", "message"), [
     (lambda state: None, "yields NoneType, not a PaintState"),
     (lambda state: state.strokes, "yields Strokes, not a PaintState"),
     (lambda state: PaintState(state.strokes.map(lambda value: value * torch.nan), 1, 9), "position is nan, nan"),
     (lambda state: PaintState(sample_prior(51, seed=0), 1, 9), "yields 51 strokes, not 50 at most"),
 ])  # fmt: skip
-def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, said):
+def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, message):
     class Broken(Counting):
         def __call__(self, request):
             for k, state in enumerate(super().__call__(request)):
                 yield broken(state) if k == 4 else state
 
-    with pytest.raises(UserError, match=f"painter=Broken .*{said}.*correct the painter"):
-        fitted(Broken())
+    with pytest.raises(UserError, match=f"painter=Broken .*{message}.*correct the painter"):
+        fit_states(Broken())
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
@@ -160,13 +154,12 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
     with caplog.at_level("WARNING"):
         metrics = run_task(paint, f"painter={name}", *words)
     assert f"painter={name} has no use for steps" in caplog.text
-    plain, styled = (
-        build_painter(config(f"painter={name}", *words, *more)) for more in ((), ("style=coffee", "focus=auto"))
-    )
+    options = ((), ("style=coffee", "focus=auto"))
+    plain, styled = (build_painter(config(f"painter={name}", *words, *more)) for more in options)
     assert styled.pictures.keys() == {"target"}
     assert torch.equal(styled.pictures["target"], plain.pictures["target"])
-    said = (f"catalogue={tmp_path}/catalogue.h5", "init.length=5")
-    check(config(*said), said)
+    again = (f"catalogue={tmp_path}/catalogue.h5", "init.length=5")
+    check(config(*again), again)
     assert "catalogue.h5 says where strokes start: it has no use for init.length" in caplog.text
     assert (metrics["painter"], metrics["status"]) == (name, "completed")
     assert 0 < metrics["n_strokes"] <= 60
@@ -180,7 +173,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
     turn = np.cumsum(random.normal(0, 0.6, (40, 16)), 1)
     points = np.cumsum(np.stack([np.cos(turn), np.sin(turn)], 2), 1)
     steps = random.integers(0, 16, 40)
-    owner, curves = fitted_curves(points, steps, 0.3)
+    owner, curves = fit_curves(points, steps, 0.3)
     assert (np.diff(owner) >= 0).all()
     for line in range(40):
         own = curves[owner == line]
@@ -190,28 +183,23 @@ def test_curves_follow_their_lines_within_the_tolerance():
         fine = point_at(torch.tensor(own)[:, None], torch.linspace(0, 1, 200)[None].double()).reshape(-1, 2).numpy()
         away = np.linalg.norm(points[line, : steps[line] + 1, None] - fine, axis=2).min(1)
         assert away.max() < 0.3 + 0.02
-    assert len(fitted_curves(points, steps, 100.0)[0]) == 40
+    assert len(fit_curves(points, steps, 100.0)[0]) == 40
 
 
 def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
     difference = np.random.default_rng(1).random((10, 13))
     cells, x, y = worst_of_cells(difference, 4)
-    error = np.nanmean(cells, 1)
-    cells = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
-    for k, (top, left) in enumerate(cells):
-        cell = difference[top : top + 4, left : left + 4]
-        assert error[k] == pytest.approx(cell.mean())
-        assert difference[y[k], x[k]] == cell.max()
-    assert len(error) == len(cells)
+    corners = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
+    blocks = [difference[top : top + 4, left : left + 4] for top, left in corners]
+    assert np.nanmean(cells, 1) == pytest.approx([block.mean() for block in blocks])
+    assert difference[y, x].tolist() == [block.max() for block in blocks]
     assert [place[0] for place in worst_of_cells(np.full((3, 3), np.nan), 4)[1:]] == [0, 0]
 
 
 def test_children_live_only_where_the_picture_gains():
     request = request_of(TARGET, 40, TARGET.mean((1, 2)))
-    errors = [
-        float((request.draw(state.strokes) - TARGET).square().mean())
-        for state in build_named("painter", "evolution", {"children": 20})(request)
-    ]
+    states = build_named("painter", "evolution", {"children": 20})(request)
+    errors = [float((request.draw(state.strokes) - TARGET).square().mean()) for state in states]
     assert errors[-1] < 0.95 * errors[0]
     assert all(later <= earlier + 1e-6 for earlier, later in pairwise(errors))
 

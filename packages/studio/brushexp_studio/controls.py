@@ -1,4 +1,4 @@
-"""The left side of the page: the picture, the look, strokes, time, focus and style."""
+"""Build the left side of the page: the picture, the look, strokes, time, focus and style."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,17 +14,15 @@ from brushexp_studio.visit import PHOTOGRAPH, Visit
 from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, own_size, planned_strokes
 
 SECONDS = "seconds"  # a choice beside the qualities
-FEWEST, MOST, NOTCHES = 50, 10_000, 80  # strokes, and places of their slider
-LONGEST = 120  # seconds
-LARGEST = 2.0  # factor of the size of strokes, and of its inverse
+FEWEST, MOST, NOTCHES = 50, 10_000, 80  # strokes, and positions of their slider
 
 
 class Controls:
-    """Choices of a visit; what is wrong with one goes to ``complain``, a line on the page."""
+    """Inputs for the choices of a visit; ``complain`` shows an error on the page."""
 
     def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
         self.visit, self.complain = visit, complain
-        self.shown: dict[str, Photo | None] = {}
+        self.displayed: dict[str, Photo | None] = {}
         with Tag("section", "controls", aria_label="What to paint, and how"):
             with part("Picture"):
                 self.pictures = Tag("div", "thumbs", role="group", aria_label="Picture")
@@ -36,9 +34,8 @@ class Controls:
             with part("Time"):
                 times = {name: name.capitalize() for name in (*QUALITIES, SECONDS)}
                 chips("Time", times, visit.wishes.quality, self._take_time)
-                self.seconds = Slide(
-                    self._take_seconds, name="Seconds of painting", low=1, high=LONGEST, step=1, value=10
-                )
+                seconds = {"name": "Seconds of painting", "low": 1, "high": 120, "step": 1, "value": 10}
+                self.seconds = Slide(self._take_seconds, **seconds)
                 self.seconds.set_visibility(False)
             with part("Canvas", "pixels of its longer side"):
                 chips("Canvas", {side: str(side) for side in SIDES}, visit.wishes.side, self._take_side)
@@ -50,15 +47,15 @@ class Controls:
         self.show()
 
     def show(self) -> None:
-        """The pictures to choose from, and which are chosen."""
+        """Show the pictures to choose from, and which are chosen."""
         wishes = self.visit.wishes
         for place, chosen, name, take in (
             (self.pictures, wishes.photo, "picture", self.visit.take_photo),
             (self.styles, wishes.style, "style", self._take_style),
         ):
-            if self.shown.get(name, ()) is chosen:
+            if self.displayed.get(name, ()) is chosen:
                 continue
-            self.shown[name] = chosen
+            self.displayed[name] = chosen
             if name == "picture" and chosen:
                 background_tasks.create(self._renew_strokes())
             place.clear()
@@ -94,12 +91,12 @@ class Controls:
             Tag("span", text=look)
         return button
 
-    def receive(self, said: dict[str, Any], take: Callable[[Photo], None]) -> None:
-        """What the studio has said to a file."""
-        self.complain(str(said.get("error", "")))
-        if "photo" in said:
+    def receive(self, answer: dict[str, Any], take: Callable[[Photo], None]) -> None:
+        """Take the photo of an upload, or show its error."""
+        self.complain(str(answer.get("error", "")))
+        if "photo" in answer:
             try:
-                take(self.visit.photos[str(said["photo"])])
+                take(self.visit.photos[str(answer["photo"])])
             except UserError as error:
                 self.complain(str(error))
 
@@ -113,7 +110,7 @@ class Controls:
         return "as the look" if strokes is None else f"{self.visit.wishes.strokes:,}"
 
     def _take_size(self, power: float) -> str:
-        self.visit.wishes.size = round(LARGEST**power, 2)
+        self.visit.wishes.size = round(2**power, 2)
         return "as the look" if power == 0 else f"{self.visit.wishes.size:g} ×"
 
     async def _take_time(self, name: str) -> None:
@@ -138,22 +135,22 @@ class Controls:
         if focus == "mask":
             self.visit.view = PHOTOGRAPH
             ui.run_javascript("scrollTo({ top: 0 })")
-        self.visit.changed()
+        self.visit.notify()
 
     async def _renew_strokes(self) -> None:
-        """Say how many strokes there will be, and whether their size can be chosen."""
+        """Show how many strokes there will be, and whether their size can be chosen."""
         wishes = self.visit.wishes
         if wishes.photo is None:
             return
-        found = await run.io_bound(lambda: (planned_strokes(wishes), own_size(wishes.look)))
-        if found and wishes.strokes is None:
-            self.number.show(f"as the look: {found[0]:,}")
-        self.size.set_visibility(bool(found and found[1]))
+        plan = await run.io_bound(lambda: (planned_strokes(wishes), own_size(wishes.look)))
+        if plan and wishes.strokes is None:
+            self.number.show(f"as the look: {plan[0]:,}")
+        self.size.set_visibility(bool(plan and plan[1]))
 
 
 @contextmanager
 def part(title: str, hint: str = "") -> Iterator[None]:
-    """A part of the controls under its head."""
+    """Add a part of the controls under its head."""
     with Tag("section", "part"):
         with Tag("h2", text=title):
             if hint:

@@ -1,4 +1,4 @@
-"""The right side of the page: photograph, painting as it comes, comparison, replay, files, and earlier paintings."""
+"""Build the right side of the page: photograph, painting, comparison, replay, files, and earlier paintings."""
 
 from functools import partial
 from pathlib import Path
@@ -8,7 +8,7 @@ from brushexp_studio.elements import Button, Drop, Frames, Mask, Tag, Wipe, chip
 from brushexp_studio.visit import COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
 from brushexp_studio.works import DONE, FAILED, Work
 
-FILES = {  # what they are called here; a film is one of two kinds
+FILES = {  # names on the page; a film is one of two kinds
     "painting.png": "PNG",
     "strokes.svg": "SVG",
     "catalogue.h5": "Strokes, HDF5",
@@ -19,11 +19,11 @@ FILES = {  # what they are called here; a film is one of two kinds
 
 
 class Easel:
-    """What a visit looks at."""
+    """The views of a visit."""
 
     def __init__(self, visit: Visit, receive: Any) -> None:
         self.visit, self.receive = visit, receive
-        self.seen: tuple[Any, ...] = ()
+        self.state: tuple[Any, ...] = ()
         with Tag("section", "easel", aria_label="The picture"):
             self.views = Tag("div", "chips", role="group", aria_label="What is shown")
             self.place = Tag("div", "place")
@@ -35,7 +35,7 @@ class Easel:
         self.show()
 
     def show(self) -> None:
-        """Everything, as it is now."""
+        """Show everything anew."""
         views = self.visit.views()
         if self.visit.view not in views:
             self.visit.view = views[-1] if views else PHOTOGRAPH
@@ -55,19 +55,19 @@ class Easel:
     def renew(self) -> None:
         """Show the latest picture of the painting, and the rest anew if more than that has changed."""
         work, works = self.visit.work, self.visit.works
-        seen = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
-        if seen != self.seen:
-            self.seen = seen
+        state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
+        if state != self.state:
+            self.state = state
             self.show()
             return
         if work and work.frames and self.live:
-            self.live.say(src=address_of(work))
+            self.live.set(src=work.address)
         has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own
         self.caption.set_text(work.frames[work.last][1] if work and has_caption else "")
 
     def _choose(self, view: str) -> None:
         self.visit.view = view
-        self.visit.changed()
+        self.visit.notify()
 
     def _photograph(self) -> None:
         photo, wishes = self.visit.wishes.photo, self.visit.wishes
@@ -77,30 +77,29 @@ class Easel:
                 Drop(self.receive, name="Your photograph", text=text, address="/photos")
                 Tag("p", "hint", text="It stays on this machine. Or take one of the samples.")
             return
-        shown = f"/photos/{photo.key}/shown.jpg"
         if wishes.focus == "mask":
             before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
-            mask = Mask(self._take_mask, picture=shown, ratio=photo.ratio, address=address, before=before)
+            mask = Mask(self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before)
             mask.style(f"--ratio: {photo.ratio}")
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
-                Tag("img", src=shown, alt=f"the photograph {photo.name}")
+                Tag("img", src=photo.address, alt=f"the photograph {photo.name}")
 
-    def _take_mask(self, said: dict[str, Any]) -> None:
-        self.visit.wishes.mask = self.visit.photos.masks.get(str(said.get("mask")))
+    def _take_mask(self, answer: dict[str, Any]) -> None:
+        self.visit.wishes.mask = self.visit.photos.masks.get(str(answer.get("mask")))
 
     def _painting(self) -> None:
         work = self._work
         with Tag("div", "stage").style(f"--ratio: {work.ratio}"):
             if work.frames:
-                self.live = Tag("img", src=address_of(work), alt=f"painting {work.title}")
+                self.live = Tag("img", src=work.address, alt=f"painting {work.title}")
             else:
-                Tag("img", "bare", src=shown_address(work), alt="the photograph, to be painted")
+                Tag("img", "bare", src=work.wishes.subject.address, alt="the photograph, to be painted")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
-        left, name = (address_of(other), other.title) if other else (shown_address(work), "photograph")
-        wipe = Wipe(left=left, leftName=name, right=address_of(work), rightName=work.title)
+        left, name = (other.address, other.title) if other else (work.wishes.subject.address, "photograph")
+        wipe = Wipe(left=left, leftName=name, right=work.address, rightName=work.title)
         wipe.style(f"--ratio: {work.ratio}")
         others = {each.number: each.title for each in self.visit.works.all if each is not work and each.frames}
         if others:
@@ -110,7 +109,7 @@ class Easel:
 
     def _compare_with(self, number: int) -> None:
         self.visit.against = self.visit.works[number] if number else None
-        self.visit.changed()
+        self.visit.notify()
 
     def _replay(self) -> None:
         work = self._work
@@ -144,20 +143,10 @@ class Easel:
         pressed = work is self.visit.work
         with Button("", lambda: self.visit.look_at(work), pressed=pressed, classes="thumb"):
             if work.frames:
-                Tag("img", src=address_of(work), alt=f"painting {work.title}")
+                Tag("img", src=work.address, alt=f"painting {work.title}")
             Tag("span", text=work.title)
 
     @property
     def _work(self) -> Work:
         assert self.visit.work is not None
         return self.visit.work
-
-
-def address_of(work: Work) -> str:
-    """The address of the latest picture of a painting."""
-    return f"/works/{work.number}/{work.last}.jpg"
-
-
-def shown_address(work: Work) -> str:
-    """The address of the photograph of a painting."""
-    return f"/photos/{work.wishes.painted.key}/shown.jpg"

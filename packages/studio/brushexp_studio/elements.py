@@ -1,4 +1,4 @@
-"""What the page is made of: plain elements of HTML, in the style of the pages of runs, and five with scripts."""
+"""Define the elements of the page: plain HTML, in the style of the pages of runs, and five with scripts."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,17 +9,17 @@ from nicegui.elements.mixins.text_element import TextElement
 
 
 class Tag(TextElement):
-    """An element of HTML, ``Tag("a", "button", "Save", href="/x")``; in names a last ``_`` is left out."""
+    """An element of HTML: ``Tag("a", "button", "Save", href="/x")``."""
 
     def __init__(self, tag: str, classes: str = "", text: str = "", **attributes: Any) -> None:
         super().__init__(tag=tag, text=text)
         self.classes(classes)
-        self.say(**attributes)
+        self.set(**attributes)
 
-    def say(self, **attributes: Any) -> None:
-        """Change attributes; None takes one away."""
+    def set(self, **attributes: Any) -> None:
+        """Change attributes; None removes one."""
         for name, value in attributes.items():
-            attribute = name.rstrip("_").replace("_", "-")
+            attribute = name.replace("_", "-")
             if value is None:
                 self.props.pop(attribute, None)
             elif self.props.get(attribute) != value:
@@ -27,7 +27,7 @@ class Tag(TextElement):
 
 
 class Button(Tag):
-    """A button that does something; one that is a choice says whether it is ``pressed``."""
+    """A button that calls ``do``; one that is a choice is ``pressed`` or not."""
 
     def __init__(
         self, text: str, do: Callable[[], Any], *, pressed: bool | None = None, classes: str = "button"
@@ -37,14 +37,14 @@ class Button(Tag):
         self.press(pressed)
 
     def press(self, pressed: bool | None) -> None:
-        self.say(aria_pressed=None if pressed is None else str(pressed).lower())
+        self.set(aria_pressed=None if pressed is None else str(pressed).lower())
 
     def allow(self, allowed: bool) -> None:
-        self.say(disabled=None if allowed else True)
+        self.set(disabled=None if allowed else True)
 
 
 class Scripted(ui.element):
-    """An element with a script and its properties; what the studio answers to a file it sends comes to ``answer``."""
+    """An element with a script and its properties; ``answer`` receives the replies to its uploads."""
 
     def __init__(self, answer: Callable[[dict[str, Any]], Any] | None = None, **props: Any) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Scripted(ui.element):
 
 
 class Drop(Scripted, component="web/drop.js"):
-    """A place for files: ``name``, ``text`` and the ``address`` to which they are sent."""
+    """A drop zone for files: ``name``, ``text`` and the ``address`` to which they are sent."""
 
 
 class Wipe(Scripted, component="web/wipe.js"):
@@ -70,7 +70,7 @@ class Mask(Scripted, component="web/mask.js"):
 
 
 class Slide(Scripted, component="web/slide.js"):
-    """A slider with a name; ``change`` gets the value, and returns the words that are shown beside the name."""
+    """A slider with a name; ``change`` takes the value, and returns the text beside the name."""
 
     def __init__(self, change: Callable[[float], str], **props: Any) -> None:
         super().__init__(shown=change(props["value"]), **props)
@@ -81,7 +81,7 @@ class Slide(Scripted, component="web/slide.js"):
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> None:
-    """A group of buttons of which one is pressed; ``choose`` gets the key of the one that is."""
+    """Add a group of buttons of which one is pressed; ``choose`` takes its key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The studio on this machine alone: its pictures and files for the browser, and what comes from there."""
+"""Serve the studio on this machine alone: pictures and files for the browser, and uploads from it."""
 
 import io
 import socket
@@ -16,11 +16,12 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 import uvicorn
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import FastAPI, Request
 from fastapi.responses import FileResponse, Response
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
@@ -30,7 +31,7 @@ from brushexp_studio.tab import add_page
 from brushexp_studio.works import Work, Works
 
 LOOKS = Path(__file__).parent / "looks"  # samples, of docs/site/look_samples.py
-NAMES = [HOST, "localhost", "[::1]"]  # of this machine; another name that leads here is that of a page of others
+NAMES = [HOST, "localhost", "[::1]"]  # of this machine; pages of others may use another name for it
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -39,68 +40,59 @@ GUARDS = [
     (b"content-security-policy", POLICY.encode()), (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
 ]  # fmt: skip
-INLINE = {".html"}  # files that are looked at and not saved; the page of a run has a stricter policy of its own
-FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # what lies at an address of a picture never changes
-READER = ThreadPoolExecutor(1, "reader")  # of files from the browser: each thread would keep the memory of a large one
-SHUTDOWN_SECONDS = 1  # that open connections are waited for
+FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # a picture at an address never changes
+READER = ThreadPoolExecutor(1, "reader")  # of uploads: each thread would keep the memory of a large one
 
 
 def application(photos: Photos, works: Works) -> FastAPI:
-    """What is served beside the page itself: pictures by their keys, files of paintings, and a place for uploads."""
+    """Serve pictures by their keys and files of paintings, and take uploads."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
     @app.get("/photos/{key}/{size}.jpg")
     def photo(key: str, size: str) -> Response:
-        with _found():
-            picture = photos[key].thumb if size == "thumb" else photos[key].shown
-            return Response(picture, media_type="image/jpeg", headers=FOREVER)
-
-    @app.get("/looks/{name}.webp")
-    def look(name: str) -> Response:
-        with _found():
-            return FileResponse({path.stem: path for path in LOOKS.glob("*.webp")}[name], headers=FOREVER)
+        picture = photos[key].jpeg(240 if size == "thumb" else 1280)
+        return Response(picture, media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/masks/{name}.png")
     def mask(name: str) -> Response:
-        with _found():
-            return FileResponse(photos.masks[name], headers=FOREVER)
+        return FileResponse(photos.masks[name], headers=FOREVER)
 
     @app.get("/works/{number}/{frame}.jpg")
     def frame(number: int, frame: int) -> Response:
-        with _found():
-            return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
+        return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/works/{number}/files/{name:path}")
     def file(number: int, name: str) -> Response:
-        with _found():
-            work = works[number]
-            path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
-            disposition = "inline" if path.suffix in INLINE else "attachment"
-            return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
+        work = works[number]
+        path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
+        disposition = "inline" if path.suffix == ".html" else "attachment"
+        return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
 
     @app.get("/works/{number}.zip")
     def everything(number: int) -> Response:
-        with _found():
-            work = works[number]
-            headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
-            return Response(zip_of(work), media_type="application/zip", headers=headers)
+        work = works[number]
+        headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
+        return Response(zip_of(work), media_type="application/zip", headers=headers)
 
     @app.post("/photos")
     async def upload(request: Request) -> dict[str, Any]:
         name = unquote(request.headers.get("X-Name", ""))
-        return await _kept(request, lambda path: {"photo": photos.add(path, name).key})
+        return await _receive(request, lambda path: {"photo": photos.add(path, name).key})
 
     @app.post("/photos/{key}/masks")
     async def paint_mask(request: Request, key: str) -> dict[str, Any]:
-        return await _kept(request, lambda path: {"mask": photos.add_mask(path, photos[key])})
+        return await _receive(request, lambda path: {"mask": photos.add_mask(path, photos[key])})
 
+    app.mount("/looks", StaticFiles(directory=LOOKS))
+    for error in (KeyError, UserError, FileNotFoundError):
+        app.add_exception_handler(error, lambda *_: Response("there is nothing of this name here", 404))
     app.add_middleware(OwnPages)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
     return app
 
 
 class OwnPages:
-    """Answers pages of the studio alone, not those of other sites, and tells browsers what the pages may ask for."""
+    """Refuse requests from pages of other sites, and send the content policy."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -125,17 +117,8 @@ class OwnPages:
         await self.app(scope, receive, guarded)
 
 
-@contextmanager
-def _found() -> Iterator[None]:
-    """Make what is not there an answer that says so."""
-    try:
-        yield
-    except (KeyError, UserError, FileNotFoundError) as error:
-        raise HTTPException(404, "there is nothing of this name here") from error
-
-
-async def _kept(request: Request, use: Any) -> dict[str, Any]:
-    """What ``use`` says to a file that the browser sends, as it comes and no longer than allowed; or the error."""
+async def _receive(request: Request, use: Any) -> dict[str, Any]:
+    """Pass a file that the browser sends to ``use``, and return its result or the error; stop at the largest size."""
     received = 0
     try:
         with NamedTemporaryFile() as file:
@@ -150,12 +133,12 @@ async def _kept(request: Request, use: Any) -> dict[str, Any]:
         return {"error": str(error) or "there is not enough memory for this picture; make it smaller"}
     except OSError as error:
         return {"error": f"the studio cannot keep this file: {error.strerror}"}
-    except ClientDisconnect:  # in the middle of the file
+    except ClientDisconnect:
         return {}
 
 
 def zip_of(work: Work) -> bytes:
-    """All files of a painting in one."""
+    """Pack all files of a painting."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in work.files:
@@ -165,16 +148,14 @@ def zip_of(work: Work) -> bytes:
 
 @contextmanager
 def running(app: FastAPI, port: int) -> Iterator[str]:
-    """Serve an application on this machine while the context lasts; yields its address. Port 0 is any that is free."""
+    """Serve an application on this machine while the context lasts, and yield its address; port 0 is any free one."""
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, port))
     except OSError as error:
         raise port_error(port, error) from error
-    config = uvicorn.Config(
-        app, log_config=None, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_SECONDS
-    )
+    config = uvicorn.Config(app, log_config=None, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
     thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="server", daemon=True)
     thread.start()
@@ -189,13 +170,13 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
 
 
 @contextmanager
-def opened_studio(own: Path, kept: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
-    """The studio while the context lasts: its address, and its paintings.
+def open_studio(own: Path, results: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
+    """Run the studio while the context lasts, and yield its address and its paintings.
 
-    Uploads go into the folder ``own``, paintings into ``kept``; ``options`` are keys that all of them have.
+    Uploads go into the folder ``own``, paintings into ``results``; ``options`` are keys of all paintings.
     """
     warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI looks at all objects
-    photos, works = Photos(own), Works(kept, options)
+    photos, works = Photos(own), Works(results, options)
     app = application(photos, works)
     add_page(app, photos, works)
     with running(app, port) as address:

@@ -1,4 +1,4 @@
-"""The page of the studio: a bar, the controls beside the stage, and the button, for each tab that opens it."""
+"""Build the page of the studio for each tab: a bar, the controls beside the easel, and the buttons."""
 
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from brushexp_studio.visit import Visit
 from brushexp_studio.works import FAILED, FINISHING, PAINTING, Works
 
 WEB = Path(__file__).parent / "web"
-REFRESH = 0.2  # seconds between two looks at the painting
 ICON = (
     "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'>"
     "<path d='M5 23Q14 3 27 9' fill='none' stroke='#3a5fc8' stroke-width='8' stroke-linecap='round'/></svg>"
@@ -24,7 +23,7 @@ ICON = (
 
 
 def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
-    """Let an application have the page of the studio at ``/``."""
+    """Add the page of the studio to an application at ``/``."""
     head = f"<script>{(TEMPLATES / 'theme.js').read_text()}</script>"
     head += "".join(f"<style>{path.read_text()}</style>" for path in (TEMPLATES / "page.css", WEB / "studio.css"))
     bar = (WEB / "bar.html").read_text()
@@ -42,17 +41,17 @@ def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
 
 
 class Tab:
-    """All of the page below its bar."""
+    """The page below its bar."""
 
     controls: Controls
 
     def __init__(self, visit: Visit) -> None:
         self.visit, self.works = visit, visit.works
-        self.seen = -1
+        self.version = -1
         visit.join()
         with Tag("div", "studio"):
             Tag("h1", "unseen", "brushexp studio")
-            self.easel = Easel(visit, lambda said: self.controls.receive(said, visit.take_photo))
+            self.easel = Easel(visit, lambda answer: self.controls.receive(answer, visit.take_photo))
             self.controls = Controls(visit, self.complain)
             with Tag("div", "doing"):
                 self.main = Button("Paint", self.paint, classes="button main")
@@ -60,14 +59,14 @@ class Tab:
                 self.status = Tag("p", "status hint", role="status")
                 self.trouble = Tag("p", "alarm", role="alert")
         visit.listeners.append(self.renew)
-        ui.timer(REFRESH, self.look)
+        ui.timer(0.2, self.look)
         self.renew()
 
     def complain(self, words: str) -> None:
         self.trouble.set_text(words)
 
     def paint(self) -> None:
-        """Begin a painting of what is chosen, and show it."""
+        """Begin a painting of the chosen picture, and show it."""
         try:
             work = self.works.begin(self.visit.wishes)
         except UserError as error:
@@ -78,30 +77,30 @@ class Tab:
         ui.run_javascript("scrollTo({ top: 0 })")
 
     def end(self) -> None:
-        """Stop the painting; what there is stays."""
+        """Stop the painting, and keep its state."""
         if self.works.current:
             self.works.current.stopped.set()
             self.renew()
 
     def look(self) -> None:
-        """See whether anything has changed."""
-        if self.seen != self.works.version:
-            self.seen = self.works.version
+        """Renew the page if any painting has changed."""
+        if self.version != self.works.version:
+            self.version = self.works.version
             self.visit.join()
             self.easel.renew()
             self.renew()
 
     def renew(self) -> None:
-        """The button, and the line beside it."""
+        """Renew the buttons, and the line beside them."""
         current, work = self.works.current, self.visit.work
         self.main.allow(current is None and self.visit.wishes.photo is not None)
         self.stop.allow(current is not None and current.status == PAINTING and not current.stopped.is_set())
-        self.status.set_text(self.words())
+        self.status.set_text(self.describe())
         if work and work.status == FAILED:
             self.complain(work.trouble)
 
-    def words(self) -> str:
-        """What the studio does."""
+    def describe(self) -> str:
+        """Say what the studio does."""
         current = self.works.current
         if current is None:
             return "" if self.visit.wishes.photo else "Choose a picture first."

@@ -1,4 +1,4 @@
-"""What one tab of the browser shows and has chosen; the paintings belong to all tabs."""
+"""The state of one tab of the browser; the paintings belong to all tabs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,42 +13,42 @@ VIEWS = {PHOTOGRAPH: "Photograph", PAINTING: "Painting", COMPARE: "Compare", REP
 
 @dataclass
 class Visit:
-    """A tab: its choices, the painting that it looks at, and how; parts of the page listen to changes."""
+    """A tab: its choices, its painting, and its view; parts of the page listen to changes."""
 
     photos: Photos
     works: Works
     looks: list[str]
     wishes: Wishes = field(default_factory=Wishes)
     view: str = PHOTOGRAPH
-    work: Work | None = None  # that is shown
-    against: Work | None = None  # that it is compared with; None is its photograph
+    work: Work | None = None  # on the easel
+    against: Work | None = None  # the painting to compare with; None is the photograph
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
-    def changed(self) -> None:
-        """Tell all parts of the page."""
+    def notify(self) -> None:
+        """Notify all parts of the page."""
         for listener in self.listeners:
             listener()
 
     def take_photo(self, photo: Photo) -> None:
-        """Choose what is to be painted; a mask was for the picture before."""
+        """Choose the picture to paint, and drop the mask of the one before."""
         self.wishes.photo, self.wishes.mask, self.view = photo, None, PHOTOGRAPH
-        self.changed()
+        self.notify()
 
     def look_at(self, work: Work, view: str = PAINTING) -> None:
         """Show a painting."""
         self.work, self.view = work, view
         if self.against is work:
             self.against = None
-        self.changed()
+        self.notify()
 
     def join(self) -> None:
-        """Show what another tab has painted last, if this one has chosen nothing yet."""
+        """Show the last painting of another tab, if this one has no painting yet."""
         if self.work is None and self.works.all:
             self.wishes.photo = self.wishes.photo or self.works.all[-1].wishes.photo
             self.look_at(self.works.all[-1])
 
     def views(self) -> list[str]:
-        """Ways to look that there are now."""
+        """List the views that are possible now."""
         views = [PHOTOGRAPH] if self.wishes.photo else []
         if self.work:
             views += [PAINTING]

@@ -1,4 +1,4 @@
-"""Choices of a visitor of the page, and the overrides of the command line that they are."""
+"""Choices of a user of the page, and their overrides of the command line."""
 
 import shlex
 from dataclasses import dataclass
@@ -14,15 +14,14 @@ from brushexp_studio.photos import Photo
 QUALITIES = ("draft", "normal", "fine", "best")
 SIDES = (256, 512, 768, 1024)  # pixels of the canvas
 FOCUS = {"look": "As the look", "auto": "Faces first", "even": "Everywhere", "mask": "Painted by hand"}
-LONGEST_STROKE = 10.0  # pitches: what init.length and init.width take
-FRAMES = 60  # of the film that a painting leaves
+LONGEST_STROKE = 10.0  # pitches: the largest init.length and init.width
 
 
 @dataclass
 class Wishes:
-    """Choices of one visitor; what is None is left to the look."""
+    """Choices of one user; None leaves a choice to the look."""
 
-    photo: Photo | None = None  # None: nothing is chosen yet
+    photo: Photo | None = None  # None: no picture is chosen yet
     look: str = "oil"
     side: int = 512
     quality: str = "normal"
@@ -34,57 +33,57 @@ class Wishes:
     style: Photo | None = None
 
     @property
-    def painted(self) -> Photo:
-        """The picture, which must be chosen."""
+    def subject(self) -> Photo:
+        """The picture to paint, which must be chosen."""
         assert self.photo is not None
         return self.photo
 
     @property
     def resolution(self) -> int:
-        """The longer side of the canvas: small pictures are not enlarged."""
-        return min(self.side, max(self.painted.size))
+        """The longer side of the canvas in pixels; small pictures are not enlarged."""
+        return min(self.side, max(self.subject.size))
 
     @property
     def canvas(self) -> tuple[int, int]:
         """Height and width of the canvas."""
-        height, width = (max(1, round(side * self.resolution / max(self.painted.size))) for side in self.painted.size)
+        height, width = (max(1, round(side * self.resolution / max(self.subject.size))) for side in self.subject.size)
         return height, width
 
     def overrides(self) -> dict[str, Any]:
-        """Keys of the command line besides ``image``."""
-        found: dict[str, Any] = {"look": self.look, "resolution": self.resolution, "frames": FRAMES}
-        found |= {"quality": self.quality} if self.seconds is None else {"seconds": self.seconds}
+        """Convert to keys of the command line besides ``image``."""
+        keys: dict[str, Any] = {"look": self.look, "resolution": self.resolution, "frames": 60}
+        keys |= {"quality": self.quality} if self.seconds is None else {"seconds": self.seconds}
         if self.strokes is not None:
-            found["strokes"] = min(self.strokes, self.canvas[0] * self.canvas[1])
+            keys["strokes"] = min(self.strokes, self.canvas[0] * self.canvas[1])
         if self.size != 1:
             own = own_size(self.look)
-            found |= {f"init.{name}": min(LONGEST_STROKE, value * self.size) for name, value in own.items()}
+            keys |= {f"init.{name}": min(LONGEST_STROKE, value * self.size) for name, value in own.items()}
         if self.focus != "look":
-            found["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
+            keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
         if self.style is not None:
-            found["style.image"] = str(self.style.path)
-        return found
+            keys["style.image"] = str(self.style.path)
+        return keys
 
     def command(self) -> str:
-        """The same for a terminal, with the name of the photograph as the visitor knows it."""
-        words = {"image": self.painted.name} | self.overrides()
+        """Write the command for a terminal, with the name of the user's file."""
+        words = {"image": self.subject.name} | self.overrides()
         del words["frames"]
         if self.mask and words.get("focus") == str(self.mask):
             words["focus"] = "mask.png"
         if self.style is not None:
             words["style.image"] = self.style.name
-        typed = [f"{key}={'null' if value is None else value}" for key, value in words.items()]
-        return shlex.join(["brushexp", *typed])
+        parts = [f"{key}={'null' if value is None else value}" for key, value in words.items()]
+        return shlex.join(["brushexp", *parts])
 
 
 def planned_strokes(wishes: Wishes) -> int:
-    """How many strokes the painting will have, at most."""
+    """Compute how many strokes the painting will have, at most."""
     cfg = _settings(wishes.look, wishes.quality)
     return wishes.strokes or stroke_budget(cfg, wishes.canvas, build(cfg.density))
 
 
 def own_size(look: str) -> dict[str, float]:
-    """Length and width of strokes that a look has, in pitches; empty where they come from another painting."""
+    """Read length and width of strokes of a look, in pitches; empty where they come from another painting."""
     cfg = _settings(look, "normal")
     if cfg.style.brushwork is not None:
         return {}
@@ -93,5 +92,5 @@ def own_size(look: str) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _settings(look: str, quality: str) -> Any:
-    """The config of a painting with a look: it takes most of a second the first time."""
+    """Compose the config of a look: it takes most of a second the first time."""
     return settings_of("paint", {"look": look, "quality": quality}).cfg

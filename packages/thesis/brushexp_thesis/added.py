@@ -1,4 +1,4 @@
-"""Paintings by others become runs: measured by the code that measures ours, in folders that look like ours."""
+"""Measure paintings by others with the code that measures ours, and leave them in folders like those of runs."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -29,13 +29,12 @@ def add_paintings(
     """Measure a painting, or a folder of them, and leave each in a folder of its own below ``folder``.
 
     ``painting`` is a picture or a catalogue, ``target`` what it was painted after; of folders the files of one name
-    belong together. ``name`` is that of the painter, ``numbers`` are what else is known. UserError if they do not
-    match.
+    belong together. ``name`` is that of the painter; ``numbers`` are added to the metrics.
     """
     metrics = standard_metrics() | official_lpips(lpips_backbone, lpips_weights)
     for path, image in _pairs(painting, target):
         target_pixels = to_bytes(load_picture(image, None, "target"))
-        pixels, strokes = drawn(path, target_pixels.shape)
+        pixels, strokes = draw_added(path, target_pixels.shape)
         run = folder / path.stem
         (run / ".hydra").mkdir(parents=True, exist_ok=True)
         write_picture(run / "painting.png", pixels)
@@ -46,8 +45,8 @@ def add_paintings(
         write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)
 
 
-def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
-    """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
+def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
+    """Draw a painting (H, W, 3) in 8 bits at the size of its target, without light, and count its strokes."""
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
         job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
@@ -63,7 +62,6 @@ def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int
 
 
 def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
-    """Paintings, and what each was painted after."""
     if target is None:
         raise UserError(f"add={painting} needs what was painted; give target=photo.jpg, or a folder of such")
     if not painting.is_dir():

@@ -1,4 +1,4 @@
-"""What the thesis claims, and what the paired differences of a study make of it."""
+"""Read the claims of the thesis, and judge each by the paired difference that a study has measured."""
 
 import math
 import shlex
@@ -15,12 +15,11 @@ from brushexp_thesis.entries import entries_in, read_plain_yaml
 
 SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
 BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # what can be expected of a setting
-NOT_RUN = "not run"
 
 
 @dataclass(kw_only=True)
 class Claim:
-    """One sentence, and the comparison that decides it: see claims.yaml."""
+    """A sentence of the thesis, and the comparison that decides it: see claims.yaml."""
 
     study: str = ""
     says: str
@@ -31,10 +30,10 @@ class Claim:
     expects: str
     at_least: float = 1.0
 
-    def judged(self, difference: Difference | None) -> str:
-        """``holds``, ``does not hold``, ``depends on the picture``, ``not decided``, ``not run``, or what was asked."""
+    def verdict(self, difference: Difference | None) -> str:
+        """Judge the claim by a measured difference, None if there is none; open claims get the answer itself."""
         if difference is None:
-            return NOT_RUN
+            return "not run"
         unclear = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}.get(difference.verdict)
         if self.expects == NO_WORSE:
             return "holds" if difference.is_no_worse else unclear or "does not hold"
@@ -47,7 +46,7 @@ class Claim:
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
-    """The claims of a YAML file by study; a UserError says which is incomplete, or names no metric."""
+    """Read the claims of a YAML file by study; a UserError says which is incomplete, or names no metric."""
     try:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}
@@ -56,14 +55,15 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
                 raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")
             if not 0 < claim.at_least < math.inf:
                 raise UserError(f"'{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
-            claim.study, claim.setting, claim.against = str(study), spelt(claim.setting), spelt(claim.against)
+            claim.study = str(study)
+            claim.setting, claim.against = as_hydra_writes(claim.setting), as_hydra_writes(claim.against)
     except UserError as error:
         raise UserError(f"claims={path}: {error}") from error
     return claims
 
 
-def spelt(setting: str) -> str:
-    """The overrides of a setting as Hydra gives them to jobs: ``critic=True critic_lr=0.0005``; UserError if none."""
+def as_hydra_writes(setting: str) -> str:
+    """Write the overrides of a setting as Hydra gives them to jobs: ``critic=True critic_lr=0.0005``."""
     try:
         overrides = OverridesParser.create().parse_overrides(shlex.split(setting))
     except (HydraException, ValueError) as error:

@@ -1,4 +1,4 @@
-"""``task=departures``: every setting in which finished paintings differ from the procedure of the thesis."""
+"""``task=departures``: list every setting in which finished paintings differ from the procedure of the thesis."""
 
 import json
 import logging
@@ -40,7 +40,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Where a run departs from the thesis: the ``setting``, both values, and the section of the thesis.
+    """Compare a run with the thesis: each ``setting`` that differs, both values, and the section of the thesis.
 
     ``settings`` are dotted keys and values as they would be typed, plugins by their names.
     """
@@ -50,19 +50,17 @@ def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
             continue
         allowed = row["value"] if isinstance(row["value"], list) else [row["value"]]
         own = settings.get(row["key"], ABSENT)
-        if not any(_same(own, one) for one in allowed):
+        if not any(_equal(own, one) for one in allowed):
             words = row.get("thesis") or " or ".join(map(_typed, allowed))
             run = row.get("run", own)
             yield {"setting": row["key"], "thesis": words, "this run": run, "where": row["source"]}
 
 
 def _typed(value: Any) -> str:
-    """A value as settings have it."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _same(own: str, allowed: Any) -> bool:
-    """Whether a setting has a value, whichever way its number is written."""
+def _equal(own: str, allowed: Any) -> bool:
     try:
         return float(own) == float(_typed(allowed))
     except ValueError:

@@ -1,22 +1,33 @@
-"""``task=leaderboard``: painters beside each other, of finished runs, of others, and figures that were published."""
+"""``task=leaderboard``: compare painters, of finished runs, of others, and figures that were published."""
 
 import logging
+import os
 import shlex
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePath
 from textwrap import shorten
+from typing import Any
+from urllib.parse import quote
 
+import numpy as np
+from matplotlib.axes import Axes
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
+from brushexp.pages.html import page
+from brushexp.pages.sweep_page import side_for, thumbnail
+from brushexp.reporting import plotting
+from brushexp.reporting.plotting import COLORS, DASHES, INK, SIZE
+from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.runs import gather, words_of
+from brushexp.system.files import write_text
+from brushexp_thesis import standings_tables as tables
 from brushexp_thesis.added import add_paintings
-from brushexp_thesis.leaderboard_page import write_leaderboard_page, write_standings_plot
-from brushexp_thesis.published import SHIPPED_FIGURES, read_published
-from brushexp_thesis.standings import entries_of, sections_of
-from brushexp_thesis.standings_tables import write_leaderboard_tables
+from brushexp_thesis.published import SHIPPED_FIGURES, PublishedFigures, read_published
+from brushexp_thesis.standings import COLUMNS, Row, Section, count_of, entries_of, sections_of
 
 log = logging.getLogger(__name__)
-NOT_SHOWN = ("output", "overwrite", "note")  # words of the command
+TEMPLATES = Path(__file__).with_name("templates")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -39,10 +50,95 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
-    words = [word for word in words_of(folder) if word.partition("=")[0] not in NOT_SHOWN]
+    words = [word for word in words_of(folder) if word.partition("=")[0] not in ("output", "overwrite", "note")]
     write_standings_plot(folder, sections)
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
     command = shlex.join(["brushexp", *words])
-    table = write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
+    table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
     log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))
     return {"paintings": len(entries), "status": "completed"}  # without a metrics.json: it is no run itself
+
+
+def write_leaderboard_page(
+    folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
+) -> Path:
+    """Write ``report.html``, with the plot beside it; each picture is shown in the first section that has it."""
+    home = {target: section for section in reversed(sections) for target in section.pictures}
+    side = side_for(sum((1 + len(section.rows)) for section in home.values()))
+    html = page(
+        "leaderboard.html.j2",
+        TEMPLATES,
+        title="Leaderboard",
+        note=note,
+        plot=thumbnail(folder / "anytime.png", 1400),
+        explained=tables.EXPLANATION.replace("*", ""),
+        sections=[
+            {
+                "title": section.title,
+                "short": section.title.partition(":")[0],
+                "cells": tables.without_empty(tables.table_cells(section)),
+                "seconds": tables.at_equal_seconds(section),
+                "paintings": list(_paintings(folder, section, home, side)),
+            }
+            for section in sections
+        ],
+        equal_seconds=tables.EQUAL_SECONDS,
+        elsewhere=tables.without_empty([tables.published_cells(one, one.of.pictures) for one in elsewhere]),
+        elsewhere_explained=tables.ELSEWHERE,
+        better={metric.name: metric.better for metric in COLUMNS.values()},
+        words=("painter", "settings", "pictures"),
+    )
+    write_text(folder / "report.html", html)
+    return folder / "report.html"
+
+
+def _paintings(folder: Path, section: Section, home: dict[str, Section], side: int) -> Iterator[dict[str, Any]]:
+    for k, (target, name) in enumerate(section.pictures.items()):
+        if home[target] is section:
+            picture = thumbnail(section.rows[0].entries[k].folder / "target.png", side)
+            items = [{"name": "target", "picture": picture}, *(_painting(folder, row, k, side) for row in section.rows)]
+            yield {"name": name, "shown": [item for item in items if item["picture"]]}
+
+
+def _painting(folder: Path, row: Row, k: int, side: int) -> dict[str, Any]:
+    entry = row.entries[k]
+    report = entry.folder / "report.html"
+    address = quote(PurePath(os.path.relpath(report, folder.resolve())).as_posix(), errors="surrogateescape")
+    strokes = "" if entry.strokes is None else f", {count_of(entry.strokes)} strokes"
+    return {
+        "name": row.label,
+        "caption": f"{row.numbers['psnr'][k]:.2f} dB{strokes}",
+        "report": address if report.is_file() else "",
+        "command": entry.command,
+        "picture": thumbnail(entry.folder / "painting.png", side),
+    }
+
+
+def write_standings_plot(folder: Path, sections: Sequence[Section]) -> Path | None:
+    """Write ``anytime.png`` of up to four sections; None if no section has two rows with curves."""
+    compared = [section for section in sections if section.times][:4]
+    if not compared:
+        return None
+    figure = plotting.new_figure(1.2 * SIZE[1] * len(compared))
+    for axes, section in zip(figure.subplots(len(compared), squeeze=False)[:, 0], compared, strict=True):
+        _draw_section(axes, section)
+    return plotting.save_figure(figure, folder / "anytime.png")
+
+
+def _draw_section(axes: Axes, section: Section) -> None:
+    plotting.tidy(axes)
+    rows = [row for row in section.rows if row.curves][: len(COLORS) * len(DASHES)]
+    end = max(curve[0][-1] for row in rows for curve in row.curves)
+    for k, row in enumerate(rows):
+        begin = max(0.05, *(curve[0][0] for curve in row.curves))
+        times = np.geomspace(begin, max(end, begin), 80)
+        mean, low, high = np.array([interval(row.psnr_at(time)) for time in times]).T
+        label = plotting.label_lines(f"{row.label}, {count_of(row.strokes)}", 40)
+        axes.plot(times, mean, color=COLORS[k % len(COLORS)], linestyle=DASHES[k // len(COLORS)], label=label)
+        if len(row.curves) > 1:
+            axes.fill_between(times, low, high, color=COLORS[k % len(COLORS)], alpha=0.06, linewidth=0)
+    plotting.fit_scale(axes, "x", [curve[0][-1] for row in rows for curve in row.curves])
+    axes.set_title(plotting.without_math(section.title), fontsize=11, loc="left", color=INK)
+    axes.set_xlabel("wall time of the optimisation, s; what is done stays", fontsize=10)
+    axes.set_ylabel(f"mean PSNR, dB, {CONFIDENCE:.0%} interval", fontsize=10)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, frameon=False)

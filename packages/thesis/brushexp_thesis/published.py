@@ -1,4 +1,4 @@
-"""Figures that others have published, with their sources; a leaderboard shows them beside what was measured."""
+"""Read figures that others have published; a leaderboard shows them beside what was measured."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ class PictureSet:
 
 @dataclass(kw_only=True)
 class PublishedFigures:
-    """What a painter or codec is said to reach."""
+    """Figures of one painter or codec, with their source."""
 
     set: str  # name of its pictures
     painter: str
@@ -42,17 +42,17 @@ class PublishedFigures:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures that there are, by the names of `FIGURES`."""
+        """The figures that are published, by the names of `FIGURES`."""
         return {name: value for name in FIGURES if (value := getattr(self, name)) is not None}
 
 
 def read_published(path: Path = SHIPPED_FIGURES) -> list[PublishedFigures]:
-    """The entries of a YAML file: ``sets`` of pictures by name, and ``figures``, each of which names its ``set``."""
+    """Read a YAML file: ``sets`` of pictures by name, and ``figures``, each of which names its ``set``."""
     try:
         data = read_plain_yaml(path, "give a file of published figures")
         if data.keys() != {"sets", "figures"} or not isinstance(data["sets"], dict):
             raise UserError(f"the file has {', '.join(map(str, data))}; its keys are sets (a mapping) and figures")
-        sets = {name: entry_of(PictureSet, given, f"set {name}") for name, given in data["sets"].items()}
+        sets = {name: entry_of(PictureSet, entry, f"set {name}") for name, entry in data["sets"].items()}
         for name in (name for one in sets.values() for name in one.names):
             if not isinstance(name, str):
                 raise UserError(f"sets has names with {name!r}; give names of files")

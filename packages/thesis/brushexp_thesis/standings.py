@@ -1,19 +1,18 @@
-"""Painters beside each other on the same pictures: means with intervals, at equal strokes and at equal seconds.
+"""Compare painters on the same pictures: means with intervals, at equal strokes and at equal seconds.
 
 A row is a painter with its settings and number of strokes, a section a set of pictures with all rows that have painted
 every one of them, so that no two means are of different pictures. Published figures stand beside and enter no mean.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
 from brushexp.reporting.tables import MISSING
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
@@ -23,27 +22,21 @@ from brushexp.results.runs import differences, image_name, setting_of, words_of
 from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 QUALITY = {key: quantities()[key] for key in ("psnr", "ssim")} | {"ms_ssim": Quantity("MS-SSIM", 4, "higher")}
 QUALITY |= {key: quantities()[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
 COSTS = {"seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
 COSTS |= {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 COLUMNS = QUALITY | COSTS
-DEFAULT_PAINTER = "gradient"  # of runs that do not say which
-OF_THE_ROW = ("image", "pictures", "seed", "painter", "strokes", "task")  # keys that rows and sections are made of
-OF_THE_FOLDER = (  # keys that change nothing of a painting
+IGNORED_KEYS = {
+    *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
     *("checkpoint_every", "metric", "lpips_weights", "lpips_backbone"),
-)
-FEW = 6  # pictures that a heading names
-MOST_TIMES = 7
+}  # of the settings that distinguish two rows
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One painting."""
+    """One finished painting."""
 
     key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
     target: str  # fingerprint of what was painted
@@ -68,16 +61,14 @@ class Row:
 
     @property
     def words(self) -> dict[str, str]:
-        """The first cells of the row in every table."""
         return {"painter": self.painter, "settings": self.settings, "strokes": count_of(self.strokes)}
 
     @property
     def label(self) -> str:
-        """Painter and settings."""
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """PSNR in dB of each picture after so many seconds; what is done stays. Nothing before all have begun."""
+        """PSNR in dB of each picture after so many seconds, the last one of what has ended; empty before all begin."""
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 
@@ -92,17 +83,15 @@ class Section:
 
     @property
     def stems(self) -> list[str]:
-        """Files of the pictures without their endings."""
         return [stem_of(name) for name in self.pictures.values()]
 
     @property
     def title(self) -> str:
-        """How many pictures, and which."""
         names, stems = list(self.pictures.values()), self.stems
         if len(names) == 1:
             return names[0]
         sizes = {name.rpartition(", ")[2] for name in names}
-        listed = ", ".join(stems if len(stems) <= FEW else [*stems[: FEW - 2], "...", stems[-1]])
+        listed = ", ".join(stems if len(stems) <= 6 else [*stems[:4], "...", stems[-1]])
         return f"{len(names)} pictures: {listed}" + (f"; {sizes.pop()} each" if len(sizes) == 1 else "")
 
     @cached_property
@@ -112,7 +101,7 @@ class Section:
         if sum(bool(row.curves) for row in self.rows) < 2:
             return []
         start, end = min(c[0][0] for c in curves), max(c[0][-1] for c in curves)
-        return [time for time in TIMES if start <= time <= end][-MOST_TIMES:]
+        return [time for time in TIMES if start <= time <= end][-7:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
         """Mean and bounds of the differences in PSNR from the best row with as many strokes.
@@ -125,7 +114,7 @@ class Section:
         return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_comparable else None
 
     def relation(self, figures: PublishedFigures) -> str:
-        """How the pictures of published figures are related to those here."""
+        """Say how the pictures of published figures are related to those of the section."""
         shared = len({*figures.of.names} & {*self.stems})
         if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
@@ -133,7 +122,7 @@ class Section:
 
 
 def count_of(strokes: float | None) -> str:
-    """A number of strokes."""
+    """Format a number of strokes."""
     return MISSING if strokes is None else f"{strokes:,.0f}"
 
 
@@ -143,7 +132,7 @@ def stem_of(name: str) -> str:
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:
-    """The finished paintings among some runs, see `brushexp.results.runs`, whose targets are still there."""
+    """List the finished paintings among some runs, see `brushexp.results.runs`, whose targets still exist."""
     runs = [
         (run, metrics)
         for name, run in frame["run"].iterrows()
@@ -151,19 +140,22 @@ def entries_of(frame: DataFrame) -> list[Entry]:
         if isinstance((metrics := dict(frame["metric"].loc[name].dropna())).get("psnr"), int | float)
         if "l1" in metrics
     ]
-    left_out = {*OF_THE_ROW, *OF_THE_FOLDER}
     chosen = [
-        {key: value for key, value in run["overrides"].items() if key not in left_out and not key.startswith("hydra")}
+        {
+            key: value
+            for key, value in run["overrides"].items()
+            if key not in IGNORED_KEYS and not key.startswith("hydra")
+        }
         for run, _ in runs
     ]
     return [_entry(*one, settings) for one, settings in zip(runs, differences(chosen), strict=True)]
 
 
 def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> Entry:
-    asked = str(setting_of(run, "strokes"))
-    painter = run["overrides"].get("painter") or metrics.get("painter", DEFAULT_PAINTER)  # a preset by its own name
+    budget = str(setting_of(run, "strokes"))
+    painter = run["overrides"].get("painter") or metrics.get("painter", "gradient")  # a preset by its own name
     return Entry(
-        key=(str(painter), settings, int(asked) if asked.isdecimal() else None),
+        key=(str(painter), settings, int(budget) if budget.isdecimal() else None),
         target=run["target"],
         name=image_name(run),
         strokes=metrics.get("n_strokes"),
@@ -175,15 +167,15 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
 
 
 def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """A section for every set of pictures that some painter has painted, the largest and those published of first."""
-    painted: dict[Any, dict[str, list[Entry]]] = {}
+    """Make a section for every set of pictures that some painter has painted, the largest and published ones first."""
+    by_painter: dict[Any, dict[str, list[Entry]]] = {}
     for entry in entries:
-        painted.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
+        by_painter.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
     names = {entry.target: entry.name for entry in reversed(entries)}
     sections = []
-    for targets in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
+    for targets in sorted({frozenset(one) for one in by_painter.values()}, key=lambda one: (-len(one), sorted(one))):
         pictures = {target: names[target] for target in sorted(targets, key=names.__getitem__)}
-        chosen = {key: [one[t] for t in pictures] for key, one in painted.items() if targets <= one.keys()}
+        chosen = {key: [one[t] for t in pictures] for key, one in by_painter.items() if targets <= one.keys()}
         common = set.intersection(*(set(settings) for _, settings, _ in chosen)) if len(chosen) > 1 else set()
         rows = [_row(key, alike, common) for key, alike in chosen.items()]
         rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
@@ -194,10 +186,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """The row of a painter; ``alike`` are its paintings of each picture, one for each seed.
-
-    Settings that are ``common`` to all rows are left out.
-    """
+    """``alike`` are the paintings of each picture, one for each seed; ``common`` are settings that all rows have."""
     painter, settings, budget = key
     every = [entry for one in alike for entry in one]
     counts = [entry.strokes for entry in every if entry.strokes is not None]
@@ -214,6 +203,5 @@ def _row(
 
 
 def _is_related(figures: PublishedFigures, names: Iterable[str]) -> bool:
-    """Whether published figures are of some of these pictures, at their size."""
     size = "{} x {} pixels".format(*figures.of.size) if len(figures.of.size) == 2 else None
     return any(stem_of(name) in figures.of.names and name.endswith(f", {size}") for name in names)

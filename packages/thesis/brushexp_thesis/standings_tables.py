@@ -1,6 +1,4 @@
-"""A leaderboard as Markdown, CSV and LaTeX."""
-
-from __future__ import annotations
+"""Write a leaderboard as Markdown, CSV and LaTeX."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +14,7 @@ from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of
 
-MOST_PICTURES = 24  # with a column each
-EXPLAINED = (
+EXPLANATION = (
     f"Means over the pictures of a section ± half of the {CONFIDENCE:.0%} interval (Student's t); with several seeds, "
     "over those first. *Behind* is the mean difference in PSNR, picture by picture, from the best row with as many "
     "strokes; an interval that does not reach 0 is a difference. Seconds, of the wall and of the CPU, are of the "
@@ -41,7 +38,7 @@ def write_leaderboard_tables(
 
 
 def table_cells(section: Section) -> list[dict[str, str]]:
-    """The table of a section as it is shown: measured rows, then published ones, whose ``pictures`` are not "these"."""
+    """Make the table of a section: measured rows, then published ones, whose ``pictures`` are not "these"."""
     rows = []
     for row in section.rows:
         means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
@@ -52,7 +49,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
-    """A row of published figures; its settings are the source."""
+    """Make a row of published figures; its settings are the source."""
     size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
@@ -62,7 +59,6 @@ def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
 
 
 def _mean(values: Sequence[float] | np.ndarray, digits: int) -> str:
-    """The mean of values with half of its interval; a dash for none."""
     return _with_interval(interval(values), digits) if len(values) else MISSING
 
 
@@ -72,15 +68,15 @@ def _with_interval(bounds: tuple[float, float, float], digits: int) -> str:
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
-    """Mean PSNR of each row with curves after so many seconds, and its interval; none if no two can be compared."""
+    """Compute the mean PSNR of each row with curves after so many seconds, with its interval."""
     rows = [row for row in section.rows if row.curves and section.times]
     return [row.words | {f"{time:g} s": _mean(row.psnr_at(time), 2) for time in section.times} for row in rows]
 
 
 def by_picture(section: Section) -> list[dict[str, str]]:
-    """PSNR of each picture, means over seeds; nothing for one picture, or too many."""
+    """List the PSNR of each picture, means over seeds; empty for one picture, and for more than 24."""
     names = make_unique([*section.rows[0].words, *section.stems])[3:]
-    if not 1 < len(names) <= MOST_PICTURES:
+    if not 1 < len(names) <= 24:
         return []
     return [
         row.words | {name: f"{psnr:.2f}" for name, psnr in zip(names, row.numbers["psnr"], strict=True)}
@@ -89,7 +85,6 @@ def by_picture(section: Section) -> list[dict[str, str]]:
 
 
 def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
-    """The rows of a section in full precision."""
     pictures = ", ".join(section.pictures.values())
     for row in section.rows:
         line: dict[str, Any] = {"painter": row.painter, "settings": row.settings, "strokes": row.strokes}
@@ -105,15 +100,8 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
 def _markdown(
     sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str
 ) -> Iterator[str]:
-    yield from (
-        "# Leaderboard",
-        "",
-        f"Made by `{command}`.",
-        "",
-        *([escape_markdown(note), ""] if note else []),
-        EXPLAINED,
-        "",
-    )
+    yield from ("# Leaderboard", "", f"Made by `{command}`.", "")
+    yield from (*([escape_markdown(note), ""] if note else []), EXPLANATION, "")
     for section in sections:
         yield from (f"## {escape_markdown(section.title)}", "", _table(table_cells(section)), "")
         for words, cells in (
@@ -131,13 +119,12 @@ def _markdown(
 
 
 def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """The rows without columns in which nothing stands."""
+    """Remove the columns in which every cell is empty."""
     empty = {key for key in (cells[0] if cells else ()) if all(row[key] in ("", MISSING) for row in cells)}
     return [{key: text for key, text in row.items() if key not in empty} for row in cells]
 
 
 def _table(cells: Sequence[Mapping[str, str]]) -> str:
-    """A table; published rows in italics."""
     rows = []
     for row in without_empty(cells):
         italic = "*" * (row.get("pictures", "these") != "these")

@@ -1,4 +1,4 @@
-"""Finished studies, sweeps of a named experiment, from their folders or from the records that were kept of them.
+"""Read finished studies, sweeps of a named experiment, from their folders or from the records kept of them.
 
 A record is a CSV file: a first line of JSON behind ``# `` (command, numbers of runs, cost), then a row for each setting
 and picture (or seed) with the metrics. Folders of runs are large and go; a page is written anew from records.
@@ -23,11 +23,8 @@ from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT = "experiment="
-RECORD = "# {"  # how a record begins
-DIGITS = 7  # of a recorded number
-HOUR = 3600
 # Words that say where and by how many processes, not what.
-NOT_SHOWN = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
+OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
 
 @dataclass(frozen=True)
@@ -54,11 +51,11 @@ class Study:
 
     @property
     def extent(self) -> tuple[int, bool]:
-        """What tells the larger of two studies of one experiment: its units, and whether no job is missing."""
+        """The order of two studies of one experiment: by units, and then by whether no job is missing."""
         return len(self.units), self.n_finished >= self.n_jobs
 
     def difference(self, claim: Claim) -> Difference | None:
-        """What decides a claim; None if a setting of it was not run.
+        """Compute the difference that decides a claim; None if a setting of it was not run.
 
         Its interval is one of all comparisons with the study's reference together or, where it compares two others,
         of all pairs of settings.
@@ -72,16 +69,16 @@ class Study:
         return next((one for one in differences if one.option == claim.setting), None)
 
     def record(self, path: Path) -> None:
-        """Keep the study as a file from which `studies_in` reads it again."""
+        """Write the study to a file from which `studies_in` reads it again."""
         metrics = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
         head = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
-        write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format=f'%.{DIGITS}g', lineterminator=chr(10))}")
+        write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format='%.7g', lineterminator=chr(10))}")
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
-    """The studies in some folders, records first; of two of one experiment, the larger, or the later."""
+    """Read the studies in some folders, records first; of two of one experiment, the larger, or the later."""
     studies: dict[str, Study] = {}
-    for one in (*_recorded(folders), *_swept(folders, into)):
+    for one in (*_read_records(folders), *_read_sweeps(folders, into)):
         if one.units and (one.name not in studies or one.extent >= studies[one.name].extent):
             studies[one.name] = one
     if not studies:
@@ -89,12 +86,11 @@ def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
     return studies
 
 
-def _recorded(folders: Sequence[Path]) -> Iterator[Study]:
-    """Those of which a folder holds records."""
+def _read_records(folders: Sequence[Path]) -> Iterator[Study]:
     for path in sorted(path for folder in folders for path in folder.glob("*.csv")):
         with path.open(encoding="utf-8", errors="replace") as file:
             head = file.readline()
-            if not head.startswith(RECORD):
+            if not head.startswith("# {"):
                 continue
             try:
                 fields = json_of(head[1:])
@@ -104,38 +100,36 @@ def _recorded(folders: Sequence[Path]) -> Iterator[Study]:
                 raise UserError(f"{path} is no record of a study ({error}); write it anew or move it away") from error
 
 
-def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
-    """Those whose sweeps are at or below a folder."""
+def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
     for path in sorted({path.parents[1] for folder in folders for path in folder.rglob(JOBS)}):
-        noted = json_of(read_text(path / JOBS, ""))
-        words = [str(word) for word in noted.get("typed", [])]
+        record = json_of(read_text(path / JOBS, ""))
+        words = [str(word) for word in record.get("typed", [])]
         name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
         if name is None or not any(path.glob(f"*/{METRICS_FILE}")):
             continue
         frame = gather([path], into)
         if (table := paired_table(frame)) is not None:
             finished = frame[~frame["run", "status"].isin(UNFINISHED)]
-            sizes = (len(noted.get("jobs", [])), len(frame), len(finished))
+            sizes = (len(record.get("jobs", [])), len(frame), len(finished))
             yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]))
 
 
 def _cost(metrics: pd.DataFrame) -> str:
-    """What finished runs took, in words."""
     wall = "hours, CPU time not noted"
     for key, unit in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
         seconds = metrics[key].dropna().astype(float) if key in metrics else []
         if len(seconds):
             of_some = "" if len(seconds) == len(metrics) else f" for {len(seconds)} of them"
-            return f"{sum(seconds) / HOUR:.2f} {unit}{of_some}"
+            return f"{sum(seconds) / 3600:.2f} {unit}{of_some}"
     return "cost not noted"
 
 
 def _short(words: Sequence[str]) -> list[str]:
-    """A command line as it was typed, without the folders of this machine; a part with a comma keeps its quotes.
+    """Shorten paths: those below the current folder to what a repetition has, others to their names.
 
-    Paths below the current folder are shown from there on, as a repetition has them, others by their names.
+    A part with a comma keeps its quotes.
     """
-    plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(NOT_SHOWN)]
+    plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(OMITTED)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]
     parts = [word.partition("=") for word in sorted(plain, key=lambda word: not word.startswith(EXPERIMENT))]
     here = f"{Path.cwd().as_posix()}/"

@@ -1,6 +1,4 @@
-"""``task=verdicts``: claims with verdicts, tables and plots of studies as a page, each number from finished runs."""
-
-from __future__ import annotations
+"""``task=verdicts``: write claims with verdicts, tables and plots of studies as a page, from finished runs."""
 
 import logging
 import shlex
@@ -22,8 +20,6 @@ from brushexp_thesis.claims import SHIPPED_CLAIMS, Claim, read_claims
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
 log = logging.getLogger(__name__)
-SHOWN = 4  # metrics in a table
-WIDTH = 120  # letters of a line of prose
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -39,7 +35,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def question_of(experiment: Path) -> str:
-    """What an experiment asks: the first sentence of its file, below the line that Hydra reads."""
+    """Read what an experiment asks: the first sentence of its file, below the line that Hydra reads."""
     lines = [line for line in experiment.read_text(encoding="utf-8").splitlines() if not line.startswith("# @package")]
     return lines[0].lstrip("# ").partition(" Run:")[0]
 
@@ -48,33 +44,32 @@ def write_verdicts(
     page: Path, studies: Mapping[str, Study], claims: Mapping[str, list[Claim]], questions: Mapping[str, str],
     command: str,
 ) -> dict[str, int]:  # fmt: skip
-    """Write the page, with plots and records in a folder of its name beside it; how many claims have each verdict."""
-    judged, left = [], []
+    """Write the page, with plots and records in a folder of its name beside it; count the claims by verdict."""
+    judged, not_run = [], []
     for claim in (claim for listed in claims.values() for claim in listed):
         difference = studies[claim.study].difference(claim) if claim.study in studies else None
-        words = {"claim": claim.says, "verdict": claim.judged(difference)}
+        words = {"claim": claim.says, "verdict": claim.verdict(difference)}
         if difference is None:
-            left.append(words | {"thesis": claim.section, "command": f"brushexp {EXPERIMENT}{claim.study}"})
+            not_run.append(words | {"thesis": claim.section, "command": f"brushexp {EXPERIMENT}{claim.study}"})
         else:
             words |= {"measured": difference.sentence, "compared": f"{claim.setting} against {claim.against}"}
             study = f"[{claim.study}](#{claim.study})"
             judged.append(words | {"metric": quantities()[claim.metric].name, "study": study, "thesis": claim.section})
-    verdicts = Counter(row["verdict"] for row in judged + left)
+    verdicts = Counter(row["verdict"] for row in judged + not_run)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     lines = ["# Ablations", "", f"Written by `{command}`, and no number in it by hand.", ""]
-    lines += [_prose(text) for text in _explained(claims)]
-    lines += ["", f"Verdicts on {len(judged + left)} claims: {counts}.", "", *_table(judged)]
+    lines += [_prose(text) for text in _explanation(claims)]
+    lines += ["", f"Verdicts on {len(judged + not_run)} claims: {counts}.", "", *_table(judged)]
     page.parent.mkdir(parents=True, exist_ok=True)
     for name in [*claims, *sorted(set(studies) - set(claims))]:
         if name in studies:
             lines += _section(page, studies[name], questions.get(name, ""))
-    lines += ["## Not run", "", *_table(left)] if left else []
+    lines += ["## Not run", "", *_table(not_run)] if not_run else []
     write_text(page, "\n".join(lines))
     return dict(verdicts)
 
 
-def _explained(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
-    """What the page is about, and by which rules it judges."""
+def _explanation(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
     yield (
         "What the thesis (Heimbrecht, master thesis, Heidelberg, 2020) claims, or chose by trying, and what comes of "
         f"it here; 6.3 and the like are its sections. {rule_for(PICTURE)}"
@@ -96,18 +91,15 @@ def _explained(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
 
 
 def _prose(text: str) -> str:
-    """A paragraph in lines of at most 120 letters."""
-    return fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+    return fill(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A table of texts that may have signs of Markdown."""
     plain = [{key: str(value).replace("|", "\\|").replace("_", "\\_") for key, value in row.items()} for row in rows]
     return [markdown_table(plain, escape=False), ""] if rows else []
 
 
 def _section(page: Path, study: Study, question: str) -> list[str]:
-    """Question, command, table, plot and cost of one study."""
     name, command = study.name, shlex.join(["brushexp", *study.words])
     lines = [f"## {name}", "", _prose(question), "", f"`{command}`", "", _prose(_extent(study)), ""]
     differences = paired_differences(study.table)
@@ -123,18 +115,17 @@ def _section(page: Path, study: Study, question: str) -> list[str]:
 
 
 def _extent(study: Study) -> str:
-    """Units, sizes, failures and cost, in words."""
     kind = study.table.index.names[1]
     of_all = f" of {study.n_jobs}" * (study.n_finished < study.n_jobs)
-    left_out = f", {study.n_runs - study.n_finished} not finished" * (study.n_runs > study.n_finished)
+    failures = f", {study.n_runs - study.n_finished} not finished" * (study.n_runs > study.n_finished)
     units = f"{len(study.units)} {kind}s ({', '.join(study.units)})"
-    return f"{units}, {study.n_finished}{of_all} runs{left_out}; {study.cost}."
+    return f"{units}, {study.n_finished}{of_all} runs{failures}; {study.cost}."
 
 
 def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str, str]]:
-    """A row per setting: the mean of the first metric where all were run, and differences to the first setting."""
+    """Make a row per setting: the mean of the first metric where all were run, and differences to the first setting."""
     of_metric = dict.fromkeys(one.metric for one in differences)
-    metrics = [key for key in PANELS if key in of_metric][: SHOWN - 1]
+    metrics = [key for key in PANELS if key in of_metric][:3]
     metrics += [key for key in ("cpu_seconds",) if key in of_metric and key not in metrics]
     metrics = metrics or [differences[0].metric]
     first = quantities()[metrics[0]]
@@ -145,9 +136,8 @@ def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str
         row = {"setting": str(option), first.name: f"{mean:.{first.digits}f}"}
         for key in metrics:
             one = by_cell.get((option, key))
-            row[f"{quantities()[key].name}, change"] = (
-                "reference" if one is None else f"{one.format_gain(one.mean)} {one.bounds}"
-            )
+            change = "reference" if one is None else f"{one.format_gain(one.mean)} {one.bounds}"
+            row[f"{quantities()[key].name}, change"] = change
         gains = [] if (one := by_cell.get((option, metrics[0]))) is None else list(one.gains.values())
         rows.append(row | {"better on": f"{sum(gain > 0 for gain in gains)} of {len(gains)}" if gains else ""})
     return rows

@@ -4,7 +4,6 @@ import pytest
 from brushexp_thesis import departures as task
 from brushexp_thesis.departures import THESIS, departures
 from omegaconf import OmegaConf
-from program import ended
 
 from brushexp.errors import UserError
 from brushexp.pages.run_page import list_settings
@@ -21,7 +20,7 @@ def listed(cfg) -> dict[str, str]:
     return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
 
 
-def test_a_run_that_is_the_thesiss_differs_only_where_the_thesis_is_silent_or_no_setting_does_as_it_did():
+def test_a_run_that_follows_the_thesis_differs_only_where_no_setting_can():
     typed = {key: value[0] if isinstance(value, list) else value for key, value in OF_THE_THESIS.items()}
     texts = {key: "null" if value is None else str(value).lower() for key, value in typed.items()}
     texts |= {"renderer": "inverse_vgg", "optimizer.name": "Adam", "optimizer.options.betas": "[0.9, 0.999]"}
@@ -59,9 +58,3 @@ def test_the_task_lists_them_of_paintings(run_task, tmp_path):
     (tmp_path / "catalogue.h5").unlink()
     with pytest.raises(UserError, match="there is no finished painting; give folders of such with runs="):
         run_task(task, "task=departures", f"runs=[{tmp_path}]")
-
-
-def test_what_was_a_key_of_painting_is_refused(tmp_path):
-    code, said = ended(tmp_path, "image=coffee", "follows=thesis")
-    assert code != 0
-    assert "follows is no key of task=paint" in said

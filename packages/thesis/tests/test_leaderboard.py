@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import NARROW
 from brushexp_thesis import leaderboard as task
-from brushexp_thesis.leaderboard_page import write_leaderboard_page, write_standings_plot
+from brushexp_thesis.leaderboard import write_leaderboard_page, write_standings_plot
 from brushexp_thesis.published import read_published
 from brushexp_thesis.standings import entries_of, sections_of
 from brushexp_thesis.standings_tables import at_equal_seconds, by_picture, table_cells
@@ -31,7 +31,11 @@ figures:
 """
 
 
-def painted(folder, image, psnr, strokes, painter=None, **noted):
+def sections_in(folder, published=None):
+    return sections_of(entries_of(gather([folder], folder)), read_published(published) if published else ())
+
+
+def paint_run(folder, image, psnr, strokes, painter=None, **noted):
     """A made-up run; pictures of one name have one target."""
     chosen = {"image": f"{image}.png", "strokes": str(strokes), "frames": str(ord(image))}
     numbers = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "cpu_seconds": 3.0, "n_strokes": strokes}
@@ -46,21 +50,20 @@ def runs(tmp_path):
     folder.mkdir()
     write_text(tmp_path / "published.yaml", PUBLISHED)
     for image, psnr in (("a", 20.0), ("b", 30.0)):
-        painted(folder, image, psnr, 50, chosen={"seed": "0"})
-        painted(folder, image, psnr + 2, 50, chosen={"seed": "1"})
-        painted(folder, image, psnr - 5 + (image == "a"), 50, "greedy", anytime=[[0.5, psnr - 9], [1, psnr - 4]])
-    painted(folder, "a", 25.0, 90)
-    painted(folder, "a", 24.0, 90, "greedy", chosen={"painter": "greedy_fast"})  # a preset
+        paint_run(folder, image, psnr, 50, chosen={"seed": "0"})
+        paint_run(folder, image, psnr + 2, 50, chosen={"seed": "1"})
+        paint_run(folder, image, psnr - 5 + (image == "a"), 50, "greedy", anytime=[[0.5, psnr - 9], [1, psnr - 4]])
+    paint_run(folder, "a", 25.0, 90)
+    paint_run(folder, "a", 24.0, 90, "greedy", chosen={"painter": "greedy_fast"})  # a preset
     make_run(folder, {"task": "train"}, psnr=1.0)
     spoilt = {"psnr": "much", "l1": 0.1, "seconds": 2.0}
     make_run(folder, {"image": "a.png", "strokes": "90", "painter": "zou"}, target=ord("a"), color=7, **spoilt)
-    painted(folder, "a", 1.0, 50, status="failed")
+    paint_run(folder, "a", 1.0, 50, status="failed")
     return folder
 
 
 def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_path):
-    published = read_published(tmp_path / "published.yaml")
-    both, alone = sections_of(entries_of(gather([runs], runs)), published)
+    both, alone = sections_in(runs, tmp_path / "published.yaml")
     assert [len(section.pictures) for section in (both, alone)] == [2, 1]
     ours, greedy = both.rows
     assert (ours.painter, greedy.painter) == ("gradient", "greedy")
@@ -77,36 +80,32 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
 
 def test_unknown_numbers_of_strokes_are_not_equal_ones(tmp_path):
     for painter, psnr in (("greedy", 20.0), ("zou", 25.0)):
-        noted = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "painter": painter}
-        make_run(tmp_path, {"image": "a.png"}, target=9, color=7, **noted)
-    (section,) = sections_of(entries_of(gather([tmp_path], tmp_path)))
+        make_run(tmp_path, {"image": "a.png"}, target=9, color=7, psnr=psnr, l1=0.1, seconds=2.0, painter=painter)
+    (section,) = sections_in(tmp_path)
     assert [(row.strokes, section.against_best(row)) for row in section.rows] == [(None, None), (None, None)]
 
 
 def test_settings_that_all_have_are_left_out_and_those_with_spaces_stay_whole(tmp_path):
     for image, style, color in (("a", "my photo.jpg", "rgb"), ("a", "my photo.jpg", "oklab"), ("a", "her.jpg", "rgb")):
-        painted(tmp_path, image, 20.0, 50, chosen={"style.image": style, "color": color})
+        paint_run(tmp_path, image, 20.0, 50, chosen={"style.image": style, "color": color})
     for color in ("rgb", "oklab"):
-        painted(tmp_path, "b", 20.0, 50, chosen={"style.image": "my photo.jpg", "color": color})
-    both, alone = sections_of(entries_of(gather([tmp_path], tmp_path)))
+        paint_run(tmp_path, "b", 20.0, 50, chosen={"style.image": "my photo.jpg", "color": color})
+    both, alone = sections_in(tmp_path)
     assert sorted(row.settings for row in both.rows) == ["color=oklab", "color=rgb"]
-    found = {row.settings for row in alone.rows}
-    assert found == {
-        f"style.image={one}" for one in ("her.jpg color=rgb", "my photo.jpg color=oklab", "my photo.jpg color=rgb")
-    }
+    settings = ("her.jpg color=rgb", "my photo.jpg color=oklab", "my photo.jpg color=rgb")
+    assert {row.settings for row in alone.rows} == {f"style.image={one}" for one in settings}
 
 
 @pytest.mark.parametrize("name", ["painter", "settings", "strokes"])
 def test_a_picture_may_have_the_name_of_a_column(tmp_path, name):
     for target, image in enumerate((name, "other")):
-        noted = {"psnr": 20.0 + target, "l1": 0.1, "seconds": 2.0, "n_strokes": 50}
-        make_run(tmp_path, {"image": f"{image}.png"}, target=target, color=7, **noted)
-    (row,) = by_picture(sections_of(entries_of(gather([tmp_path], tmp_path)))[0])
+        make_run(tmp_path, {"image": f"{image}.png"}, target=target, color=7, psnr=20.0 + target, l1=0.1, seconds=2.0)
+    (row,) = by_picture(sections_in(tmp_path)[0])
     assert list(row.items())[3:] == [("other", "21.00"), (f"{name} (2)", "20.00")]
 
 
 def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path):
-    both, *_ = sections_of(entries_of(gather([runs], runs)), read_published(tmp_path / "published.yaml"))
+    both, *_ = sections_in(runs, tmp_path / "published.yaml")
     cells = table_cells(both)
     assert [row["pictures"] for row in cells] == [
         "these", "these", "the same pictures at 30 x 20", "all of them, of which 2 are here at 30 x 20",
@@ -118,7 +117,7 @@ def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path)
 
 
 def test_the_page_fits_sorts_and_asks_nothing(runs, tmp_path, opened):
-    sections = sections_of(entries_of(gather([runs], runs)), read_published(tmp_path / "published.yaml"))
+    sections = sections_in(runs, tmp_path / "published.yaml")
     with Image.open(write_standings_plot(runs, sections)) as picture:
         assert np.asarray(picture.convert("RGB")).std() > 1
     watched = opened(write_leaderboard_page(runs, sections, sections[0].published, "On <one> machine."), NARROW)
@@ -127,18 +126,17 @@ def test_the_page_fits_sorts_and_asks_nothing(runs, tmp_path, opened):
     column.get_by_role("button").click()
     names = "[...document.querySelector('#section-1 tbody').rows].map(row => row.cells[0].textContent)"
     assert watched.evaluate(names) == ["Theirs", "Theirs", "gradient", "greedy"]
-    assert (
-        watched.page.locator(".published").first.evaluate("row => getComputedStyle(row.cells[0]).fontStyle") == "italic"
-    )
+    style = "getComputedStyle(document.querySelector('.published').cells[0]).fontStyle"
+    assert watched.evaluate(style) == "italic"
     assert watched.page.get_by_text("On <one> machine.").is_visible()
     assert not watched.errors
     assert not watched.foreign
 
 
 def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
-    found = read_published()
-    assert len({one.painter for one in found}) >= 8
-    assert all(re.search(r"\d{4}|docs/|issue", one.source) and one.figures for one in found)
+    published = read_published()
+    assert len({one.painter for one in published}) >= 8
+    assert all(re.search(r"\d{4}|docs/|issue", one.source) and one.figures for one in published)
     for old, new, reason in (
         ("source:", "sauce:", "entry 1 of figures: sauce: Key 'sauce' not in .*; its keys are set, painter, source"),
         ("psnr: 99", "psnr: high", "entry 1 of figures: psnr: Value 'high'"),
@@ -157,23 +155,20 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
 def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     ours = run_task(paint, "image=coffee", "resolution=32", "strokes=12", "steps=2", "frames=0", "report=false")
     assert ours["cpu_seconds"] > 0
-    run = tmp_path / "run"
-    run.mkdir()
+    run, theirs, photos, twins, broken = (tmp_path / name for name in ("run", "theirs", "photos", "twins", "broken"))
+    for folder in (run, theirs, photos, twins, broken):
+        folder.mkdir()
     for name in ("painting.png", "target.png", "metrics.json", "catalogue.h5"):
         (tmp_path / name).rename(run / name)
-    theirs, photos = tmp_path / "theirs", tmp_path / "photos"
-    for folder in (theirs, photos):
-        folder.mkdir()
     (run / "painting.png").rename(theirs / "x.png")
     write_picture(run / "painting.png", np.zeros((21, 32, 3), np.uint8))
     (photos / "x.png").write_bytes((run / "target.png").read_bytes())
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "metrics.json").write_text("text")
-    words = (f"runs=[{run},{tmp_path}/broken]", "name=Theirs", f"published={tmp_path}/published.yaml")
+    (broken / "metrics.json").write_text("text")
+    words = (f"runs=[{run},{broken}]", "name=Theirs", f"published={tmp_path}/published.yaml")
     write_text(tmp_path / "published.yaml", PUBLISHED)
-    found = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
-    assert found["paintings"] == 2
-    assert f"no finished paintings: {tmp_path}/broken" in caplog.text
+    result = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
+    assert result["paintings"] == 2
+    assert f"no finished paintings: {broken}" in caplog.text
     rows = read_csv(tmp_path / "leaderboard.csv")
     assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
     assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)
@@ -187,8 +182,6 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     again = gather([tmp_path / "added" / "catalogue"], tmp_path)
     assert again["metric", "psnr"].tolist() == [pytest.approx(ours["psnr"])]
     assert again["metric", "n_strokes"].tolist() == [12]
-    twins = tmp_path / "twins"
-    twins.mkdir()
     for name in ("x.jpg", "x.png"):
         (twins / name).write_bytes((run / "target.png").read_bytes())
     for wrong, reason in (

@@ -2,7 +2,6 @@
 
 import math
 import shlex
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -31,18 +30,26 @@ other:
   - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
 """
 TYPED = ["image=/x/y/a.png", "hydra/sweeper=optuna", 'style.image="/x/my photo.jpg"', 'loss=["/x/a","b"]']
-TYPED += ["experiment=mine", "hydra.sweeper.settings=['a=1 renderer.checkpoint=/a/b/n.safetensors','a=2']"]
+TYPED += ["hydra.sweeper.settings=['a=1 renderer.checkpoint=/a/b/n.safetensors','a=2']"]
 TYPED += ['hydra.sweeper.pictures=["/p/a, b.jpg","thesis12"]', 'hydra.sweeper.pictures=["/p/a b.jpg","thesis12"]']
 SHORT = ["experiment=mine", "image=a.png", "hydra/sweeper=optuna", "style.image=my photo.jpg", "loss=[a,b]"]
 SHORT += ["hydra.sweeper.settings=['a=1 renderer.checkpoint=n.safetensors','a=2']"]
 SHORT += ['hydra.sweeper.pictures=["a, b.jpg",thesis12]', "pictures=a b.jpg,thesis12"]
+GAINED = [a + gain for a, gain in zip(A, (0.5, 0.6, 0.4, 0.5), strict=True)]
 CLEAR, WORSE, SAME = (0.5, 0.6, 0.4, 0.5), (-0.5, -0.6, -0.4, -0.5), (0.01, -0.01, 0.02, -0.02)
 
 
-def claim(expects, metric="psnr", at_least=1.0):
+def claim(expects, **fields):
     return Claim(
-        study="s", says="", section="", setting="x", against="y", metric=metric, expects=expects, at_least=at_least
+        **{"says": "", "section": "", "setting": "x", "against": "y", "metric": "psnr"} | fields, expects=expects
     )
+
+
+def make_sweep(folder, typed=(), jobs=12, **options):
+    """A sweep of experiment=mine with the runs of `make_study`."""
+    (folder / ".hydra").mkdir(parents=True)
+    write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [0] * jobs})
+    return make_study(folder, **options)
 
 
 @pytest.mark.parametrize(("expects", "gains", "verdict"), [
@@ -54,14 +61,14 @@ def claim(expects, metric="psnr", at_least=1.0):
     ("better", (1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends on the picture"),
 ])  # fmt: skip
 def test_a_claim_is_judged_by_its_difference(expects, gains, verdict):
-    assert claim(expects).judged(gap(*gains)) == verdict
-    assert claim(expects).judged(None) == "not run"
+    assert claim(expects).verdict(gap(*gains)) == verdict
+    assert claim(expects).verdict(None) == "not run"
 
 
 @pytest.mark.parametrize(("ratio", "verdict"), [(3.0, "holds"), (1.5, "does not hold"), (2.0, "not decided")])
 def test_at_least_so_many_times(ratio, verdict):
     gains = [math.log(ratio) + noise for noise in (0.01, -0.01, 0.02, -0.02)]
-    assert claim("better", "seconds", 2.0).judged(gap(*gains, metric="seconds")) == verdict
+    assert claim("better", metric="seconds", at_least=2.0).verdict(gap(*gains, metric="seconds")) == verdict
 
 
 def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pairs():
@@ -71,13 +78,13 @@ def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pai
     study = Study("s", (), table, 12, 12, 12, "")
 
     def half(setting, against):
-        one = study.difference(replace(claim("better"), setting=setting, against=against))
+        one = study.difference(claim("better", setting=setting, against=against))
         values = table["psnr"][setting].to_numpy() - table["psnr"][against].to_numpy()
         return one.high - one.mean, values.std(ddof=1) / math.sqrt(3)
 
     for setting, against, comparisons in (("a=2", "a=1", 3), ("a=1", "a=4", 3), ("a=2", "a=3", 6), ("a=4", "a=2", 6)):
-        found, error = half(setting, against)
-        assert found == pytest.approx(t.ppf(1 - 0.05 / comparisons / 2, 2) * error)
+        width, error = half(setting, against)
+        assert width == pytest.approx(t.ppf(1 - 0.05 / comparisons / 2, 2) * error)
 
 
 def options_of(study):
@@ -95,22 +102,12 @@ def test_a_study_has_the_settings_of_its_claims(study):
 
 
 def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_task):
-    folder = tmp_path / "studies" / "a"
-    (folder / ".hydra").mkdir(parents=True)
-    make_study(folder, psnr=(A, [a + gain for a, gain in zip(A, CLEAR, strict=True)], C), cpu_seconds=900.0)
-    write_json(
-        folder / ".hydra" / "jobs.json",
-        {
-            "typed": [*TYPED, "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"],
-            "jobs": [],
-        },
-    )
+    typed = [*TYPED, "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"]
+    make_sweep(tmp_path / "studies" / "a", typed, 0, psnr=(A, GAINED, C), cpu_seconds=900.0)
     (tmp_path / "claims.yaml").write_text(CLAIMS)
-    page = tmp_path / "docs" / "ablations.md"
-    result = run_task(
-        verdicts, "task=verdicts", f"runs={tmp_path}/studies", f"claims={tmp_path}/claims.yaml", f"page={page}"
-    )
-    text = page.read_text()
+    words = (f"claims={tmp_path}/claims.yaml", f"page={tmp_path}/docs/ablations.md")
+    result = run_task(verdicts, "task=verdicts", f"runs={tmp_path}/studies", *words)
+    text = (tmp_path / "docs" / "ablations.md").read_text()
     assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 1)
     assert "| claim | verdict | measured | compared | metric | study | thesis |" in text
     assert "| o1 is better | holds | better: +0.50 [" in text
@@ -133,9 +130,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     ({"seconds_total": None, "seconds": 600.0}, "2.00 hours, CPU time not noted"),
 ])  # fmt: skip
 def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
-    (tmp_path / ".hydra").mkdir()
-    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
-    folder = make_study(tmp_path, **noted)
+    folder = make_sweep(tmp_path, TYPED, **noted)
     assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
     if "cpu_seconds" in noted:
         note(folder, 5, cpu_seconds=None)
@@ -151,10 +146,7 @@ def test_a_study_of_other_numbers_than_quality_has_its_table():
 
 def test_an_incomplete_claim_is_explained(tmp_path):
     for wrong, message in (
-        (
-            "s: [{says: x, section: 1}]",
-            "entry 1 of s has no against and no expects and no metric and no setting; its keys",
-        ),
+        ("s: [{says: x, section: 1}]", "1 of s has no against and no expects and no metric and no setting; its keys"),
         (CLAIMS.replace("psnr", "nope"), "unknown metric"),
         (CLAIMS.replace("psnr", "[psnr]"), "entry 1 of mine: metric: "),
         (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is no setting as studies list them"),
@@ -166,7 +158,7 @@ def test_an_incomplete_claim_is_explained(tmp_path):
             read_claims(tmp_path / "claims.yaml")
 
 
-@pytest.mark.parametrize(("typed", "told"), [
+@pytest.mark.parametrize(("typed", "command"), [
     ("data=[{here}/data/brushes]", "data=[data/brushes]"),
     ("data=[data/brushes,../brushes]", "data=[data/brushes,brushes]"),
     ("data={here}/data/set_${{engine.window}}", "data=data/set_${{engine.window}}"),
@@ -174,26 +166,16 @@ def test_an_incomplete_claim_is_explained(tmp_path):
     ("hydra.sweeper.settings=['a=1 renderer.checkpoint={here}/w/n.safetensors','a=2']",
      "hydra.sweeper.settings=['a=1 renderer.checkpoint=w/n.safetensors','a=2']"),
 ])  # fmt: skip
-def test_a_command_keeps_the_folders_below_the_one_it_is_run_in(tmp_path, monkeypatch, typed, told):
+def test_a_command_keeps_the_folders_below_the_one_it_is_run_in(tmp_path, monkeypatch, typed, command):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / ".hydra").mkdir()
-    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": ["experiment=mine", typed.format(here=tmp_path)]})
-    make_study(tmp_path)
-    assert studies_in([tmp_path], tmp_path)["mine"].words == ("experiment=mine", told.format(here=tmp_path))
+    make_sweep(tmp_path, [typed.format(here=tmp_path)])
+    assert studies_in([tmp_path], tmp_path)["mine"].words == ("experiment=mine", command.format(here=tmp_path))
 
 
 def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one(tmp_path, run_task):
     for name, pictures in (("few", 3), ("more", 4)):
-        folder = tmp_path / name
-        (folder / ".hydra").mkdir(parents=True)
-        gained = [a + gain for a, gain in zip(A, CLEAR, strict=True)]
-        make_study(
-            folder,
-            psnr=[values[:pictures] for values in (A, gained, C)],
-            units=PICTURES[::-1][:pictures],
-            cpu_seconds=900.0,
-        )
-        write_json(folder / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+        psnr = [values[:pictures] for values in (A, GAINED, C)]
+        make_sweep(tmp_path / name, psnr=psnr, units=PICTURES[::-1][:pictures], cpu_seconds=900.0)
     (tmp_path / "claims.yaml").write_text(CLAIMS)
 
     def page_of(*runs):
@@ -215,9 +197,7 @@ def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one
 
 def test_an_unfinished_rerun_replaces_no_complete_study(tmp_path):
     for name, rows in (("all", (A, A, C)), ("part", (A, A))):
-        (tmp_path / name / ".hydra").mkdir(parents=True)
-        make_study(tmp_path / name, psnr=rows)
-        write_json(tmp_path / name / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+        make_sweep(tmp_path / name, psnr=rows)
     assert studies_in([tmp_path / "part"], tmp_path)["mine"].n_finished == 8
     assert studies_in([tmp_path / "all", tmp_path / "part"], tmp_path)["mine"].n_finished == 12
 
