@@ -1,10 +1,13 @@
 """The tree is the architecture: imports go one way, the map names real modules, and plugins know only contracts."""
 
 import ast
+import subprocess
+import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from skimage import data, io
 
 from brushexp import painting, training
 from brushexp.config.tasks import TASKS
@@ -151,3 +154,31 @@ def test_no_preset_has_the_name_of_a_plugin():
 def test_every_module_of_tasks_is_that_of_a_task():
     modules = {task.module for task in TASKS.values() if task.module.startswith("brushexp.")}
     assert {f"brushexp.tasks.{path.stem}" for path in (SOURCE / "tasks").glob("*.py") if path.stem[0] != "_"} == modules
+
+
+SPY = """
+import sys
+from brushexp.__main__ import main
+from brushexp.pictures import load
+
+def spy(*_, **__):
+    frame, names = sys._getframe(1), []
+    while frame:
+        names.append(frame.f_globals.get("__name__", ""))
+        frame = frame.f_back
+    print(*dict.fromkeys(name for name in reversed(names) if name.startswith("brushexp")))
+    sys.exit()
+
+load.read_picture = spy
+main()
+"""
+
+
+@pytest.mark.slow
+def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path):
+    io.imsave(tmp_path / "photo.png", data.chelsea()[::8, ::8])
+    command = [sys.executable, "-c", SPY, "photo.png", "look=plain", "output=run"]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    (line,) = (line for line in found.stdout.splitlines() if line.startswith("brushexp"))
+    assert line.split()[-1] == "brushexp.pictures.load"
+    assert len(line.split()) <= 8, line

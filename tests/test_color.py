@@ -114,16 +114,16 @@ def test_importance_is_estimated_in_the_picture(name):
     strokes, order, blend = random_strokes(25, SIZE, bend=0.05), torch.randperm(25), Compositor(DENSE, SPACES[name])
     picture = Picture(torch.zeros(3, *SIZE), None, BACKGROUND, blend)
     picture.renderer = Analytic()
-    shown = picture.draw(strokes, order)
-    picture.target = (shown + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1)
+    image = picture.draw(strokes, order)
+    picture.target = (image + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1)
 
     def error(chosen):
         image = blend(Analytic()(strokes), chosen, SIZE, BACKGROUND).image
         return (image - picture.target).square().double().sum()
 
     grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
-    found = importance(strokes, order, picture, torch.Generator().manual_seed(0))
-    ranks = torch.stack([found.argsort().argsort(), grown.argsort().argsort()]).double()
+    estimate = importance(strokes, order, picture, torch.Generator().manual_seed(0))
+    ranks = torch.stack([estimate.argsort().argsort(), grown.argsort().argsort()]).double()
     assert torch.corrcoef(ranks)[0, 1] > 0.8
 
 

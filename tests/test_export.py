@@ -67,12 +67,12 @@ def some(n: int = 9, size: tuple[int, int] = SIZE) -> Strokes:
 
 def exporter(name: str) -> Exporter:
     try:
-        made: Exporter = build_named("to", name, {})
+        built: Exporter = build_named("to", name, {})
     except UserError as error:
         if "pip install" in str(error):
             pytest.skip(str(error))
         raise
-    return made
+    return built
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
@@ -485,12 +485,12 @@ def test_other_weights_are_told_and_a_chosen_renderer_becomes_that_of_the_catalo
     with_renderer(replace(catalogue(), renderer_hash="0123"), None, "a.h5")
     assert "painted with other weights of renderer=analytic" in caplog.text
     chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
-    made, renderer = with_renderer(catalogue(), chosen, "a.h5")
+    saved, renderer = with_renderer(catalogue(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
-    (path,) = Json().write(export_job(made, renderer), tmp_path)
+    (path,) = Json().write(export_job(saved, renderer), tmp_path)
     again = renderer_of(load_catalogue(path))
     assert (again.soft, again.taper) == (5.0, 0.5)
-    assert OmegaConf.create(made.config).image == "größe.png"
+    assert OmegaConf.create(saved.config).image == "größe.png"
 
 
 def test_the_program_writes_all_of_them_at_once(tmp_path):

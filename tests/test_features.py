@@ -82,13 +82,15 @@ def unfolded(pictures: Tensor) -> dict[str, Tensor]:
 def test_folded_network_agrees_with_the_published_one_and_has_its_slope(size):
     picture = torch.rand(2, 3, *size).requires_grad_()
     exact = picture.detach().double().requires_grad_()
-    wanted = unfolded(exact)
-    found = effl0()(picture, effl0().taps)
-    assert list(found) == list(wanted)
-    for name, value in found.items():
-        assert_close(value.double(), wanted[name], rtol=1e-4, atol=1e-3, msg=lambda text, name=name: f"{name}: {text}")
+    expected = unfolded(exact)
+    activations = effl0()(picture, effl0().taps)
+    assert list(activations) == list(expected)
+    for name, value in activations.items():
+        assert_close(
+            value.double(), expected[name], rtol=1e-4, atol=1e-3, msg=lambda text, name=name: f"{name}: {text}"
+        )
     slope, right = (
-        torch.autograd.grad(taps["b2"].square().mean(), x)[0] for taps, x in ((found, picture), (wanted, exact))
+        torch.autograd.grad(taps["b2"].square().mean(), x)[0] for taps, x in ((activations, picture), (expected, exact))
     )
     assert (slope - right).norm() < 1e-3 * right.norm()
 
@@ -108,8 +110,8 @@ def test_nothing_below_the_last_tap_is_computed():
     for block in list(network.blocks)[4:]:
         block.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
     network.blocks[3].project.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
-    found = network(torch.rand(1, 3, 16, 24), ["b3.expand", "stem"])
-    assert set(found) == {"stem", "b3.expand"}
+    activations = network(torch.rand(1, 3, 16, 24), ["b3.expand", "stem"])
+    assert set(activations) == {"stem", "b3.expand"}
 
 
 def test_networks_are_frozen_stay_out_of_checkpoints_and_have_all_activations_of_tiny_pictures():
@@ -125,9 +127,9 @@ def test_networks_are_frozen_stay_out_of_checkpoints_and_have_all_activations_of
             assert slope.isfinite().all()
             assert slope.abs().max() > 0
         for size in TINY:
-            found = network(torch.rand(1, 3, *size), network.taps)
-            assert tuple(found) == network.taps
-            assert all(value.numel() and value.isfinite().all() for value in found.values())
+            activations = network(torch.rand(1, 3, *size), network.taps)
+            assert tuple(activations) == network.taps
+            assert all(value.numel() and value.isfinite().all() for value in activations.values())
 
 
 @pytest.mark.parametrize("layout", [torch.channels_last, torch.contiguous_format])
@@ -167,23 +169,23 @@ def test_classic_networks_from_a_file_agree_with_torchvision(tmp_path, name, siz
     state = state_of(name) | {"classifier.0.weight": torch.zeros(2, 2)}
     (torch.save if suffix == "pth" else save_file)(state, path)
     network, x = open_backbone(name, str(path)), torch.rand(1, 3, *size)
-    found = dict(zip(PLACES[name], network(x, network.taps).items(), strict=True))
+    activations = dict(zip(PLACES[name], network(x, network.taps).items(), strict=True))
     mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
     x = (x - mean[:, None, None]) / deviation[:, None, None]
     for place, layer in enumerate(torchvision_features(name)):
         x = layer(x)
-        if place in found:
-            assert_close(found[place][1], x, rtol=1e-4, atol=1e-4)
-    assert [name for name, _ in found.values()][-1] in ("relu5", "fire9", "relu5_3")
+        if place in activations:
+            assert_close(activations[place][1], x, rtol=1e-4, atol=1e-4)
+    assert [name for name, _ in activations.values()][-1] in ("relu5", "fire9", "relu5_3")
 
 
 def test_small_pictures_are_widened_by_their_border_and_others_left_alone():
     picture = torch.rand(1, 3, 20, 40)
     wide = functional.pad(picture, (0, 0, 5, 6), mode="replicate")
     network = ClassicNetwork("alexnet", state_of("alexnet"))
-    found, wanted = (network(x, ["relu1", "relu5"]) for x in (picture, wide))
-    for tap, value in found.items():
-        assert_close(value, wanted[tap], rtol=0, atol=0)
+    activations, expected = (network(x, ["relu1", "relu5"]) for x in (picture, wide))
+    for tap, value in activations.items():
+        assert_close(value, expected[tap], rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -205,10 +207,10 @@ def test_files_of_other_networks_are_refused(tmp_path, name):
 
 def test_distance_is_the_weighted_difference_of_unit_vectors():
     image, target = torch.rand(2, 3, 72, 96)
-    wanted = 0.0
+    expected = 0.0
     for tap, weight in WEIGHTS.items():
         a, b = (unfolded(x[None])[tap][0].flatten(1).T.numpy() for x in (image, target))
         a, b = (x / np.linalg.norm(x, axis=1, keepdims=True).clip(1e-10) for x in (a, b))
-        wanted += weight * np.mean(2 - 2 * (a * b).sum(1))
-    assert perceptual_distance(image, target) == pytest.approx(wanted, rel=1e-3)
+        expected += weight * np.mean(2 - 2 * (a * b).sum(1))
+    assert perceptual_distance(image, target) == pytest.approx(expected, rel=1e-3)
     assert perceptual_distance(image, image) == 0

@@ -93,18 +93,18 @@ def test_importance_is_what_the_error_grows_by_without_a_stroke(kind):
     order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
     with torch.no_grad():
         layers = KINDS[kind](strokes)
-        found = TILED.importance(layers, order, size, BACKGROUND, target, weight)
+        estimate = TILED.importance(layers, order, size, BACKGROUND, target, weight)
 
         def error(chosen):
             image = DENSE(layers, chosen, size, BACKGROUND).image
             return (weight * (image - target).square()).double().sum()
 
         grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
-    torch.testing.assert_close(found.double(), grown, atol=2e-3, rtol=1e-3)
-    assert found.abs().max() > 0.1
-    given = layers, order, size, BACKGROUND, target, weight
+    torch.testing.assert_close(estimate.double(), grown, atol=2e-3, rtol=1e-3)
+    assert estimate.abs().max() > 0.1
+    arguments = layers, order, size, BACKGROUND, target, weight
     for blend in (BLENDS["tiled in torch"], DENSE, TopK(k=4)):
-        assert blend.importance(*given) is None, "a blend without a kernel leaves importance to others"
+        assert blend.importance(*arguments) is None, "a blend without a kernel leaves importance to others"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -141,8 +141,8 @@ def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(blend, kind, na
     exact, slope = paint_with_gradient(KINDS[kind], DENSE, stroke.map(lambda v: v.double()), size, weight)
     # At the tip of a fold the curve all but stands still: where on it the nearest point lies is not known so well.
     assert ((image - exact).abs() > 1e-4).float().mean() <= (0.05 if name == "almost folded" else 0)
-    for found in (gradient, slope):
-        assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in found.values())
+    for gradients in (gradient, slope):
+        assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in gradients.values())
     if name in ("zero width", "transparent", "off the canvas", "far off the canvas"):
         torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, *size))
     elif kind == "plain" and "folded" not in name:
@@ -163,8 +163,8 @@ def test_fifty_thousand_strokes_on_one_spot():
     one = straight((2, 3), (14, 9), opacity=opacity)
     many = one.map(lambda v: v.expand(n, *v.shape[1:]).clone())
     image, gradient = paint_with_gradient(plain, Tiled(), many, (16, 16), torch.randn(3, 16, 16))
-    painted = paint(plain, DENSE, one.map(lambda v: v.double()), (16, 16)).image
-    alpha = (painted[1] - BACKGROUND[1]) / -BACKGROUND[1]  # the stroke has no green
+    single = paint(plain, DENSE, one.map(lambda v: v.double()), (16, 16)).image
+    alpha = (single[1] - BACKGROUND[1]) / -BACKGROUND[1]  # the stroke has no green
     light = torch.exp(n * torch.log1p(-alpha))
     exact = one.color[0].double().view(3, 1, 1) * (1 - light) + BACKGROUND.double().view(3, 1, 1) * light
     torch.testing.assert_close(image, exact, atol=1e-3, rtol=0)  # 50,000 roundings of the transmittance
@@ -192,20 +192,20 @@ PLACES = {
 @pytest.mark.parametrize("side", [1, 7, 16])
 @pytest.mark.parametrize(("centre", "scale"), PLACES.values(), ids=PLACES)
 def test_the_gradient_reaches_the_pictures_of_windows(centre, scale, side):
-    drawn = torch.rand(2, 4, side, side)
-    drawn[1, 3] = 0  # below lies one that shows almost nothing
-    drawn[1, 3, -1, 0] = 1
-    weight, found = torch.randn(3, 24, 33), []
+    pictures = torch.rand(2, 4, side, side)
+    pictures[1, 3] = 0  # below lies one that shows almost nothing
+    pictures[1, 3, -1, 0] = 1
+    weight, results = torch.randn(3, 24, 33), []
     for blend, dtype in ((TILED, torch.float32), (DENSE, torch.float64)):
-        images = drawn.to(dtype, copy=True).requires_grad_()
+        images = pictures.to(dtype, copy=True).requires_grad_()
         position, size = torch.tensor([centre, (15.3, 9.1)]).to(dtype), torch.tensor([scale, 30.0]).to(dtype)
         layers = Windows(images, position, size, torch.full((2,), 0.7, dtype=dtype), torch.zeros(2, 3, dtype=dtype))
         image = blend(layers, torch.arange(2), (24, 33), BACKGROUND.to(dtype)).image
         (image * weight.to(dtype)).sum().backward()
-        shows = drawn[:, 3:] > 0
-        found += [image.detach().double(), torch.where(shows, images.grad, 0).double()]
-    torch.testing.assert_close(found[0], found[2], atol=1e-4, rtol=0)
-    torch.testing.assert_close(found[1], found[3], atol=1e-3, rtol=1e-3)
+        shows = pictures[:, 3:] > 0
+        results += [image.detach().double(), torch.where(shows, images.grad, 0).double()]
+    torch.testing.assert_close(results[0], results[2], atol=1e-4, rtol=0)
+    torch.testing.assert_close(results[1], results[3], atol=1e-3, rtol=1e-3)
 
 
 def test_tiles_where_a_window_shows_nothing_are_not_listed():

@@ -54,12 +54,12 @@ def test_training_moves_every_weight():
 
 
 def test_the_number_of_a_stroke_decides_its_brush_wherever_it_stands():
-    renderer, given = lively(), parameters(1).repeat(4, 1)
-    drawn = window_pictures(renderer, given, 64, torch.tensor([0, 1, 2, 3]))
-    assert torch.equal(drawn[0], drawn[3])
-    assert (drawn[0] - drawn[1]).abs().max() > 0.01
-    torch.testing.assert_close(window_pictures(renderer, given[:2], 64, torch.tensor([5, 4])), drawn[[2, 1]])
-    assert renderer(strokes_of(given[:0])).sheets.texels.isfinite().all(), "no strokes are strokes, too"
+    renderer, shapes = lively(), parameters(1).repeat(4, 1)
+    pictures = window_pictures(renderer, shapes, 64, torch.tensor([0, 1, 2, 3]))
+    assert torch.equal(pictures[0], pictures[3])
+    assert (pictures[0] - pictures[1]).abs().max() > 0.01
+    torch.testing.assert_close(window_pictures(renderer, shapes[:2], 64, torch.tensor([5, 4])), pictures[[2, 1]])
+    assert renderer(strokes_of(shapes[:0])).sheets.texels.isfinite().all(), "no strokes are strokes, too"
 
 
 def test_a_stroke_in_a_larger_window_has_the_same_texture_enlarged():
@@ -82,7 +82,7 @@ def test_unprojected_strokes_are_what_the_network_makes_of_them():
     far = parameters(2)
     far[:, 6] = 6.0  # five times as thick as any in training
     near = parameters_of(clamp_to_prior(strokes_of(far)))
-    free, kept = (lively(project=project)(strokes_of(far)).sheets.texels for project in (False, True))
-    assert not torch.equal(free, kept)
+    free, projected = (lively(project=project)(strokes_of(far)).sheets.texels for project in (False, True))
+    assert not torch.equal(free, projected)
     assert bool(free.isfinite().all())
     assert torch.equal(lively(project=False)(strokes_of(near)).sheets.texels, lively()(strokes_of(near)).sheets.texels)

@@ -19,7 +19,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
 from brushexp.shading.height import CARRIED, FILM, Impasto, typical_width
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
@@ -117,7 +117,7 @@ def hills(height, width, *, roughness=1.0):
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
     """A grey canvas of this height under a light, (H, W)."""
     color = np.full((3, *height.shape), value, np.float32)
-    return shaded(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
+    return shade_picture(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 
 
 def test_a_flat_canvas_keeps_its_colours():
@@ -125,7 +125,7 @@ def test_a_flat_canvas_keeps_its_colours():
     for light in (Light(315, 45), Light(0, 90), Light(123.4, 0.5), Light(-700, 17)):
         for gloss in (0.0, 1.0):
             np.testing.assert_allclose(
-                shaded(color.astype(np.float32), normals, replace(light, gloss=gloss)), color, atol=1e-6
+                shade_picture(color.astype(np.float32), normals, replace(light, gloss=gloss)), color, atol=1e-6
             )
 
 
@@ -160,7 +160,7 @@ def test_normals_are_those_of_the_plane_have_unit_length_and_can_be_had_row_by_r
 def test_no_light_leaves_the_range_of_colours(elevation):
     color = np.random.default_rng(1).random((3, 20, 30)).astype(np.float32)
     color[:, :5] = np.float32([0, 0.5, 1])[:, None, None]
-    lit = shaded(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation, gloss=1.0))
+    lit = shade_picture(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation, gloss=1.0))
     assert 0 <= lit.min() <= lit.max() <= 1  # NaN is neither
 
 
@@ -176,7 +176,7 @@ def test_the_picture_under_a_lamp_is_the_flat_one_shaded_by_the_slopes_of_its_pa
     lamp = Light(30, 25, depth=1.5, gloss=0.6)
     job = replace(painted(thick(25, (70, 31)), (70, 31), renderer=RENDERERS[name]), light=lamp)
     flat = next(replace(job, light=Light()).bands())[1].numpy()
-    expected = shaded(flat, normals_of(job.height(), 1.5), lamp)
+    expected = shade_picture(flat, normals_of(job.height(), 1.5), lamp)
     assert np.abs(expected - flat).max() > 0.05
     monkeypatch.setattr(banding, "BAND", 31 * 9)
     tops, bands = zip(*job.bands(), strict=True)
@@ -195,7 +195,7 @@ def test_a_lit_painting_is_its_flat_one_under_the_lamp_and_every_export_shows_th
     job = export_job(saved)
     assert job.light == Light(200, 30, depth=2.0)
     color = (picture["flat"] / 255).transpose(2, 0, 1).astype(np.float32)
-    lit = 255 * shaded(color, normals_of(job.height(), 2.0), job.light).transpose(1, 2, 0)
+    lit = 255 * shade_picture(color, normals_of(job.height(), 2.0), job.light).transpose(1, 2, 0)
     assert np.abs(lit - picture["painting"]).max() <= 1.5
     assert np.abs(picture["flat"] - picture["painting"]).max() > 8
     words = ["task=export", f"catalogue={tmp_path / 'catalogue.h5'}", "threads=1"]

@@ -30,7 +30,7 @@ from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -471,7 +471,7 @@ def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(visit
     for name, value in {"azimuth": 200, "elevation": 35, "depth": 1.5, "gloss": 0.4}.items():
         slide(visited, f"#{name}", value)
     visited.page.wait_for_timeout(100)
-    expected = shaded(color, normals_of(height, 1.5), Light(200, 35, gloss=0.4)).transpose(1, 2, 0) * 255
+    expected = shade_picture(color, normals_of(height, 1.5), Light(200, 35, gloss=0.4)).transpose(1, 2, 0) * 255
     away = np.abs(pixels_in(visited, "#light-stage canvas") - expected)
     assert away.mean() < 1
     assert away.max() < 6

@@ -88,11 +88,11 @@ def test_painting_shows_what_was_trained_to_the_eye():
     renderer = Textured(checkpoint=None)
     parameters = parameters_of(sample_prior(24))
     trained = window_pictures(renderer.train(), parameters, 48)
-    painted = window_pictures(renderer.eval().requires_grad_(False), parameters, 48)
-    covered = [picture[:, 3:] * picture[:, :3] for picture in (trained, painted)]
-    assert (trained - painted)[:, 3].abs().mean() < 2e-3
+    frozen = window_pictures(renderer.eval().requires_grad_(False), parameters, 48)
+    covered = [picture[:, 3:] * picture[:, :3] for picture in (trained, frozen)]
+    assert (trained - frozen)[:, 3].abs().mean() < 2e-3
     assert (covered[0] - covered[1]).abs().mean() < 2e-3
-    assert (trained - painted)[:, 3].abs().max() < 0.1
+    assert (trained - frozen)[:, 3].abs().max() < 0.1
 
 
 def test_painting_follows_the_weights_and_training_reaches_them():
@@ -160,9 +160,9 @@ def test_a_texture_goes_through_beginning_loop_and_end_without_a_seam(length):
     layers = replace(layers, sheets=sheets_of(textures, 1, Loop(96, 96), rounded=False))
     x = torch.linspace(20.5, 19.5 + length, 2000)
     points = torch.stack([x, torch.full_like(x, 20.0)], dim=1)[None]
-    seen = layers.sample(torch.zeros(1, 1, dtype=torch.int64), points)[0][0, 0]
-    assert seen.diff().abs().max() < 0.05
-    tops = ((seen[1:-1] > seen[:-2]) & (seen[1:-1] >= seen[2:]) & (seen[1:-1] > 0.85)).sum()
+    opacity = layers.sample(torch.zeros(1, 1, dtype=torch.int64), points)[0][0, 0]
+    assert opacity.diff().abs().max() < 0.05
+    tops = ((opacity[1:-1] > opacity[:-2]) & (opacity[1:-1] >= opacity[2:]) & (opacity[1:-1] > 0.85)).sum()
     assert tops == layers.repeats[0]
 
 
@@ -235,7 +235,7 @@ def test_a_loop_follows_itself_and_the_end_follows_it():
 def test_textures_too_short_for_their_ends_are_refused():
     with pytest.raises(UserError, match=r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"):
         Textured(rows=128, columns=64, checkpoint=None)
-    painted = window_pictures(
+    pictures = window_pictures(
         Textured(variants=1, rows=128, columns=96, checkpoint=None), parameters_of(sample_prior(3)), 64
     )
-    assert bool((painted[:, 3].flatten(1).amax(1) > 0.5).all())
+    assert bool((pictures[:, 3].flatten(1).amax(1) > 0.5).all())

@@ -53,12 +53,12 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     middles = _flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
     widths, opacity = 2 * scale * half_width_of(strokes).numpy(), strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
-    drawn = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
+    drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
     layer = np.arange(len(strokes)) * machine.layers // max(1, len(strokes))
     grid = _Grid(frame, machine.pen_mm)
-    tops = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
+    tops = [grid.topmost(outlines, drawable & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
     above_all = np.maximum.reduce(tops)
-    candidates = np.flatnonzero(drawn & ((machine.hidden == "draw") | grid.may_be_visible(above_all, outlines)))
+    candidates = np.flatnonzero(drawable & ((machine.hidden == "draw") | grid.may_be_visible(above_all, outlines)))
     lines: list[list[Array]] = [[] for _ in widths]
     for k in with_progress(candidates.tolist(), len(candidates), "strokes filled"):
         filling = _fill_stroke(middles[k], widths[k], machine, frame, grid.cell / 2)

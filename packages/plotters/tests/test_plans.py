@@ -281,8 +281,8 @@ def test_nothing_is_lost_on_a_plotter_that_vpype_knows(tmp_path, plotter):
     device = vpype.config_manager.get_plotter_config(plotter)
     paper = device.paper_config("a4")
     lines = [line * 40 for _, line in read_hpgl(text)]
-    drawn = sum(np.abs(np.diff(line)).sum() for line in lines) * device.plotter_unit_length / vpype.UNITS["mm"]
-    assert drawn == pytest.approx(pen_plan(job, exporter).drawn, rel=0.02)
+    length = sum(np.abs(np.diff(line)).sum() for line in lines) * device.plotter_unit_length / vpype.UNITS["mm"]
+    assert length == pytest.approx(pen_plan(job, exporter).drawn, rel=0.02)
     points = np.concatenate(lines)
     assert paper.x_range[0] <= points.real.min() <= points.real.max() <= paper.x_range[1]
     assert paper.y_range[0] <= points.imag.min() <= points.imag.max() <= paper.y_range[1]

@@ -21,10 +21,10 @@ class Pdf(PrintExporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.sized(job)
+        job = self.scale_to_paper(job)
         path, (height, width) = folder / "painting.pdf", job.size
         across, up = (f"{POINTS * side / (self.density or DPI):.4f}" for side in (width, height))
-        drawn = f"{across} 0 0 {up} 0 0 cm /Picture Do".encode()
+        content = f"{across} 0 0 {up} 0 0 cm /Picture Do".encode()
         image = f"/Type /XObject /Subtype /Image /Width {width} /Height {height} /ColorSpace /DeviceRGB"
         image += " /BitsPerComponent 8 /Interpolate false /Length 6 0 R /Filter /FlateDecode /DecodeParms"
         image += f" << /Predictor {PREDICTOR} /Colors 3 /BitsPerComponent 8 /Columns {width} >>"
@@ -34,14 +34,14 @@ class Pdf(PrintExporter):
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(b"%PDF-1.5\n%\xe2\xe3\xcf\xd3\n")
             places = []
-            for number, text in enumerate([*objects, f"/Length {len(drawn)}", image], start=1):
+            for number, text in enumerate([*objects, f"/Length {len(content)}", image], start=1):
                 places.append(file.tell())
                 file.write(f"{number} 0 obj\n<< {text} >>\n".encode())
                 if number == 4:
-                    file.write(b"stream\n" + drawn + b"\nendstream\n")
+                    file.write(b"stream\n" + content + b"\nendstream\n")
                 if number == 5:
                     file.write(b"stream\n")
-                    length = sum(file.write(piece) for piece in self.packed(job))
+                    length = sum(file.write(piece) for piece in self.pack_rows(job))
                     file.write(b"\nendstream\n")
                 file.write(b"endobj\n")
             places.append(file.tell())

@@ -21,7 +21,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import Impasto, typical_width
-from brushexp.shading.light import normals_of, shaded
+from brushexp.shading.light import normals_of, shade_picture
 from brushexp.strokes.bezier import unfinished
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
@@ -72,8 +72,8 @@ def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
     for now in np.linspace(0, seconds, frames) if frames > 1 else [seconds]:
-        drawn = np.clip((now - begin) / growth, 0, 1)
-        yield drawn if growing else np.floor(drawn)
+        shares = np.clip((now - begin) / growth, 0, 1)
+        yield shares if growing else np.floor(shares)
 
 
 def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
@@ -101,7 +101,7 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
     for color, height in zip(colors, heights, strict=True):
         normals = normals_of(height[0].cpu().numpy(), job.light.depth)
-        yield torch.from_numpy(shaded(color.float().cpu().numpy(), normals, job.light))
+        yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
 
 
 @torch.no_grad()
@@ -113,18 +113,18 @@ def _lay_in_steps(
     Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
     over the paint below, so that each is drawn once, unless the blend is not `layered`.
     """
-    canvas, done = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
+    canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
     strokes = job.strokes[job.bottom_up]
     for share in shares:
         finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
         if job.blend.layered:
-            _lay(canvas, strokes[done:finished], renderer, job.blend, space)
-            done = finished
+            _lay(canvas, strokes[bottom:finished], renderer, job.blend, space)
+            bottom = finished
         picture = canvas
-        if begun > done:
+        if begun > bottom:
             picture = canvas.clone()
-            growing = torch.from_numpy(share[done:begun]).to(strokes.start)
-            _lay(picture, unfinished(strokes[done:begun], growing), renderer, job.blend, space)
+            growing = torch.from_numpy(share[bottom:begun]).to(strokes.start)
+            _lay(picture, unfinished(strokes[bottom:begun], growing), renderer, job.blend, space)
         yield space.decode(picture)
 
 
@@ -140,6 +140,6 @@ def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space
         layers = renderer(strokes[part].moved(shift=(0, -top)))
         layers = layers if space.is_rgb else layers.encoded(space.encode)
         above, size = torch.arange(len(part), device=part.device).flip(0), (rows, canvas.shape[2])
-        painted = blend(layers, above, size, black).image
-        light = (blend(layers, above, size, white).image - painted).mean(0)
-        canvas[:, top : top + rows].mul_(light).add_(painted)
+        paint = blend(layers, above, size, black).image
+        light = (blend(layers, above, size, white).image - paint).mean(0)
+        canvas[:, top : top + rows].mul_(light).add_(paint)

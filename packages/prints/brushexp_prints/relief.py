@@ -11,7 +11,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.shading.light import UNLIT, normals_of, shaded
+from brushexp.shading.light import UNLIT, normals_of, shade_picture
 from brushexp.system.files import replacing, to_bytes, write_picture
 from brushexp.system.runtime import check_memory
 
@@ -43,7 +43,7 @@ class Relief(Exporter):
             rows = slice(top, top + band.shape[1])
             facing = normals_of(height, light.depth, rows)
             normals[rows] = to_bytes(torch.from_numpy(0.5 * facing + 0.5))
-            lit = shaded(band.float().cpu().numpy(), facing, light)
+            lit = shade_picture(band.float().cpu().numpy(), facing, light)
             relief[rows] = to_bytes(torch.from_numpy(lit))
         paths = [folder / name for name in ("relief.png", "height.png", "normals.png")]
         write_picture(paths[0], relief)

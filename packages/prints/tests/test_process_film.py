@@ -139,9 +139,9 @@ def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_wa
     assert (len(frames), rate) == (count, fps)
     assert abs(sum(durations) - 1000 * count / fps) <= 5
     height, width = size
-    for seen, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
-        assert max(seen[0].shape[0] - height, seen[0].shape[1] - width) <= 1
-        first, last = (seen[k][:height, :width].astype(float) for k in (0, -1))
+    for film, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
+        assert max(film[0].shape[0] - height, film[0].shape[1] - width) <= 1
+        first, last = (film[k][:height, :width].astype(float) for k in (0, -1))
         assert round(seconds * fps) < 2 or np.abs(first / 255 - job.saved.background.numpy()).max() < 0.03
         assert np.abs(last - job.picture()).mean() < rough
 

@@ -12,7 +12,7 @@ from PIL import Image
 from scenes import random_strokes
 
 from brushexp.compositing import bands as banding
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import Light, normals_of, shade_picture
 
 
 def painted(n, size):
@@ -41,7 +41,7 @@ def test_the_three_files_agree_with_the_heights(depth, thick_as, tmp_path, caplo
     np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, thick_as), atol=0.006)
     picture = next(replace(job, light=Light()).bands())[1].numpy()
     lit = pixels_of(tmp_path / "relief.png") / 255
-    expected = shaded(picture, normals_of(height, thick_as), Light(200, 30))
+    expected = shade_picture(picture, normals_of(height, thick_as), Light(200, 30))
     np.testing.assert_allclose(lit.transpose(2, 0, 1), expected, atol=0.003)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.pages.replay import recorded_config
-from brushexp.pages.run_page import settings_as_typed
+from brushexp.pages.replay import config_of
+from brushexp.pages.run_page import list_settings
 from brushexp.reporting.tables import escape_markdown, markdown_table
 from brushexp.results.runs import gather
 from brushexp.strokes.storage import load_catalogue
@@ -30,7 +30,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
     lines, counts = ["# Beside the thesis", ""], []
     for name, path in catalogues.items():
-        settings = settings_as_typed(recorded_config(load_catalogue(path)), [])
+        settings = list_settings(config_of(load_catalogue(path)), [])
         rows = list(departures({key: value for key, value, _ in settings}))
         lines += [f"## {escape_markdown(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
         counts.append(len(rows))

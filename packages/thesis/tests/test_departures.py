@@ -6,7 +6,7 @@ from brushexp_thesis.departures import THESIS, departures
 from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
-from brushexp.pages.run_page import settings_as_typed
+from brushexp.pages.run_page import list_settings
 from brushexp.system.reading import read_text, yaml_of
 from brushexp.tasks import paint
 
@@ -16,7 +16,7 @@ OF_THE_THESIS = {row["key"]: row["value"] for row in ROWS if row["value"] != []}
 
 def listed(cfg) -> dict[str, str]:
     """Key -> what the run has instead."""
-    settings = settings_as_typed(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
+    settings = list_settings(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
     return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
 
 

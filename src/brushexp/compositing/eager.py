@@ -41,8 +41,8 @@ def paint_tiles(
 
     def paint(index: Tensor, points: Tensor) -> Tensor:
         alpha, color = layers.sample(index.clamp_min(0), points)
-        painted, light = combine(alpha * (index >= 0)[..., None], color)
-        return painted + light[..., None] * background
+        color_sum, light = combine(alpha * (index >= 0)[..., None], color)
+        return color_sum + light[..., None] * background
 
     per_chunk = max(1, CHUNK // max(1, every.shape[1] * TILE * TILE))
     pieces = []

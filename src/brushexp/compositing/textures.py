@@ -71,9 +71,9 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
     ``rounded``, they are in whole steps of 8 bits, and there are cells for the kernel.
     """
     variants, _, rows, columns = textures.shape
-    sheets = [_ringed(_halved(textures, level)) for level in range(levels)]
+    sheets = [_add_ring(_halve(textures, level)) for level in range(levels)]
     if rounded:
-        sheets = [_rounded(sheet) for sheet in sheets]
+        sheets = [_round_steps(sheet) for sheet in sheets]
     size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)]).repeat(variants, 1)
     size = size.reshape(-1, 2)  # of no texture, too
     counts, scale = (size + 2).prod(1), 0.5 ** torch.arange(levels)[:, None]
@@ -89,7 +89,7 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
     )
 
 
-def _halved(textures: Tensor, times: int) -> Tensor:
+def _halve(textures: Tensor, times: int) -> Tensor:
     if times == 0:
         return textures
     opacity, rest = textures[:, :1], textures[:, 1:]
@@ -97,7 +97,7 @@ def _halved(textures: Tensor, times: int) -> Tensor:
     return torch.cat([covered, counted / covered.clamp_min(1e-6)], dim=1)
 
 
-def _ringed(textures: Tensor) -> Tensor:
+def _add_ring(textures: Tensor) -> Tensor:
     """Add the ring, transparent as the corners are."""
     opacity, rest = functional.pad(textures, (1, 1, 1, 1), mode="replicate").split([1, textures.shape[1] - 1], dim=1)
     rows, columns = textures.shape[2:]
@@ -105,7 +105,7 @@ def _ringed(textures: Tensor) -> Tensor:
     return torch.cat([opacity * may_cover.to(opacity), rest], dim=1)
 
 
-def _rounded(sheet: Tensor) -> Tensor:
+def _round_steps(sheet: Tensor) -> Tensor:
     """Round to whole steps, without the faintest opacities: a stroke's reach is what it costs."""
     steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
     steps[1] = HALF

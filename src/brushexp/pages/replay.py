@@ -61,7 +61,7 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
         data += _quantised(shares, STEPS, "<u2").tobytes()
         columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
-    options = recorded_config(saved).get("renderer")
+    options = config_of(saved).get("renderer")
     edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
     mixed = not job.space.is_rgb
     return {
@@ -107,7 +107,7 @@ def _textured(job: ExportJob) -> TexturedProfile | None:
     return layers if isinstance(layers, TexturedProfile) else None
 
 
-def recorded_config(saved: Saved) -> dict[str, Any]:
+def config_of(saved: Saved) -> dict[str, Any]:
     """Read the config of a run; it is empty unless it is plain data."""
     try:
         config: dict[str, Any] = yaml_of(saved.config)

@@ -14,7 +14,7 @@ from PIL import Image
 
 from brushexp.pages import drawings
 from brushexp.pages.html import embed, page, readable_number
-from brushexp.pages.replay import recorded_config, replay_of
+from brushexp.pages.replay import config_of, replay_of
 from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
@@ -58,7 +58,7 @@ def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = 
 
 def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
     """Make the page of a painting with the curves, the command and the files in the folder of its run."""
-    image = recorded_config(finished.job.saved).get("image")
+    image = config_of(finished.job.saved).get("image")
     return run_page(
         finished,
         name=Path(str(image or folder.resolve().name)).name,
@@ -89,7 +89,7 @@ def run_page(
     Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
-    saved, config = job.saved, recorded_config(job.saved)
+    saved, config = job.saved, config_of(job.saved)
     images = {key: embed_pixels(picture) for key, picture in pictures.items()}
     measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
@@ -109,7 +109,7 @@ def run_page(
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
-        settings=settings_as_typed(config, shlex.split(command or "")[1:]),
+        settings=list_settings(config, shlex.split(command or "")[1:]),
         line=line_of(config),
         command=command,
         files=files,
@@ -192,7 +192,7 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
     return str(embed(light, LARGEST_SIDE, **WEBP)["source"])
 
 
-def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
     """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}

@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
     """Collect what the page shows; ``axes`` are settings that vary: key -> value as typed -> value as shown."""
-    typed = tables.varying(frame)
+    typed = tables.varying_settings(frame)
     axes = {key: {v: name or "not set" for v, name in shorten(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
     targets = {run["target"]: run["folder"] / "target.png" for _, run in frame["run"].iterrows()}

@@ -17,7 +17,7 @@ from brushexp.pictures.decode import open_picture
 from brushexp.reporting.plotting import wrap_text
 from brushexp.results.quantities import digits
 from brushexp.results.runs import shorten
-from brushexp.results.tables import is_album, numbers, run_count, varying
+from brushexp.results.tables import is_album, numbers, run_count, varying_settings
 from brushexp.system.files import write_picture
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
 
 def _rows(frame: DataFrame) -> list[list[SheetCell]]:
     """Arrange the runs of a sweep in rows of cells."""
-    axes = varying(frame)
+    axes = varying_settings(frame)
     if not any("loss" in typed for typed in frame["run", "overrides"]):
         axes.pop("loss", None)  # it follows from another setting
     settings = frame["setting"][list(axes)].fillna("")

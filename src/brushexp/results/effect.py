@@ -11,7 +11,7 @@ from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, LABEL, MARKERS, SIZE, TALLEST
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import differences, shorten
-from brushexp.results.tables import over_seeds, run_count, varying
+from brushexp.results.tables import over_seeds, run_count, varying_settings
 
 # One panel each: the first of these metrics that some run has.
 PANELS = (
@@ -29,7 +29,7 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
     A table has a row per value, rising if all are numbers, and columns ("mean", metric) and ("std", metric). None if
     there is nothing to compare, or if hardly any combination was run: a list of settings has its front, see `pareto`.
     """
-    axes = {k: values for k, values in varying(frame[frame["run", "label"].notna()]).items() if k != "seed"}
+    axes = {k: values for k, values in varying_settings(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
         return None
     across = max(axes, key=lambda key: len(axes[key]))
@@ -67,11 +67,12 @@ def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
     figure = plotting.new_figure(SIZE[1] if numeric else min(TALLEST, max(SIZE[1], 1.6 + row * len(table))))
     panels = figure.subplots(1, len(metrics), squeeze=False, sharey=not numeric)[0]
     for axes, metric in zip(panels, metrics, strict=True):
-        _draw(axes, *(table.xs((part, metric), axis=1, level=(1, 2)) for part in ("mean", "std")), metric)
+        mean, spread = (table.xs((part, metric), axis=1, level=(1, 2)) for part in ("mean", "std"))
+        _draw(axes, mean, spread, metric)
     if not numeric:
         panels[0].set_ylabel(plotting.label_lines(table.index.name, 40))
-    spread = bool(table.xs("std", axis=1, level=1).notna().any(axis=None))
-    plotting.add_title(figure, folder, run_count(frame) + "; mean and standard deviation over seeds" * spread)
+    has_spread = bool(table.xs("std", axis=1, level=1).notna().any(axis=None))
+    plotting.add_title(figure, folder, run_count(frame) + "; mean and standard deviation over seeds" * has_spread)
     if len(series) > 1:
         columns = max(1, min(len(series), 180 // (max(map(len, series)) + 6)))
         handles = panels[0].get_legend_handles_labels()

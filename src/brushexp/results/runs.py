@@ -81,8 +81,8 @@ def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
     losses = [{"loss": result["loss"]} if result.get("loss") else {} for result in results.values()]
     settings = [run["overrides"] | loss for run, loss in zip(runs, losses, strict=True)]
     metrics = [_metrics(result) for result in results.values()]
-    parts = {"run": (runs, "image", "label"), "setting": (settings, "seed"), "metric": (metrics, "psnr", "seconds")}
-    frame = pd.concat({name: _part(*part) for name, part in parts.items()}, axis=1).set_axis(list(results))
+    parts = [_part(runs, "image", "label"), _part(settings, "seed"), _part(metrics, "psnr", "seconds")]
+    frame = pd.concat(parts, axis=1, keys=["run", "setting", "metric"]).set_axis(list(results))
     finished = ~frame["run", "status"].isin(UNFINISHED)
     painted = finished & numbers(frame)[["psnr", "seconds"]].notna().all(axis=1)
     images = frame[painted].groupby(frame["run", "target"], sort=False) if painted.any() else [("", frame[finished])]

@@ -34,14 +34,14 @@ def write_run_tables(folder: Path, frame: DataFrame) -> None:
 def runs_table(frame: DataFrame) -> DataFrame:
     """Make a row per run: the settings that vary, how it ended, and the metrics that are shown."""
     metrics = shown_metrics(frame)
-    settings = _settings(frame, list(varying(frame)), ["run", "status", *metrics]).fillna("")
+    settings = _settings(frame, list(varying_settings(frame)), ["run", "status", *metrics]).fillna("")
     errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
     return settings.assign(status=frame["run", "status"] + errors).join(metrics).rename_axis("run").reset_index()
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
     """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if seeds do not vary."""
-    keys = list(varying(frame))
+    keys = list(varying_settings(frame))
     if "seed" not in keys:
         return None
     means = over_seeds(frame)
@@ -56,7 +56,7 @@ def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> Dat
     return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in others})
 
 
-def varying(frame: DataFrame) -> dict[str, list[str]]:
+def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
     """List the settings in which runs differ, and the values of each in order of appearance; "" where not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
@@ -64,7 +64,7 @@ def varying(frame: DataFrame) -> dict[str, list[str]]:
 
 def is_album(frame: DataFrame) -> bool:
     """Tell whether each of several runs has painted a picture of its own by the same settings."""
-    return bool(frame["run", "target"].is_unique) and list(varying(frame)) == ["image"]
+    return bool(frame["run", "target"].is_unique) and list(varying_settings(frame)) == ["image"]
 
 
 def numbers(frame: DataFrame) -> DataFrame:

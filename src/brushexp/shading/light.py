@@ -67,7 +67,7 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
     return np.stack([-gx, gy, np.ones_like(gx)]) / np.sqrt(gx * gx + gy * gy + 1)
 
 
-def shaded(color: Array, normals: Array, light: Light) -> Array:
+def shade_picture(color: Array, normals: Array, light: Light) -> Array:
     """Shade a display-referred picture (3, H, W) in [0, 1] under a light, by the formula above."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)

@@ -30,8 +30,8 @@ class Dense(Blend):
         self.check(len(front_to_back), size)
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
         alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, C)
-        painted, light = over(alpha, color)
-        image = (painted + light[..., None] * background)[0].T.reshape(-1, height, width)
+        paint, light = over(alpha, color)
+        image = (paint + light[..., None] * background)[0].T.reshape(-1, height, width)
         if target is None:
             return Canvas(image)
         goal = target.reshape(3, -1).T[None, None]  # (1, 1, P, 3)
@@ -49,5 +49,5 @@ def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """
     light = torch.cumprod(1 - alpha, dim=1)
     above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)
-    painted = ((above * alpha)[..., None] * color).sum(1)
-    return painted, light[:, -1] if alpha.shape[1] else torch.ones_like(alpha[:, :0].sum(1))
+    paint = ((above * alpha)[..., None] * color).sum(1)
+    return paint, light[:, -1] if alpha.shape[1] else torch.ones_like(alpha[:, :0].sum(1))

@@ -23,7 +23,7 @@ DARK = TOE ** (1 / 3)
 RANGE = (1 + TOE) ** (1 / 3) - DARK
 
 
-def cubed(channels: Tensor) -> Tensor:
+def cone_responses(channels: Tensor) -> Tensor:
     """Compute the responses of the cones from channels."""
     return (channels * RANGE + DARK) ** 3 - TOE
 
@@ -40,7 +40,7 @@ def _slope(x):
     return F(3 * RANGE) * y * y
 
 
-DECODER = Decoder(torch.linalg.inv(CONES), cubed, _cubed, _slope)
+DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cubed, _slope)
 
 
 @register("color", "oklab")

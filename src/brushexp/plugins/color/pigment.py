@@ -31,7 +31,7 @@ DEEPEST = 0.01  # share that the blackest paint reflects: what black does to oth
 DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
 
-def reflected(channels: Tensor) -> Tensor:
+def reflectances_of(channels: Tensor) -> Tensor:
     """Compute shares of reflected light from channels."""
     return (1 + DEEPEST) * (DEPTH * (channels - 1)).exp() - DEEPEST
 
@@ -57,7 +57,7 @@ def _slope(x):
     return F(DEPTH * (1 + DEEPEST)) * _power(x)
 
 
-DECODER = Decoder(SEEN, reflected, _reflected, _slope)
+DECODER = Decoder(SEEN, reflectances_of, _reflected, _slope)
 
 
 @register("color", "pigment")

@@ -18,7 +18,7 @@ from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.shading.height import heights
-from brushexp.shading.light import BOUNDS, UNLIT, Light, normals_of, shaded
+from brushexp.shading.light import BOUNDS, UNLIT, Light, normals_of, shade_picture
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.saved import Saved
 from brushexp.system.files import to_bytes
@@ -109,7 +109,7 @@ class ExportJob:
             else:
                 colors = flat[:, top : top + rows]
             facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
-            yield top, torch.from_numpy(shaded(colors.float().cpu().numpy(), facing, self.light))
+            yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
 
 
 def export_job(

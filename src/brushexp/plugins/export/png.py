@@ -20,7 +20,7 @@ class Png(PrintExporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.sized(job)
+        job = self.scale_to_paper(job)
         path, (height, width) = folder / "painting.png", job.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
@@ -28,6 +28,6 @@ class Png(PrintExporter):
             if self.density:
                 metre = round(100 * self.density / CM)
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
-            file.writelines(chunk(b"IDAT", piece) for piece in self.packed(job) if piece)
+            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job) if piece)
             file.write(chunk(b"IEND", b""))
         return [path]

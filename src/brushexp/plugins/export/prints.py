@@ -14,7 +14,7 @@ from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS
-from brushexp.shading.light import normals_of, shaded
+from brushexp.shading.light import normals_of, shade_picture
 from brushexp.system.files import to_bytes
 
 CM = 2.54  # centimetres in an inch
@@ -52,7 +52,7 @@ class PrintExporter(Exporter):
         """Pixels per inch that the file states; None if it states none."""
         return self.dpi or (None if self.size_cm is None else DPI)
 
-    def sized(self, job: ExportJob) -> ExportJob:
+    def scale_to_paper(self, job: ExportJob) -> ExportJob:
         """Scale the painting to its size on paper; a UserError if that has too many pixels."""
         if self.size_cm is None:
             return job
@@ -63,7 +63,7 @@ class PrintExporter(Exporter):
             raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
         return job.scaled(pixels / max(job.size))
 
-    def packed(self, job: ExportJob) -> Iterator[bytes]:
+    def pack_rows(self, job: ExportJob) -> Iterator[bytes]:
         """Pack the picture as PNG (ISO/IEC 15948) and PDF store it: filtered rows, as pieces of a zlib stream."""
         width = job.size[1]
         packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
@@ -82,7 +82,7 @@ class PrintExporter(Exporter):
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
         height = weave_height(top - 1, band.shape[1] + 2, band.shape[2] + 2, pitch)
         facing = normals_of(height, self.weave, slice(1, -1))[:, :, 1:-1]
-        return torch.from_numpy(shaded(band.float().cpu().numpy(), facing, replace(job.light, gloss=0.0)))
+        return torch.from_numpy(shade_picture(band.float().cpu().numpy(), facing, replace(job.light, gloss=0.0)))
 
 
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
