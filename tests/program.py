@@ -31,16 +31,11 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """``brushexp`` with overrides; used as a `subprocess.Popen` is.
+    """``brushexp`` with overrides in the folder ``cwd``; used as a `subprocess.Popen` is.
 
-    Args:
-        overrides: words of the command line.
-        cwd: folder that it runs in.
-        kill: which file the run is about to move to its place when it gets a signal: the end of its path, and the how
-            manieth of those; True: after that.
-        sent: the signal.
-        patched: constants of `brushexp.training.writer` that are other numbers.
-        environment: what is added to the environment.
+    The program gets the signal ``sent`` when it moves a file to its place: ``kill`` is the end of the file's path, a
+    count of such files, and whether the signal comes after the move. ``patched`` are constants of
+    `brushexp.training.writer`.
     """
 
     def __init__(
@@ -48,17 +43,11 @@ class Program:
         patched: dict[str, int] | None = None, **environment: str,
     ) -> None:  # fmt: skip
         self.args = ["brushexp", *in_plain(overrides)]
-        self._said = Path(tempfile.mkdtemp())
+        self._outputs = Path(tempfile.mkdtemp())
+        environment = {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment}
         disturbed = (*kill, sent) if kill else None
-        words = (
-            self.args,
-            str(cwd),
-            {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment},
-            self._said,
-            disturbed,
-            patched or {},
-        )
-        self._process = FORKS.Process(target=_main, args=words)
+        arguments = (self.args, str(cwd), environment, self._outputs, disturbed, patched or {})
+        self._process = FORKS.Process(target=_main, args=arguments)
         self._process.start()
 
     @property
@@ -78,8 +67,8 @@ class Program:
         if self.poll() is None:
             self._process.kill()
             raise TimeoutExpired(self.args, timeout)
-        out, err = ((self._said / name).read_text(errors="replace") for name in ("out", "err"))
-        shutil.rmtree(self._said)
+        out, err = ((self._outputs / name).read_text(errors="replace") for name in ("out", "err"))
+        shutil.rmtree(self._outputs)
         return out, err
 
 
@@ -101,10 +90,10 @@ def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
 def ended(
     cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.SIGKILL, **patched: int
 ) -> tuple[int, str]:
-    """Exit code (negative: the signal that ended it) and output of the program, which may be killed; see `Program`."""
+    """Return the exit code (negative: the signal that ended it) and the output of the program; see `Program`."""
     program = Program(*words, cwd=cwd, kill=kill, sent=sent, patched=patched)
-    said = "".join(program.communicate())
-    return program.returncode, said
+    output = "".join(program.communicate())
+    return program.returncode, output
 
 
 def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> None:
@@ -123,18 +112,18 @@ def ask(
     connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
     connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
-    found = answer.status, answer.read(), dict(answer.getheaders())
+    response = answer.status, answer.read(), dict(answer.getheaders())
     connection.close()
-    return found
+    return response
 
 
 def _main(
-    words: list[str], folder: str, environment: dict[str, str], said: Path,
+    words: list[str], folder: str, environment: dict[str, str], outputs: Path,
     disturbed: tuple[str, int, bool, int] | None, patched: dict[str, int],
 ) -> None:  # fmt: skip
-    """What a fork does: ``python -W ignore::FutureWarning`` with these words."""
+    """Run in a fork what ``python -W ignore::FutureWarning`` would with these words."""
     for number, name in ((1, "out"), (2, "err")):
-        os.dup2(os.open(said / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
+        os.dup2(os.open(outputs / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)

@@ -9,25 +9,23 @@ from sweeps import collect, make_run, write_words
 from brushexp.errors import UserError
 from brushexp.results.anytime_curves import curve_from, leaders, mean_curve, quality_at, time_to, write_anytime
 from brushexp.results.runs import gather
-from brushexp.system.files import write_text
+from brushexp.tasks import compare as task
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
 NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15.0], [2.0, 25.0]]}
 
 
 def single_run(folder: Path, *words: str, **numbers: object) -> Path:
-    """What ``brushexp`` leaves."""
+    """Write the files of a run."""
     make_run(folder.parent, {}, name=folder.name, target=100, **(NUMBERS | numbers))
     write_words(folder, *words)
-    write_text(folder / ".hydra" / "config.yaml", "image: chelsea\n")
     return folder
 
 
-def sweep(folder: Path, *settings: str, **numbers: object) -> Path:
-    """What ``brushexp -m`` leaves, one override a job."""
+def sweep(folder: Path, *settings: str, **numbers: object) -> None:
+    """Write the files of a sweep with one override a job."""
     for k, setting in enumerate(settings):
         single_run(folder / str(k), setting, loss="mse", **numbers)
-    return folder
 
 
 def test_quality_at_a_time_is_the_best_so_far_and_time_to_a_quality_the_first():
@@ -87,9 +85,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 
 @pytest.fixture
 def compare(tmp_path, config):
-    """The task in this process; it returns the folder and the numbers."""
-    from brushexp.tasks import compare as task  # noqa: PLC0415
-
+    """Run the task in this process; it returns the folder and the figures."""
     folder = tmp_path / "compared"
 
     def run(*overrides: str):

@@ -63,8 +63,8 @@ def resumed(config, tmp_path, monkeypatch):
 def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
     photo = tmp_path / "photo (1).png"
     Image.new("RGB", (40, 30), "navy").save(photo)
-    kept = resumed(begun=[f"image='{photo}'", "steps=900"])
-    assert (kept.image, kept.steps) == (str(photo), 900)
+    restored = resumed(begun=[f"image='{photo}'", "steps=900"])
+    assert (restored.image, restored.steps) == (str(photo), 900)
     with pytest.raises(UserError, match="drop steps=9"):
         resumed("steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
@@ -80,13 +80,13 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_
 
     simulate(40)
     assert resumed(task="train", begun=[f"data={place}"]).data == [str(place)]
-    simulate(60)
-    with pytest.raises(UserError, match="set has 60 strokes of seed 0 now, and the run began with 40 of seed 0; put"):
-        resumed(task="train")
-    shutil.rmtree(place)
-    simulate(40, seed=1)
-    with pytest.raises(UserError, match="set has 40 strokes of seed 1 now, and the run began with 40 of seed 0; put"):
-        resumed(task="train")
+    for n, seed in ((60, 0), (40, 1)):
+        if seed:
+            shutil.rmtree(place)
+        simulate(n, seed)
+        now = f"set has {n} strokes of seed {seed} now, and the run began with 40 of seed 0; put"
+        with pytest.raises(UserError, match=now):
+            resumed(task="train")
 
 
 @pytest.mark.parametrize(
@@ -133,8 +133,8 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     breaking.taken = lambda: broken.schedule.step
     trainer = fit(broken)
     assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
-    said = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"
-    assert broken.trouble == f"step 3: {said}"
+    trouble = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"
+    assert broken.trouble == f"step 3: {trouble}"
     for name, value in broken.strokes().items():
         torch.testing.assert_close(value, getattr(before.strokes(), name), atol=1e-6, rtol=1e-6)
 
@@ -159,18 +159,15 @@ class Spilling(Blend):
         return Canvas(image + (torch.nan if self.how == "nan" else slope))
 
 
-@pytest.mark.parametrize(
-    ("parts", "said"),
-    [
-        ({"renderer": Spoilt()}, "renderer=Spoilt makes stroke 2 of numbers that are not finite"),
-        ({"blend": Spilling("nan")}, "blend=Spilling makes a picture that is not finite"),
-        ({"blend": Spilling("gradient")}, "the gradient of blend=Spilling is not finite"),
-    ],
-)
-def test_who_made_the_first_number_that_is_none_is_named(parts, said):
+@pytest.mark.parametrize(("parts", "trouble"), [
+    ({"renderer": Spoilt()}, "renderer=Spoilt makes stroke 2 of numbers that are not finite"),
+    ({"blend": Spilling("nan")}, "blend=Spilling makes a picture that is not finite"),
+    ({"blend": Spilling("gradient")}, "the gradient of blend=Spilling is not finite"),
+])  # fmt: skip
+def test_the_part_that_made_the_first_number_that_is_not_finite_is_named(parts, trouble):
     painter = painter_of(steps=3, **parts)
     fit(painter)
-    assert (painter.stop, painter.trouble) == (DIVERGED, f"step 1: {said}")
+    assert (painter.stop, painter.trouble) == (DIVERGED, f"step 1: {trouble}")
 
 
 def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):
@@ -180,8 +177,6 @@ def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):
     assert not (tmp_path / "it").exists()
     with pytest.raises(UserError, match=r"holds an interpolation, \$\{\.\.\.\}; write the value"):
         build_named("optimizer", "torch", {"name": "${oc.env:HOME}"})
-    with pytest.raises(UserError, match="is not among the plugins"):
-        build_named("optimizer", "pathlib.Path", {})
 
 
 def test_every_field_is_watched():
@@ -190,11 +185,11 @@ def test_every_field_is_watched():
     for name in FIELDS:
         if painter.catalogue.units[name]:
             value = getattr(painter.catalogue, name)
-            kept = value.detach().clone()
+            before = value.detach().clone()
             with torch.no_grad():
                 value.view(-1)[-1] = torch.inf
                 assert not painter.catalogue.is_finite(), name
-                value.copy_(kept)
+                value.copy_(before)
 
 
 TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", "frames=0", "report=false"]
@@ -207,10 +202,7 @@ PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3
     (SystemExit(0), r"ends the program \(exit code 0\)"),
     (MemoryError(), "there is not enough memory; take a smaller resolution= or strokes="),
     (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
-    (
-        OSError(errno.ENOSPC, "No space left on device"),
-        "cannot write into .*: No space left on device; choose another",
-    ),
+    (OSError(errno.ENOSPC, "No space left"), "cannot write into .*: No space left; choose another"),
     (None, "step 4: loss=mse is nan; .* lower the rate, or choose others"),
 ], ids=["bug", "exit", "memory", "torch", "disk", "nan"])  # fmt: skip
 def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, message, run_task, tmp_path, monkeypatch):
@@ -261,25 +253,20 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
     assert not list(tmp_path.glob(TEMPORARY))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["task=export", "catalogue=c.h5", "to=relief", "resolution=30000"],
-            r"to=relief: 9000 x 30000 .* resolution=",
-        ),
-        (["task=export", "catalogue=c.h5", "to=gcode", "to.gcode.width_mm=900"], r"900 is too wide for"),
-        (["task=export", "catalogue=other.h5"], r"renderer\.width=-3"),
-        (["task=export", "catalogue=c.h5", "to=gcode", "to.gcode.change=T{x}"], r"more than {tool} and {color}"),
-        (["task=train", "engine=disc", "batch_size=200000"], r"batch_size=200000 strokes of .* smaller batch_size="),
-        (["task=simulate", "engine=disc", "engine.window=256"], r"2048 strokes of 256 x 256 .* smaller engine.window="),
-        (["blend=dense", "strokes=100000", "resolution=512"], r"blend=dense would hold 100000 strokes at 262144"),
-        (["style=astronaut", "style.loss.scale=0.02", "resolution=512"], r"has 10 x 10 pixels .* needs 32 x 32"),
-        (["resolution=1000"], r" strokes on 1000 x 1000 .* at least 0.5 GB .* 0.4 GB .* smaller resolution="),
-        (["renderer=neural", "strokes=9000"], r"take at least 1.2 GB .* fewer strokes= or sampler=patches"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    ("task=export catalogue=c.h5 to=relief resolution=30000", r"to=relief: 9000 x 30000 .* resolution="),
+    ("task=export catalogue=c.h5 to=gcode to.gcode.width_mm=900", r"900 is too wide for"),
+    ("task=export catalogue=other.h5", r"renderer\.width=-3"),
+    ("task=export catalogue=c.h5 to=gcode to.gcode.change=T{x}", r"more than {tool} and {color}"),
+    ("task=train engine=disc batch_size=200000", r"batch_size=200000 strokes of .* smaller batch_size="),
+    ("task=simulate engine=disc engine.window=256", r"2048 strokes of 256 x 256 .* smaller engine.window="),
+    ("blend=dense strokes=100000 resolution=512", r"blend=dense would hold 100000 strokes at 262144"),
+    ("style=astronaut style.loss.scale=0.02 resolution=512", r"has 10 x 10 pixels .* needs 32 x 32"),
+    ("resolution=1000", r" strokes on 1000 x 1000 .* at least 0.5 GB .* 0.4 GB .* smaller resolution="),
+    ("renderer=neural strokes=9000", r"take at least 1.2 GB .* fewer strokes= or sampler=patches"),
+])  # fmt: skip
 def test_what_has_no_room_is_refused_before_any_job_starts(words, message, config, monkeypatch, tmp_path):
+    words = words.split()
     monkeypatch.chdir(tmp_path)
     save_catalogue(Path("c.h5"), PLAIN)
     save_catalogue(Path("other.h5"), replace(PLAIN, renderer="neural", config="renderer: {width: -3}"))

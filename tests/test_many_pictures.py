@@ -17,7 +17,7 @@ from brushexp.config.words import parse_value, verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
-from brushexp.runs.sweep_jobs import SUBFOLDER, place_of
+from brushexp.runs.sweep_jobs import SUBFOLDER, override_value
 from brushexp.system import device, runtime
 
 pytestmark = pytest.mark.slow
@@ -169,7 +169,7 @@ def test_names_of_folders_are_plain_and_differ_and_are_read_as_they_are():
     assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
     assert len(set(subfolders_for(["a/x.png", "b/x.png", "c/x_png_2.png"]))) == 3
     for name in ("a", "1_0", "20240105_123456", "2024.10", "null", "été", "1e5", "true"):
-        assert place_of(SUBFOLDER + verbatim(name)) == name
+        assert override_value(SUBFOLDER + verbatim(name)) == name
 
 
 def test_jobs_are_processes(monkeypatch):

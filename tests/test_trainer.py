@@ -35,17 +35,13 @@ from brushexp.tasks import train
 from brushexp.training import network_module, renderer_module, stroke_data
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.dataset import Origin
-from brushexp.training.evaluation import (
-    error_figures,
-    error_sums,
-    premultiply,
-    squared_error,
-)
+from brushexp.training.evaluation import error_figures, error_sums, premultiply, squared_error
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balance, relativistic_loss
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
-QUIET = dict.fromkeys(("enable_progress_bar", "enable_model_summary"), False)
+OPTIONS = dict.fromkeys(("enable_progress_bar", "enable_model_summary", "logger"), False)
+OPTIONS |= {"accelerator": "cpu", "num_sanity_val_steps": 0}
 CRITIC = RendererSettings(critic=True, critic_width=4)
 
 
@@ -56,9 +52,8 @@ class Small(PatchRenderer):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers = nn.Sequential(
-            nn.Linear(10, 32), nn.BatchNorm1d(32), nn.ReLU(), nn.Linear(32, 4 * SIDE * SIDE), nn.Sigmoid()
-        )
+        hidden = nn.Linear(10, 32), nn.BatchNorm1d(32), nn.ReLU()
+        self.layers = nn.Sequential(*hidden, nn.Linear(32, 4 * SIDE * SIDE), nn.Sigmoid())
 
     def draw(self, parameters):
         return self.layers(parameters).reshape(-1, 4, SIDE, SIDE)
@@ -96,25 +91,24 @@ def module_of(settings: RendererSettings | None = None, seed: int = 3) -> Render
 
 
 def fit(module, data=None, *callbacks, resume=None, **options):
-    quiet = QUIET | {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)}
-    options = {"accelerator": "cpu", "logger": False, "num_sanity_val_steps": 0, **quiet, **options}
-    trainer = L.Trainer(callbacks=list(callbacks), **options)
+    writes = any(isinstance(callback, Checkpoint) for callback in callbacks)
+    trainer = L.Trainer(callbacks=list(callbacks), enable_checkpointing=writes, **(OPTIONS | options))
     trainer.fit(module, data or Strokes(), ckpt_path=resume)
     return trainer
 
 
 class Rates(L.Callback):
-    """Notes the learning rates that steps are taken with."""
+    """Note the learning rate of each step."""
 
     def __init__(self):
-        self.taken = []
+        self.rates = []
 
     def on_before_optimizer_step(self, trainer, pl_module, optimizer):
-        self.taken.append(optimizer.param_groups[0]["lr"])
+        self.rates.append(optimizer.param_groups[0]["lr"])
 
 
 class StopAt(L.Callback):
-    """Presses Ctrl-C, so to say, after so many steps."""
+    """Interrupt a fit after so many steps."""
 
     def __init__(self, step):
         self.step = step
@@ -142,18 +136,17 @@ def test_a_few_strokes_are_learned_and_validated():
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
 def test_so_many_steps_in_half_precision_are_taken_and_validated_in_32_bit_weights(settings):
-    seen = []
+    dtypes = set()
 
     class Watch(L.Callback):
         def on_validation_batch_end(self, trainer, pl_module, outputs, *_):
-            seen.append(outputs.dtype)
+            dtypes.add(outputs.dtype)
 
     module, rates = module_of(settings), Rates()
-    assert fit(module, None, Watch(), rates, max_steps=7, precision="bf16-mixed").global_step == 7 == len(rates.taken)
+    assert fit(module, None, Watch(), rates, max_steps=7, precision="bf16-mixed").global_step == 7 == len(rates.rates)
     assert module.progress == 1
     assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
-    assert {value.dtype for value in module.parameters()} == {torch.float32}
-    assert set(seen) == {torch.float32}
+    assert {value.dtype for value in module.parameters()} == dtypes == {torch.float32}
     assert math.isfinite(module.figures["l2"])
 
 
@@ -161,16 +154,13 @@ def test_the_rate_rises_and_falls_to_its_end(monkeypatch):
     monkeypatch.setattr(network_module, "WARMUP_STEPS", 20)
     rates = Rates()
     fit(module_of(RendererSettings(lr=1.0)), Strokes(8), rates, max_epochs=50)
-    taken = rates.taken
-    peak = taken.index(max(taken))
-    assert taken[0] == 0.05
-    assert 0.9 < max(taken) <= 1
-    assert taken[: peak + 1] == sorted(taken[: peak + 1])
-    assert taken[peak:] == sorted(taken[peak:], reverse=True)
-    assert taken[-1] < 0.02
+    first, *_, last = curve = rates.rates
+    peak = curve.index(max(curve))
+    assert (first, 0.9 < curve[peak] <= 1, last < 0.02) == (0.05, True, True)
+    assert curve == sorted(curve[: peak + 1]) + sorted(curve[peak + 1 :], reverse=True)
     unlimited = Rates()
     fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(23), max_epochs=-1)
-    assert unlimited.taken[-1] == 1, "without a limit it stays up"
+    assert unlimited.rates[-1] == 1, "without a limit it stays up"
 
 
 @pytest.mark.parametrize("wrong", ["loss", "gradient", "critic"])
@@ -198,8 +188,8 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
     reason = {"loss": "loss/l2 is nan", "gradient": "the gradient is not finite", "critic": "loss/critic is nan"}
     assert (module.stop, module.global_step) == (DIVERGED, 3)
     assert module.trouble == f"step 3: {reason[wrong]}"
-    for (name, weight), known in zip(module.named_parameters(), before.parameters(), strict=True):
-        assert name.startswith("critic") or torch.equal(weight, known), name
+    for (name, weight), expected in zip(module.named_parameters(), before.parameters(), strict=True):
+        assert name.startswith("critic") or torch.equal(weight, expected), name
 
 
 def test_strokes_are_counted_where_gradients_are_accumulated():
@@ -219,17 +209,16 @@ def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
             if validating and trainer.state.fn == "fit":
                 raise RuntimeError("no memory")
 
-    left, module, average = module_of(), module_of(), MovingAverage(0.9)
-    fit(left, None, MovingAverage(0.9), StopAt(4 if validating else 3), max_epochs=1)
-    options = QUIET | {"accelerator": "cpu", "logger": False, "num_sanity_val_steps": 0}
-    trainer = L.Trainer(callbacks=[average, Fail()], max_epochs=1, **options)
+    stopped, module, average = module_of(), module_of(), MovingAverage(0.9)
+    fit(stopped, None, MovingAverage(0.9), StopAt(4 if validating else 3), max_epochs=1)
+    trainer = L.Trainer(callbacks=[average, Fail()], max_epochs=1, **OPTIONS)
     with pytest.raises(RuntimeError, match="no memory"):
         trainer.fit(module, Strokes())
     trainer.validate(module, Strokes(), verbose=False)
     assert module.global_step == (4 if validating else 3)
-    torch.testing.assert_close(module.state_dict(), left.state_dict(), rtol=0, atol=0)
+    torch.testing.assert_close(module.state_dict(), stopped.state_dict(), rtol=0, atol=0)
     figures = module.figures
-    L.Trainer(**options).validate(module, Strokes(), verbose=False)
+    L.Trainer(**OPTIONS).validate(module, Strokes(), verbose=False)
     assert module.figures == figures
 
 
@@ -288,15 +277,11 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
 
 def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
     monkeypatch.setattr(renderer_module, "START_STEPS", 2)
-    restart, module = (
-        renderer_module.FreshStart(Small),
-        SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=2),
-    )
-    restart.on_train_batch_end(None, module, None, strokes(1), 0)
-    assert (restart.restarts, restart.lives) == (0, False)
-    module.global_step = 3
-    restart.on_train_batch_end(None, module, None, strokes(8), 0)
-    assert (restart.restarts, restart.lives) == (0, True)
+    restart = renderer_module.FreshStart(Small)
+    for step, n in ((2, 1), (3, 8)):
+        module = SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=step)
+        restart.on_train_batch_end(None, module, None, strokes(n), 0)
+        assert (restart.restarts, restart.lives) == (0, n == 8)
 
 
 def test_the_critic_pulls_as_hard_as_its_weight_says():
@@ -324,8 +309,8 @@ def test_the_loss_and_its_gradient_are_finite_for_any_score(score, dtype):
     loss.backward()
     assert bool(real.grad.isfinite().all())
     assert bool(drawn.grad.isfinite().all())
-    wanted = 2 * torch.tensor(-2 * score, dtype=torch.float64).exp().log1p() if score >= 0 else 4e4
-    assert float(loss.detach()) == pytest.approx(float(wanted), rel=1e-2, abs=1e-3)
+    expected = 2 * torch.tensor(-2 * score, dtype=torch.float64).exp().log1p() if score >= 0 else 4e4
+    assert float(loss.detach()) == pytest.approx(float(expected), rel=1e-2, abs=1e-3)
 
 
 @pytest.mark.parametrize("window", [16, 64, 128])
@@ -340,14 +325,10 @@ def test_the_critic_gives_one_score_a_picture(window):
     assert float(pictures.grad.abs().sum()) > 0
 
 
-def test_a_renderer_that_cannot_be_trained_is_refused():
-    with pytest.raises(UserError, match="try renderer=neural"):
-        RendererModule(Analytic(), SIDE, RendererSettings())
-    with pytest.raises(UserError, match=r"set renderer.window=64"):
-        RendererModule(Small(), 64, RendererSettings())
-
-
-def test_what_cannot_be_trained_is_refused_before_it_starts(config, stored, tmp_path):
+def test_what_cannot_be_trained_is_refused_before_it_starts(config):
+    for renderer, window, cure in ((Analytic(), SIDE, "try renderer=neural"), (Small(), 64, "set renderer.window=64")):
+        with pytest.raises(UserError, match=cure):
+            RendererModule(renderer, window, RendererSettings())
     with pytest.raises(UserError, match=r"critic=true halves .* which 48 do not lead to; .*engine.window=64"):
         check(config("task=train", "critic=true", "engine.window=48", "renderer.window=48"))
     for brushes, message in ((8, None), (16, None), (1, None), (12, "set renderer.brushes=8")):
@@ -361,8 +342,8 @@ def test_what_cannot_be_trained_is_refused_before_it_starts(config, stored, tmp_
 
 
 def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
-    assert train.enlarged(Origin("disc", {"window": 64}, 64)).window == 512
-    assert train.enlarged(Origin("wash", {"window": 64}, 64)).window == 1024
+    assert train.large_engine(Origin("disc", {"window": 64}, 64)).window == 512
+    assert train.large_engine(Origin("wash", {"window": 64}, 64)).window == 1024
     small = ("renderer.variants=1", "renderer.rows=16", "renderer.columns=32")
     data = SimpleNamespace(origin=Origin("disc", {"window": 64}, 64), first_seed=0)
     before = build_named("renderer", "textured", {"variants": 1, "rows": 16, "columns": 32, "checkpoint": None})
@@ -418,9 +399,9 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
     path = tmp_path / "neural.safetensors"
     recipe = RENDERERS.read_recipe(path)
-    kept = json.loads((tmp_path / "metrics.json").read_text())
-    assert kept["psnr_alpha"] == recipe["figures"]["test"]["psnr_alpha"]
-    assert kept["fid_effl0"] > 0
+    written = json.loads((tmp_path / "metrics.json").read_text())
+    assert written["psnr_alpha"] == recipe["figures"]["test"]["psnr_alpha"]
+    assert written["fid_effl0"] > 0
     assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
     assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
     loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
@@ -431,10 +412,10 @@ def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, con
     caplog.set_level(logging.INFO)
     words = ["renderer=inverse_vgg", "renderer.width=4", "renderer.widest=8", "renderer.coordconv=none"]
     trained("epochs=0", "fid=0", "renderer.dense=[6,5]", "renderer.tint=false", *words)
-    told = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
+    command = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
     weights = f"renderer.checkpoint={tmp_path / 'inverse_vgg.safetensors'}"
-    assert set(told) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
-    assert build(config(*told).renderer).weights_hash
+    assert set(command) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
+    assert build(config(*command).renderer).weights_hash
 
 
 def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):
@@ -459,14 +440,13 @@ def test_training_goes_on_from_a_checkpoint_and_zero_epochs_only_measure(trained
 def test_a_set_is_simulated_once_and_kept(config, tmp_path):
     def paths(*more: str) -> list[Path]:
         cfg = config("task=train", "engine=disc", "simulate=40", "epochs=1", f"sets={tmp_path}", *more)
-        return [found.path for found in stroke_data.stroke_data(cfg).sets]
+        return [one.path for one in stroke_data.stroke_data(cfg).sets]
 
     (path,) = paths()
     before = {file: file.stat().st_mtime_ns for file in path.glob("*.h5")}
     assert paths() == [path]
     assert {file: file.stat().st_mtime_ns for file in path.glob("*.h5")} == before
-    assert paths("seed=1") != [path]
-    assert paths("engine.window=128") != [path]
+    assert [path] not in (paths("seed=1"), paths("engine.window=128"))
 
 
 @pytest.mark.parametrize(("limit", "steps"), [

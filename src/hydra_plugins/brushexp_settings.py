@@ -1,7 +1,6 @@
-"""Hydra sweeper: all combinations of values, or of a list of settings; every job is checked before the first starts.
+"""Hydra sweeper: run all combinations of values or settings, and check every job before the first starts.
 
-It is here and not in brushexp because Hydra takes sweepers from the namespace package ``hydra_plugins`` alone. Hydra
-imports this file for any program, so what a sweep needs is imported when it begins.
+Hydra imports this file for any program, so what a sweep needs is imported when it begins.
 """
 
 import shlex
@@ -23,10 +22,9 @@ from omegaconf import DictConfig, OmegaConf
 
 @dataclass
 class SettingsSweeperConf:
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two, ``settings``, and ``resume`` to go on.
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two and those of `SettingsSweeper`.
 
-    ``pictures`` are what ``pictures=`` takes. A ``lenient`` sweep, where they were typed, runs though some jobs are
-    refused, and may have more ones later.
+    ``pictures`` are what ``pictures=`` takes. A ``lenient`` sweep runs though some jobs are refused, and may grow.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
@@ -39,12 +37,11 @@ class SettingsSweeperConf:
 
 
 class SettingsSweeper(Sweeper):
-    """One job for every picture and setting, times all combinations of what else is swept.
+    """Run one job for every picture and setting, times all combinations of what else is swept.
 
-    ``settings`` are overrides as the command line has them, such as ``"density=adaptive steps=200"``; ``""`` is none.
-    They stand above those of the command line, which says what all settings have in common. ``params`` stand below it,
-    and so do ``pictures`` below an ``image=`` that was typed. A job has the subfolder of its picture's name, if it is
-    the only one of this picture.
+    ``settings`` are overrides such as ``"density=adaptive steps=200"``, or ``""``. They win over the command line,
+    which wins over ``params``; an ``image=`` of it wins over ``pictures``. The only job of a picture has a subfolder
+    of its name.
     """
 
     config: DictConfig
@@ -54,15 +51,14 @@ class SettingsSweeper(Sweeper):
         self.options = SettingsSweeperConf(**options)
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """As in Hydra."""
         self.hydra_context, self.config = hydra_context, config
         self.launcher = Plugins.instance().instantiate_launcher(
             hydra_context=hydra_context, task_function=task_function, config=config
         )
 
     def sweep(self, arguments: list[str]) -> None:
-        """Check all jobs before anything of the sweep is written, then launch them, so many at once as a batch has."""
-        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_left  # noqa: PLC0415
+        """Check all jobs before anything of the sweep is written, then launch them batch by batch."""
+        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_jobs  # noqa: PLC0415
 
         jobs = self.combine([*(f"{key}={value}" for key, value in (self.options.params or {}).items()), *arguments])
         check_jobs(self.hydra_context.config_loader, self.config, jobs, self.options.lenient)
@@ -71,10 +67,10 @@ class SettingsSweeper(Sweeper):
         assert self.launcher is not None
         size = self.options.max_batch_size or len(jobs)
         for first in range(0, len(jobs), size):
-            launch_left(self.launcher.launch, self.config, jobs[first : first + size], first, self.options.resume)
+            launch_jobs(self.launcher.launch, self.config, jobs[first : first + size], first, self.options.resume)
 
     def combine(self, arguments: Sequence[str]) -> list[list[str]]:
-        """The overrides of every job."""
+        """Return the overrides of every job."""
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
         from brushexp.config.compose import folders_in  # noqa: PLC0415
         from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415
@@ -86,7 +82,7 @@ class SettingsSweeper(Sweeper):
         pictures = [] if typed else all_pictures(self.options.pictures, folders_in(self.config))
         settings = [shlex.split(setting) for setting in self.options.settings]
         jobs = []
-        for words in settings:  # of a sweep that is stopped, some settings then have all pictures
+        for words in settings:  # a sweep that is stopped then has all pictures of some settings
             for picture in [[f"image={one}"] for one in pictures] or [[]]:
                 own = [expand_shorthand(word, sweep=True) for word in [*picture, *words]]
                 jobs += combinations_of([*overrides, *parser.parse_overrides(own)])
@@ -97,7 +93,7 @@ class SettingsSweeper(Sweeper):
 
 
 def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
-    """Every combination of the values of overrides; of two with one key the later one counts."""
+    """Return every combination of the values of overrides; of two with one key the later one counts."""
     from brushexp.errors import UserError  # noqa: PLC0415
 
     choices: dict[str, list[str]] = {}
@@ -114,7 +110,7 @@ def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
 
 
 class RegistryFirst(SearchPathPlugin):
-    """Registered configs come before files, so that a preset of a loss can be registered below its own name."""
+    """Search registered configs before files, so that a preset of a loss can be registered below its own name."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         search_path.prepend("schema", "structured://")

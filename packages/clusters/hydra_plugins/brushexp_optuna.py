@@ -1,6 +1,6 @@
-"""Hydra sweeper ``optuna``: hydra-optuna-sweeper, told by the objective which way is better; its studies go on.
+"""Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the direction of the objective.
 
-It takes the place of the original under its name, because that would minimise a PSNR without a word.
+It replaces the original of this name, which would minimise a PSNR, and continues studies.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import MISSING, DictConfig
 
-DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # as Optuna calls them
+DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # of Optuna, by the better side of a metric
 
 
 @dataclass
@@ -36,7 +36,7 @@ class StudySweeperConf:
 
 
 class StudySweeper(Sweeper):
-    """Optuna's trials as jobs; a failed one is marked, and the study goes on."""
+    """Run Optuna's trials as jobs; a failed one is marked, and the study goes on."""
 
     config: Any  # of Hydra, from `setup` on
 
@@ -44,27 +44,28 @@ class StudySweeper(Sweeper):
         self.resume, self.direction, self.options = resume, direction, options
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """As in Hydra; a UserError if the objective and the direction do not agree."""
-        from brushexp.compat.optuna import make_sweeper  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
 
         if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
             cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
             raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
+        from hydra_plugins.hydra_optuna_sweeper import _impl  # noqa: PLC0415  (private; tried with 1.3.0)
+
         self.config, self.loader = config, hydra_context.config_loader
         self.direction = better_direction(config.objective, self.direction)
-        self.study = make_sweeper(direction=self.direction, **self.options)
+        self.space_of = _impl.create_params_from_overrides
+        self.study = _impl.OptunaSweeperImpl(search_space=None, direction=self.direction, **self.options)
         self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        """Check the ends of the search space, then run the trials that are left."""
+        """Check the ends of the search space, then run the trials that have not ended."""
         from brushexp.errors import UserError  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
         from brushexp.runs.sweep_report import renew  # noqa: PLC0415
 
         words = [f"{key}={value}" for key, value in (self.options["params"] or {}).items()]
         overrides = OverridesParser.create(config_loader=self.loader).parse_overrides([*words, *arguments])
-        check_jobs(self.loader, self.config, extremes({one.get_key_element(): ends_of(one) for one in overrides}))
+        check_jobs(self.loader, self.config, corner_jobs({one.get_key_element(): ends_of(one) for one in overrides}))
         begin_sweep(self.config, [[*words, *arguments]], self.resume)
         if self.resume:
             self.go_on([*words, *arguments])
@@ -79,13 +80,12 @@ class StudySweeper(Sweeper):
             renew(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Tell Optuna of the trials in the folder of the sweep; trials that were killed are tried first, anew."""
+        """Add the trials in the folder of the sweep to the study; those that were killed are repeated first."""
         import optuna  # noqa: PLC0415
 
-        from brushexp.compat.optuna import search_space  # noqa: PLC0415
         from brushexp.results.runs import has_ended, read_result, words_of  # noqa: PLC0415
 
-        space, study = search_space(words), self.open_study()
+        space, study = self.space_of(words)[0], self.open_study()
         recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
         killed: list[dict[str, Any]] = []
@@ -97,15 +97,15 @@ class StudySweeper(Sweeper):
             if has_ended(folder) and values not in recorded:
                 study.add_trial(frozen_trial(read_result(folder), values, space, self.config.objective))
         for k, values in enumerate(killed):
-            if values not in (*ended, *killed[:k]):  # else an earlier resume has tried them
+            if values not in (*ended, *killed[:k]):  # else an earlier resume has repeated them
                 study.enqueue_trial(values)
         self.study.n_trials -= sum(trial.state.is_finished() for trial in study.trials)
         self.study.job_idx = 1 + max((int(path.name) for path in folders), default=-1)
         if isinstance(self.study.sampler, optuna.samplers.BaseSampler):
-            self.study.sampler.reseed_rng()  # or it would begin as it has begun before
+            self.study.sampler.reseed_rng()  # else it would propose the first trials again
 
     def open_study(self) -> Any:
-        """The study of Optuna; a database has it already, and takes trials that were killed for being at work."""
+        """Create or load the study of Optuna; trials that a database holds for running have failed."""
         import optuna  # noqa: PLC0415
 
         name = self.study.study_name = self.options["study_name"]
@@ -119,10 +119,7 @@ class StudySweeper(Sweeper):
 
 
 def better_direction(objective: str | None, typed: str | None) -> str:
-    """``maximize`` or ``minimize``: as the tables know it, or as ``typed`` for a metric that they do not know.
-
-    A UserError without an objective, with a direction that is not its own, or if neither says which it is.
-    """
+    """Return ``maximize`` or ``minimize``, as the tables have it or as ``typed`` for a metric that they lack."""
     from brushexp.errors import UserError  # noqa: PLC0415
     from brushexp.results.quantities import quantities  # noqa: PLC0415
 
@@ -142,39 +139,37 @@ def better_direction(objective: str | None, typed: str | None) -> str:
 
 
 def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str, Any], objective: str) -> Any:
-    """A trial that has ended, as Optuna records it."""
+    """Record a trial that has ended for Optuna."""
     import optuna  # noqa: PLC0415
 
     from brushexp.results.runs import objective_in  # noqa: PLC0415
 
-    if result["status"] == "failed":
-        state, value = optuna.trial.TrialState.FAIL, None
-    else:
-        state, value = optuna.trial.TrialState.COMPLETE, objective_in(result, objective)
+    failed, states = result["status"] == "failed", optuna.trial.TrialState
+    state, value = (states.FAIL, None) if failed else (states.COMPLETE, objective_in(result, objective))
     return optuna.trial.create_trial(state=state, value=value, params=values, distributions=space)
 
 
 def value_in(space: Any, typed: str) -> Any:
-    """The value of a parameter, by the word of a job, as Optuna had it."""
+    """Convert the word of a job to the value that Optuna had proposed."""
     if hasattr(space, "choices"):
         return next(choice for choice in space.choices if str(choice) == typed)
     return int(typed) if type(space).__name__.startswith("Int") else float(typed)
 
 
 def ends_of(override: Override) -> list[str]:
-    """The values of an override: all of a choice, the first and last of a range or interval."""
+    """Return the values of an override: all of a choice, the first and last of a range or interval."""
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     sweep: Any = override.value()
     if override.is_interval_sweep():
         return [str(sweep.start), str(sweep.end)]
     if override.is_range_sweep():
-        return [str(sweep.start), str(sweep.stop)]  # which Optuna counts in
+        return [str(sweep.start), str(sweep.stop)]  # which Optuna includes
     return list(override.sweep_string_iterator())
 
 
-def extremes(ends: dict[str, list[str]]) -> list[list[str]]:
-    """Jobs in which each value of each key is there once, with the first values of the others."""
+def corner_jobs(ends: dict[str, list[str]]) -> list[list[str]]:
+    """Return jobs that have each value of each key once, with the first values of the others."""
     first = {key: values[0] for key, values in ends.items()}
     jobs = [first] + [first | {key: value} for key, values in ends.items() for value in values[1:]]
     return [[f"{key}={value}" for key, value in job.items()] for job in jobs]

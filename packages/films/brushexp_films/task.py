@@ -25,7 +25,7 @@ from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
 from brushexp.plugins.export.base import ExportJob
-from brushexp.runs.resume import RECORD, record_of, resumed
+from brushexp.runs.resume import RECORD, record_of, restore_run
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
@@ -153,7 +153,7 @@ class PaintedFilm:
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint the film that ``image`` names, or go on with ``resume``, and keep all pictures whatever ends it."""
-    cfg, checkpoint = resumed(cfg)
+    cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
     (folder / FRAMES).mkdir(exist_ok=True)

@@ -1,1 +1,1 @@
-"""Whatever leans on private parts of other libraries; each module names the version that it was tried with."""
+"""Code that uses private parts of other libraries; each module names the version that it was tried with."""

@@ -9,10 +9,10 @@ from unittest.mock import patch
 
 @contextmanager
 def hidden(*packages: str) -> Iterator[None]:
-    """While it lasts, packages that are not loaded yet look as if they were not installed.
+    """Let packages that are not loaded yet look as if they were not installed.
 
-    torchmetrics, and so Lightning, loads SciPy's signal processing for metrics of sound and matplotlib for plots of
-    metrics wherever it finds them: two fifths of the time that Lightning takes to import.
+    torchmetrics, and so Lightning, loads SciPy's signal processing and matplotlib wherever it finds them, which takes
+    two fifths of the time to import Lightning.
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 

@@ -11,7 +11,7 @@ import torch
 
 
 def load_torch_script(path: Path, device: torch.device) -> Any:
-    """The network in a TorchScript file, in evaluation mode; what torch raises for any other file."""
+    """Load the network of a TorchScript file in evaluation mode."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         return torch.jit.load(str(path), map_location=device).eval()

@@ -1,4 +1,4 @@
-"""A network is trained from its config to its end, and its weights are saved with a recipe."""
+"""Train a network from its config, and save its weights with a recipe."""
 
 import logging
 import time
@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
-from brushexp.runs.resume import resumed
+from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.callbacks import MovingAverage
@@ -29,13 +29,13 @@ from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererModule, RendererSettings
 from brushexp.training.stroke_data import data_recipe
 
-MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
+LOGGED_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")
 
 log = logging.getLogger(__name__)
 
 
 class NetworkJob(ABC):
-    """One network that a task trains, the data that it learns from, and what the run leaves."""
+    """A network that a task trains, with its data and the files of the run."""
 
     module: NetworkModule
     data: L.LightningDataModule
@@ -46,16 +46,16 @@ class NetworkJob(ABC):
 
     @abstractmethod
     def finish(self) -> dict[str, object]:
-        """Write the weights with their recipe, and return the figures of the network on held-out strokes."""
+        """Write the weights with their recipe, and return their figures on held-out strokes."""
 
 
 def train_network(
     begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
 ) -> dict[str, object]:
-    """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
-    cfg, checkpoint = resumed(cfg)
+    """Train one network, write it and its figures into the run's folder, and return those of metrics.json."""
+    cfg, checkpoint = restore_run(cfg)
     device = device_of(cfg.device)
-    trackers = make_trackers(cfg, folder)  # refuses what they lack before strokes are simulated
+    trackers = make_trackers(cfg, folder)  # a tracker may refuse its options, before strokes are simulated
     L.seed_everything(cfg.seed, verbose=False)
     job = begin(cfg, folder, device)
     module = job.module
@@ -77,7 +77,7 @@ def train_network(
         write_json(folder / "metrics.json", metrics)
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
     conclude(module, folder, cfg, failure, module.global_step)
-    figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in MAIN_FIGURES if key in metrics)
+    figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in LOGGED_FIGURES if key in metrics)
     log.info(
         "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",
         *(job.weights, figures, module.global_step, module.seconds, job.use),
@@ -86,7 +86,7 @@ def train_network(
 
 
 class Stopwatch(Timer):
-    """Times a training, and ends it after its minutes; Lightning wants the Timers of a Trainer to have other names."""
+    """Time a training, and end it after its minutes; a Trainer takes no two callbacks of one class."""
 
 
 def fit_network(
@@ -97,20 +97,18 @@ def fit_network(
     device: torch.device,
     loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (),
-    resumed: Path | None = None,
+    checkpoint: Path | None = None,
 ) -> BaseException | None:
-    """Train until the first limit of the config, then validate what will be kept, unless that is done; see `fit`."""
+    """Train until the first limit of the config, then validate the network unless that is done; see `fit`."""
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
     timers: list[Timer] = [Stopwatch(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)]
     if cfg.trainer.max_time is not None:
         timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes none where there is another
     cfg = OmegaConf.merge(cfg, {"trainer": options | {"max_time": None}})  # type: ignore[assignment]
-    averages = [MovingAverage(cfg.ema)] if cfg.ema else []
-    beside = [*timers, *averages, *callbacks]
-    kept = "resume" in cfg  # else no command goes on from a checkpoint
-    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
-    failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
+    beside = [*timers, *([MovingAverage(cfg.ema)] if cfg.ema else []), *callbacks]
+    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints="resume" in cfg, num_sanity_val_steps=0)
+    failure = None if cfg.epochs == 0 else fit(trainer, module, data, checkpoint)
     if module.validated != module.global_step:
         try:
             trainer.validate(module, data, verbose=False)
@@ -122,7 +120,7 @@ def fit_network(
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
-    """Take the settings of a renderer's training from the config; fine-tuning has no critic."""
+    """Return the settings of a renderer's training; fine-tuning has no critic."""
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
@@ -144,19 +142,17 @@ def save_renderer(
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
-    ``options`` of the plugin win over those of the config, and where it says null, those of the checkpoint that the
-    training started from hold; ``training`` is what the recipe tells of it besides.
+    ``options`` of the plugin win over those of the config; where that says null, the first checkpoint decides. The
+    recipe gets ``training`` beside the settings of the training.
     """
-    chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
-    assert isinstance(chosen, dict)
-    before = cfg.renderer.get("checkpoint")
-    inherited = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
-    started = {"started_from": before}
+    chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
+    checkpoint = cfg.renderer.get("checkpoint")
+    inherited = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"]
+    completed = {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
     recipe = {
-        "options": {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
-        | (options or {}),
+        "options": completed | (options or {}),
         "data": data_recipe(data, cfg),
-        "training": training_recipe(module, cfg) | started | (training or {}),
+        "training": training_recipe(module, cfg) | {"started_from": checkpoint} | (training or {}),
         "figures": figures,
     }
     return RENDERERS.save(path, plugin_of(cfg.renderer).name, module.renderer, recipe)

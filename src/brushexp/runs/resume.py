@@ -1,4 +1,4 @@
-"""An interrupted run goes on: what its checkpoint tells of it, and what must be as it was."""
+"""Restore an interrupted run from its checkpoint, and check that its files and sets are unchanged."""
 
 import os
 from collections.abc import Sequence
@@ -20,17 +20,17 @@ from brushexp.runs.run_folder import note_words
 from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
 from brushexp.system.run_files import CHECKPOINT
 
-RECORD = "brushexp"  # key of the settings in it
-OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # may change in a resumed run
+RECORD = "brushexp"  # key of the settings in a checkpoint
+OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
 
 
-def resumed(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
-    """The settings of the run that ``resume`` names, and its checkpoint; without ``resume`` the given settings."""
+def restore_run(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
+    """Return the settings and the checkpoint of the run that ``resume`` names; without ``resume``, ``cfg`` and None."""
     return (cfg, None) if cfg.get("resume") is None else interrupted_run(Path(cfg.resume), cfg)
 
 
 class RunRecord(L.Callback):
-    """Puts the settings of a run into its checkpoints, and the digests of the files that they name."""
+    """Put the settings of a run into its checkpoints, with the digests of the files that they name."""
 
     def __init__(self, cfg: DictConfig, folder: Path | None) -> None:
         self.record = {} if folder is None else record_of(cfg, folder)  # without a folder there are no checkpoints
@@ -44,10 +44,10 @@ class RunRecord(L.Callback):
 
 
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
-    """Settings and checkpoint of a run that is to be continued.
+    """Return the settings and the checkpoint of a run that is to be continued.
 
-    A checkpoint may be a stranger's: nothing in it is run, and its settings are plain values. It is refused (UserError)
-    where the command line changes what must stay, or a file or set that the run began with is another now.
+    The checkpoint may be a stranger's: nothing in it is run, and its settings are plain values. A UserError tells of a
+    setting of the command line that must not change, or of a file or set that has changed since the run began.
     """
     path = folder / CHECKPOINT
     try:
@@ -64,17 +64,17 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         _check_sets(check_plain(record["sets"]), settings.get("data") or [])
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
-    except Exception as error:  # of whatever it holds instead
+    except Exception as error:  # whatever the file holds instead
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
-    if settings.threads:  # the command line of this run need not say so, and networks round otherwise on others
+    if settings.threads:  # which the present command line need not repeat; networks round by the number of threads
         torch.set_num_threads(settings.threads)
     note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # of the whole run
     return settings, path
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """The keys of the command line; a UserError if one changes what the ``words`` of the run have set."""
+    """Return the keys of the command line; a UserError tells of one that changes what the run's ``words`` have set."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
@@ -83,40 +83,36 @@ def _chosen_keys(words: Sequence[str]) -> set[str]:
 
 
 def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
-    """Refuse (UserError) files that are not those of the ``record``; the settings get their absolute paths."""
+    """Refuse (UserError) files that differ from the ``record``, and make their paths in the settings absolute."""
     files = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
     if not files.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
         raise UserError(f"{path} names files that its settings do not name; start anew")
     for key, (file, digest) in files.items():
         if not file.is_file() or digest_of(file) != digest:
             raise UserError(f"{key}={file} is not the file that the run began with; put it back")
-        if file.suffix:  # else it may be a name that means something else
-            OmegaConf.update(settings, key, str(file))  # this folder may be another
+        if file.suffix:  # else it may be the name of something that ships; the working folder may be another
+            OmegaConf.update(settings, key, str(file))
 
 
 def _check_sets(before: Sequence[Any], sets: Sequence[str]) -> None:
     """Refuse (UserError) sets of strokes that have grown, or have another seed."""
-    for name, begun, now in zip(sets, before, strokes_and_seeds(sets), strict=False):
-        if list(begun) != now:
-            counts = f"{now[0]} strokes of seed {now[1]} now, and the run began with {begun[0]} of seed {begun[1]}"
+    for name, first, now in zip(sets, before, _strokes_and_seeds(sets), strict=False):
+        if list(first) != now:
+            counts = f"{now[0]} strokes of seed {now[1]} now, and the run began with {first[0]} of seed {first[1]}"
             raise UserError(f"data={name} has {counts}; put it back, or start anew")
 
 
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """What a checkpoint tells of its run: its settings, files and sets that they name, and the words typed."""
+    """Describe a run for its checkpoint: its settings, the digests of their files, their sets, and the words typed."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
-    sets = strokes_and_seeds(settings.get("data") or [])
-    return {"settings": settings, "files": digests(settings), "sets": sets, "words": words_of(folder)}
+    paths = {key: Path(value) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)}
+    files = {key: (str(path.resolve()), digest_of(path)) for key, path in paths.items()}
+    sets = _strokes_and_seeds(settings.get("data") or [])
+    return {"settings": settings, "files": files, "sets": sets, "words": words_of(folder)}
 
 
-def strokes_and_seeds(sets: Sequence[str]) -> list[list[int]]:
-    """How many strokes each set has, and their seed: a set that has grown begins as before, but is shuffled anew."""
+def _strokes_and_seeds(sets: Sequence[str]) -> list[list[int]]:
+    """Return the number of strokes and the seed of each set: one that has grown is shuffled anew."""
     from brushexp.training.dataset import StrokeSet  # noqa: PLC0415  (painting has none)
 
     return [[len(strokes), strokes.seed] for strokes in (StrokeSet(Path(path)) for path in sets)]
-
-
-def digests(settings: Any) -> dict[str, tuple[str, str]]:
-    """Of all files that settings name: key -> path and digest."""
-    named = [(key, Path(value)) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)]
-    return {key: (str(path.resolve()), digest_of(path)) for key, path in named}

@@ -1,4 +1,4 @@
-"""Locks the folder of a run, refuses to replace a finished run, and removes what earlier runs have written there."""
+"""Lock the folder of a run, refuse to replace a finished run, and remove the files that earlier runs left there."""
 
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -23,25 +23,14 @@ from brushexp.system.run_files import (
     stop_recording,
 )
 
-HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # begun before the task
-RESULTS = (
-    "painting",
-    "target",
-    "flat",
-    "style",
-    "focus",
-    "timelapse",
-    "film",
-    "preview",
-    "catalogue",
-    "strokes",
-)  # stems
-WEIGHTS = ".safetensors"  # ending of the weights that a training writes
-_held: list[Any] = []  # locks, until this process ends
+HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # written before a task
+PICTURE_STEMS = ("painting", "target", "flat", "style", "focus", "timelapse", "film", "preview")
+RESULT_STEMS = (*PICTURE_STEMS, "catalogue", "strokes")  # names of the results of a run, without their endings
+_locks: list[Any] = []  # held until this process ends
 
 
 class RunFolder(Callback):
-    """Hydra callback that takes a folder before anything is written into it; `begin_sweep` does it for a sweep."""
+    """Take a folder before Hydra writes anything into it; `begin_sweep` does it for a sweep."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         try:
@@ -49,53 +38,51 @@ class RunFolder(Callback):
                 raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
             check(config, list(config.hydra.overrides.task))
             take(Path(config.hydra.run.dir), config)
-        except (UserError, OmegaConfBaseException, OSError) as error:  # of which Hydra would make warnings
+        except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
             raise SystemExit(f"brushexp: {' '.join(str(error).split())}") from error
 
 
 def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
-    """Keep other processes away from a folder until this one ends, and remove what an aborted run has written there.
+    """Lock a folder until this process ends, remove what an aborted run has written there, and note new files.
 
-    A UserError if another run is at work there, or the folder holds one that has finished or can go on, and this one
-    neither ``goes_on`` with it (as with the key ``resume``; a set of strokes goes on by itself) nor replaces it
-    (``overwrite``). What this process writes into the folder is noted from now on.
+    A UserError tells of another run at work there, or of one that has finished or can go on, unless this run
+    ``goes_on`` with it (by the key ``resume`` or as a growing set of strokes) or replaces it (``overwrite``).
     """
     lock(folder)
-    resumed = cfg.get("resume")
-    goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
-    if not goes_on and "trainer" in cfg:  # it fits something to what it reads
+    source = cfg.get("resume")
+    goes_on = goes_on or (source is not None and Path(source).resolve() == folder.resolve())
+    if not goes_on and "trainer" in cfg:  # a fit, whose results have the usual names
         check_inputs(folder, cfg)
-    if not goes_on and not grows(folder, cfg):
+    if not goes_on and not _grows(folder, cfg):
         if not cfg.overwrite:
-            check_replaceable(folder)
+            _check_replaceable(folder)
         clear(folder, cfg)
     record_files(folder)
 
 
-def check_replaceable(folder: Path) -> None:
+def _check_replaceable(folder: Path) -> None:
     """Refuse (UserError) a folder with a run, or a job of a sweep, that has finished or can go on."""
     own = [folder / name for name in (CHECKPOINT, METRICS_FILE) if (folder / name).is_file()]
     jobs = [path for path in files_written(folder) if path.name in (CHECKPOINT, METRICS_FILE)]
-    if not (kept := [*own, *jobs]):
+    if not (results := [*own, *jobs]):
         return
-    can_go_on = f"continue it with resume={folder}, or " if kept[0] == folder / CHECKPOINT else ""
+    cure = f"continue it with resume={folder}, or " if results[0] == folder / CHECKPOINT else ""
     if (folder / "multirun.yaml").is_file():
-        can_go_on = "type the same and resume=sweep to continue a sweep, or "
+        cure = "type the same and resume=sweep to continue a sweep, or "
     raise UserError(
-        f"output={folder} holds a run already ({kept[0].relative_to(folder)}); {can_go_on}choose another folder, "
+        f"output={folder} holds a run already ({results[0].relative_to(folder)}); {cure}choose another folder, "
         "or replace the run with overwrite=true"
     )
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Do what `take` does, for a job of a sweep, in the process that runs it and has locked the folder.
+    """Take the folder of a job, in the process that runs it and has locked the folder.
 
-    A job that was here before, killed or sent away by a cluster, goes on from its checkpoint (``cfg.resume`` is set) or
-    starts anew: one that has finished is never sent here again.
+    A job that was killed here goes on from its checkpoint (``cfg.resume`` is set) or starts anew.
     """
     if "resume" in cfg and (folder / CHECKPOINT).is_file():
         cfg.resume = str(folder)
-    elif not grows(folder, cfg):
+    elif not _grows(folder, cfg):
         clear(folder, cfg, HYDRAS_FILES)
     record_files(sweep)  # its report is renewed by every process
     record_files(folder)
@@ -104,16 +91,15 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
-    """Refuse (UserError) to begin with a file of this folder that has the name of a result of the run."""
-    root = folder.resolve()
-    for key, value, path in files_read(cfg):
-        is_result = path.stem in RESULTS or (path.suffix == WEIGHTS and cfg.task != "paint")
-        if is_result and path.parent == root and path.is_file():
+    """Refuse (UserError) to read a file of this folder that has the name of a result of the run."""
+    for key, value, path in _inputs(cfg):
+        is_result = path.stem in RESULT_STEMS or (path.suffix == ".safetensors" and cfg.task != "paint")
+        if is_result and path.parent == folder.resolve() and path.is_file():
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
 
 
-def files_read(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
-    """Key, value and whole path of what may be files and folders that a run reads, and of each picture of a sweep."""
+def _inputs(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
+    """Yield key, value and absolute path of whatever a run may read, and of each picture of a sweep."""
     for key, value in leaves(OmegaConf.to_container(cfg)):
         is_picture = key.startswith("hydra.sweeper.pictures.")
         is_other = key.startswith(("hydra.", "output")) and not is_picture
@@ -124,38 +110,34 @@ def files_read(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
                 yield key.removeprefix("hydra.sweeper."), value, Path(os.path.expanduser(path)).resolve()
 
 
-def grows(folder: Path, cfg: DictConfig) -> bool:
-    """Whether a folder holds a set of strokes to which this run adds."""
+def _grows(folder: Path, cfg: DictConfig) -> bool:
+    """Tell whether a folder holds a set of strokes that this run enlarges."""
     return cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()
 
 
 def note_words(folder: Path, cfg: DictConfig, words: Sequence[str]) -> None:
-    """Leave config and overrides of a run in its folder, as Hydra does."""
+    """Write the config and the overrides of a run into its folder, as Hydra does."""
     (folder / ".hydra").mkdir(parents=True, exist_ok=True)
     write_text(folder / ".hydra" / "config.yaml", OmegaConf.to_yaml(cfg))
     write_text(folder / ".hydra" / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create([*words])))
 
 
 def release(folder: Path) -> None:
-    """Let others into a folder before this process ends."""
+    """Unlock a folder before this process ends."""
     stop_recording(folder)
-    mine = [lock for lock in _held if Path(lock.lock_file).parents[1] == folder]
-    for held in mine:
+    for held in [lock for lock in _locks if Path(lock.lock_file).parents[1] == folder]:
         held.release()
-        _held.remove(held)
+        _locks.remove(held)
 
 
 def lock(folder: Path) -> None:
-    """Keep other processes out of a folder until this one ends, or is killed; UserError if one is there.
-
-    Files that a killed one was writing are removed.
-    """
+    """Lock a folder until this process ends, or raise a UserError; files that a killed process left half-written go."""
     from filelock import FileLock, Timeout  # noqa: PLC0415
 
     try:
         (folder / ".hydra").mkdir(parents=True, exist_ok=True)
-        _held.append(FileLock(folder / ".hydra" / "lock", timeout=0, is_singleton=True))
-        _held[-1].acquire()
+        _locks.append(FileLock(folder / ".hydra" / "lock", timeout=0, is_singleton=True))
+        _locks[-1].acquire()
     except Timeout:
         raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
     except OSError as error:
@@ -167,19 +149,19 @@ def lock(folder: Path) -> None:
 def check_free(folder: Path) -> None:
     """Refuse (UserError) a folder in which another process is at work."""
     lock(folder)
-    _held.pop().release()
+    _locks.pop().release()
 
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
-    """Remove what runs have written into a folder, ``besides`` these; refuse (UserError) if this one reads some of it.
+    """Remove the files that runs have written into a folder, ``besides`` these, and folders that are empty then.
 
-    Folders that are empty then go, too.
+    A UserError tells of one that the present run reads.
     """
-    kept = [folder / name for name in besides]
-    files = [path for path in files_written(folder) if path not in kept]
+    spared = [folder / name for name in besides]
+    files = [path for path in files_written(folder) if path not in spared]
     folders = {folder / part for path in files for part in path.relative_to(folder).parents}
     replaced = {path.resolve() for path in (*files, *folders)}
-    for key, value, path in files_read(cfg):
+    for key, value, path in _inputs(cfg):
         if path in replaced:
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:

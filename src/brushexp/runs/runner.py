@@ -1,4 +1,4 @@
-"""Hand the config over to its task; here a run ends, whatever ends it."""
+"""Run the task of a config, and turn what ends it into an exit code or a message to the user."""
 
 import gc
 import importlib
@@ -26,41 +26,38 @@ from brushexp.runs.run_folder import lock, release, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
 from brushexp.system.run_files import METRICS_FILE
-from brushexp.system.runtime import cores, forget_peak_memory, pass_signal_on, peak_memory, was_signalled
+from brushexp.system.runtime import cores, forget_peak_memory, jobs_at_once, pass_signal_on, peak_memory, was_signalled
 
-NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
-SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
+NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of torch and NumPy
+SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
 
 log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run ``cfg.task`` and return its numbers, or the one that ``objective`` names.
+    """Run ``cfg.task``, and return its figures or the one that ``objective`` names.
 
-    ``start`` is `time.monotonic` when the program started.
+    ``start`` is `time.monotonic` at the start of the program.
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
-        return run_job_of_sweep(cfg, hydra)
+        return _run_job(cfg, hydra)
     try:  # `RunFolder` has checked the config and taken the folder
-        return run_in(Path(hydra.runtime.output_dir).resolve(), cfg, start)
+        return _run_in(Path(hydra.runtime.output_dir).resolve(), cfg, start)
     except UserError as error:
         log.error(error)
         raise SystemExit(1) from error
 
 
-def run_job_of_sweep(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
-    """Run a job, whose time counts from now; the others go on if it fails, and its metrics.json says why.
-
-    An interruption, of which Hydra tells no callback, ends the sweep.
-    """
+def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
+    """Run a job of a sweep; its metrics.json says why it failed. An interruption ends the sweep."""
     start, folder, sweep = time.monotonic(), Path(hydra.runtime.output_dir).resolve(), Path(hydra.sweep.dir).resolve()
     forget_peak_memory()
     lock(folder)
     try:
         check(cfg, list(hydra.overrides.task))
         take_job(folder, cfg, sweep)
-        result = run_in(folder, cfg, start)
+        result = _run_in(folder, cfg, start)
     except BaseException as error:
         note_failure(folder, error)
         if isinstance(error, KeyboardInterrupt):
@@ -69,26 +66,26 @@ def run_job_of_sweep(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | f
         raise
     finally:
         release(folder)
-    if was_signalled():  # in its last step: this job is done, and the sweep ends
+    if was_signalled():  # in its last step: this job has finished, and the sweep ends
         raise KeyboardInterrupt
     return result
 
 
-def run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run the task of a checked config in a folder that is taken."""
+def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
+    """Run the task of a checked config in the folder of its run."""
     with hidden("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
-    if not gc.isenabled():  # until its first job, the program has disabled it
-        gc.freeze()  # what is loaded now stays
+    if not gc.isenabled():  # the program disables it until its first job
+        gc.freeze()
         gc.enable()
-    torch.set_num_threads(cfg.threads or fair_share(HydraConfig.get()))
+    torch.set_num_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
     result = perform(task, cfg, folder, start)
     return result if cfg.objective is None else objective_in(result, cfg.objective)
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself."""
+    """Run a task in its folder, and write its figures as ``metrics.json`` unless it has done that itself."""
     with explaining_to_users(cfg):
         result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
@@ -100,25 +97,22 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 @contextmanager
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
-    """Make what a user can mend a UserError: no memory, a full disk, or a plugin."""
+    """Raise a UserError for what a user can mend: too little memory, a full disk, or a plugin."""
     try:
         with naming_plugins(plugins()):
             yield
     except BaseException as error:
-        if (reason := in_users_words(error, cfg)) is error:
+        if (reason := _reason_of(error, cfg)) is error:
             raise
         raise reason from error
 
 
-def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
-    """What a user can mend as a UserError, and an interruption, which Lightning makes a SystemExit, as what it is."""
+def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
+    """Return the error to raise instead; Lightning turns an interruption into a SystemExit."""
     if isinstance(error, SystemExit):
-        was_interrupted = isinstance(error.__context__, KeyboardInterrupt)
-        return (
-            KeyboardInterrupt()
-            if was_interrupted
-            else UserError(f"something ends the program (exit code {error.code})")
-        )
+        if isinstance(error.__context__, KeyboardInterrupt):
+            return KeyboardInterrupt()
+        return UserError(f"something ends the program (exit code {error.code})")
     if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
         smaller = " or ".join(f"{key}=" for key in SIZES if key in cfg)
         return UserError(f"there is not enough memory; take a smaller {smaller}")
@@ -127,11 +121,8 @@ def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
     return error
 
 
-def fair_share(hydra: HydraConf) -> int:
-    """Cores for this job: all, or as many as a parallel launcher leaves each of its jobs."""
-    all_of_them = cores()
+def _threads_per_job(hydra: HydraConf) -> int:
+    """Return the number of cores for this job: all, or its share of them beside other jobs."""
     if "cpus_per_task" in hydra.launcher:  # of submitit, where it is one by default, as for Slurm
-        return min(all_of_them, hydra.launcher.cpus_per_task or 1)
-    jobs = hydra.launcher.get("n_jobs", 1) or 1
-    jobs = all_of_them + 1 + jobs if jobs < 0 else jobs  # joblib and Dask: -1 means all cores
-    return max(1, all_of_them // max(1, jobs))
+        return min(cores(), hydra.launcher.cpus_per_task or 1)
+    return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

@@ -1,7 +1,4 @@
-"""The jobs of a sweep: checked before the first starts, noted in its folder, and left out when it goes on and has them.
-
-What sweepers of Hydra (``src/hydra_plugins``) share.
-"""
+"""Check, note and launch the jobs of a sweep, for sweepers and launchers of Hydra."""
 
 import logging
 import shlex
@@ -11,7 +8,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.utils import JobReturn, JobStatus, run_job
+from hydra.core.utils import JobReturn, JobStatus, configure_log, filter_overrides, run_job, setup_globals
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
@@ -25,10 +22,9 @@ from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
 from brushexp.system.run_files import CHECKPOINT
 
-ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
-ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
+ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors tell of jobs that were killed
 PICTURE = "image="
-SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
+SUBFOLDER = "hydra.sweep.subdir="  # the word that names the folder of a job
 Words = Sequence[str]
 
 log = logging.getLogger(__name__)
@@ -36,16 +32,16 @@ log = logging.getLogger(__name__)
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> None:
     """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be."""
-    refused, known, parser = [], dict[tuple[str, ...], DictConfig](), OverridesParser.create()
+    refused, composed = [], dict[tuple[str, ...], DictConfig]()
     for number, job in enumerate(jobs):
         try:
             others = tuple(word for word in job if not word.startswith((PICTURE, SUBFOLDER)))
-            if others not in known:  # composing takes a while, and the picture changes nothing else
-                known[others] = loader.load_sweep_config(config, list(job))
-            cfg = known[others].copy()
+            if others not in composed:  # composing takes a while, and the picture changes nothing else
+                composed[others] = loader.load_sweep_config(config, list(job))
+            cfg = composed[others].copy()
             for word in job:
                 if word.startswith(PICTURE):
-                    cfg.image = parser.parse_override(word).value()
+                    cfg.image = override_value(word)
             check(cfg, job)
         except UserError as error:
             refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
@@ -57,28 +53,23 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Take the folder of a sweep and note its jobs there; one that ``goes_on`` must have noted the same (UserError).
+    """Take the folder of a sweep and note its jobs there; a sweep that ``goes_on`` must have the same (UserError).
 
-    A ``lenient`` one may have others, but none in the folder of one that was noted.
+    A ``lenient`` one may have others, but none in the folder of an earlier job.
     """
     folder = Path(config.hydra.sweep.dir)
-    kept_jobs = [kept(job) for job in jobs]
+    words = [_without_output(job) for job in jobs]
     if goes_on:
-        check_same(folder, kept_jobs, lenient)
+        check_same(folder, words, lenient)
     take(folder, config, goes_on)
-    write_json(folder / JOBS, {"typed": command_words(config), "jobs": kept_jobs})
+    overrides: Any = OmegaConf.to_container(config.hydra.overrides, resolve=False)  # ``${...}`` is left to each job
+    typed = _without_output([*overrides["hydra"], *overrides["task"]])
+    typed = [word for word in typed if word not in ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true")]
+    write_json(folder / JOBS, {"typed": typed, "jobs": words})
 
 
-def command_words(config: DictConfig) -> list[str]:
-    """The command line of a sweep without its folder; ``${...}`` is left to each job."""
-    typed = OmegaConf.to_container(config.hydra.overrides, resolve=False)
-    words = [*typed["hydra"], *typed["task"]]  # type: ignore[call-overload,index]
-    return [word for word in kept(words) if word not in ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true")]
-
-
-def kept(words: Words) -> list[str]:
-    """The words by which a job is recognised."""
-    return [word for word in words if word.partition("=")[0] not in ANY_TIME]
+def _without_output(words: Words) -> list[str]:
+    return [word for word in words if word.partition("=")[0] not in ("output", "overwrite")]
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
@@ -105,32 +96,42 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
         )
 
 
-def launch_left(
+def launch_jobs(
     launch: Callable[..., Sequence[JobReturn]], config: DictConfig, batch: Sequence[Words], first: int, goes_on: bool
-) -> Sequence[JobReturn]:
-    """Launch the jobs of a batch, of which the ``first`` has this number; if it ``goes_on``, those that are left.
+) -> None:
+    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, those that have not finished.
 
-    Failed ones are one UserError, after all of them have ended, and each has said why.
+    One UserError names the jobs that have failed, after all have ended.
     """
     folder = Path(config.hydra.sweep.dir)
-    left = {number: list(job) for number, job in enumerate(batch, first)}
+    jobs = {number: list(job) for number, job in enumerate(batch, first)}
     if goes_on:
-        left = {number: in_place(job, number) for number, job in left.items()}  # which no longer follow one another
-        left = {number: job for number, job in left.items() if not is_done(folder / place_of(job[-1]))}
-        log.info("%d of %d jobs have finished already", len(batch) - len(left), len(batch))
+        jobs = {number: _name_folder(job, number) for number, job in jobs.items()}  # numbers then have gaps
+        jobs = {number: job for number, job in jobs.items() if not _is_done(folder / str(override_value(job[-1])))}
+        log.info("%d of %d jobs have finished already", len(batch) - len(jobs), len(batch))
     try:
-        results = launch(list(left.values()), initial_job_idx=min(left)) if left else []
+        results = launch(list(jobs.values()), initial_job_idx=min(jobs)) if jobs else []
     except Exception as error:
         if not type(error).__module__.startswith(ENGINES):
             raise
         raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
     finally:
         renew(folder)
-    failed = [str(k) for k, one in zip(left, results, strict=True) if one.status is not JobStatus.COMPLETED]
+    failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
-        which, table = ", ".join(failed), folder / "table.md"
-        raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {which}; {table} says why")
-    return results
+        table = folder / "table.md"
+        raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {', '.join(failed)}; {table} says why")
+
+
+def number_jobs(config: DictConfig, jobs: Sequence[Words], first: int) -> dict[int, list[str]]:
+    """Log the jobs that a launcher begins, make the folder of their sweep, and return them by their numbers."""
+    setup_globals()
+    configure_log(config.hydra.hydra_logging, config.hydra.verbose)
+    Path(config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
+    numbered = {number: list(job) for number, job in enumerate(jobs, first)}
+    for number, job in numbered.items():
+        log.info("\t#%d : %s", number, " ".join(filter_overrides(job)))
+    return numbered
 
 
 def execute_job(
@@ -150,22 +151,22 @@ def execute_job(
     )
 
 
-def in_place(job: Words, number: int) -> list[str]:
-    """The words of a job with the one that names its folder at the end: its number if it has none."""
+def _name_folder(job: Words, number: int) -> list[str]:
+    """Move the word that names the folder of a job to its end; without one the folder is its number."""
     named = [word for word in job if word.startswith(SUBFOLDER)] or [f"{SUBFOLDER}{number}"]
     return [*(word for word in job if not word.startswith(SUBFOLDER)), named[-1]]
 
 
-def place_of(word: str) -> str:
-    """The folder of a job, by the word that names it."""
-    return str(OverridesParser.create().parse_override(word).value())
+def override_value(word: str) -> Any:
+    """Return the value of a word of the command line."""
+    return OverridesParser.create().parse_override(word).value()
 
 
-def is_done(folder: Path) -> bool:
-    """Whether the job of this folder needs not be launched; UserError if it is at work."""
+def _is_done(folder: Path) -> bool:
+    """Tell whether the job of a folder has finished; a UserError if it is at work."""
     if (folder / ".hydra").is_dir():
         check_free(folder)
     if not has_finished(folder):
         return False
-    (folder / CHECKPOINT).unlink(missing_ok=True)  # the job may have been killed before it did so
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # it may have been killed just before it did so
     return True

@@ -1,4 +1,4 @@
-"""The loggers of a run: opened when it begins, told of its end, and dropped when they fail."""
+"""Open the loggers of a run, pass its curves and results on, and drop a logger that fails."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -17,14 +17,10 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import take_built
 
 log = logging.getLogger(__name__)
-NO_SETTINGS = ("output", "logger")  # keys that do not tell how a run was made
 
 
 class Trackers(LightningLogger):
-    """All trackers of a run, open inside ``with``, as one logger of Lightning.
-
-    The first exception of a tracker is logged, it then gets no more curves, and the run goes on.
-    """
+    """All trackers of a run, open inside ``with``, as one logger of Lightning; one that fails is dropped."""
 
     name = version = ""
 
@@ -33,7 +29,7 @@ class Trackers(LightningLogger):
         self.chosen, self.run = chosen, run
         self.curves: dict[str, LightningLogger] = {}
         self.stopped: set[str] = set()
-        self.row: dict[str, float] = {}  # what is known of the last step
+        self.row: dict[str, float] = {}  # values of the last step
         self.step: int | None = None
 
     def __enter__(self) -> Self:
@@ -43,7 +39,7 @@ class Trackers(LightningLogger):
         return self
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        """Keep values until those of another step come: what module and callbacks log of one is one row of a table."""
+        """Collect the values of a step from the module and the callbacks into one row."""
         if step != self.step:
             self._pass_on()
         self.row, self.step = self.row | metrics, step
@@ -66,14 +62,13 @@ class Trackers(LightningLogger):
                 act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
-        """Note what the trackers are told when the run ends: its numbers and its pictures, frames, files; see `Run`."""
+        """Note the figures, pictures, frames and files that the trackers get when the run ends; see `Run`."""
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pass_on()
-        status = {"interrupted": "interrupted", "diverged": "failed", "failed": "failed"}.get(
-            str(self.run.metrics.get("status")), "completed"
-        )
+        statuses = {"interrupted": "interrupted", "diverged": "failed", "failed": "failed"}
+        status = statuses.get(str(self.run.metrics.get("status")), "completed")
         if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
             status = "interrupted" if issubclass(kind, KeyboardInterrupt | SystemExit) else "failed"
         for name, tracker in self.chosen.items():
@@ -96,7 +91,7 @@ class Trackers(LightningLogger):
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make those that a config chooses, for a run in ``folder`` or a part of it with its own curves; else none."""
+    """Make the trackers of a config, for a run in ``folder`` or a part of one; without a folder none."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
@@ -109,6 +104,6 @@ def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
             run,
             name=folder.name if folder == whole else f"{whole.name}/{folder.name}",
             group=whole.parent.name if hydra.mode is RunMode.MULTIRUN else "",
-            chosen={key: value for key, _, value in words if key.partition(".")[0] not in NO_SETTINGS},
+            chosen={key: value for key, _, value in words if key.partition(".")[0] not in ("output", "logger")},
         )
     return Trackers({choice: take_built(node) for choice, node in cfg.logger.items()}, run)

@@ -1,4 +1,4 @@
-"""The Lightning Trainer of a task, with the device, options and callbacks of its config, and how its fit ends."""
+"""Make the Lightning Trainer of a task, fit a module with it, and conclude the fit."""
 
 import logging
 import warnings
@@ -33,18 +33,16 @@ def make_trainer(
     checkpoints: bool = True,
     **options: Any,
 ) -> L.Trainer:
-    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with ``checkpoints``.
+    """Make a Trainer with a progress bar and a clean end at Ctrl-C; in a ``folder`` it writes ``checkpoints``.
 
-    Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``; a UserError says which
-    it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside
-    those given).
+    Of ``cfg`` it reads ``trainer`` (which wins over ``options``), ``checkpoint_every`` and, with a folder,
+    ``callbacks``. A UserError names options that Lightning refuses.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
-    record = RunRecord(cfg, folder)
-    kept = None if folder is None or not checkpoints else folder / CHECKPOINT
-    checkpoint = TimedCheckpoint(kept, cfg.get("checkpoint_every"))
+    path = None if folder is None or not checkpoints else folder / CHECKPOINT
+    own = [RunRecord(cfg, folder), ProgressBar(), TimedCheckpoint(path, cfg.get("checkpoint_every"))]
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
@@ -52,7 +50,7 @@ def make_trainer(
             devices=[device.index or 0] if cuda else 1,
             default_root_dir=folder,
             logger=list(loggers),
-            callbacks=[*callbacks, *chosen, record, ProgressBar(), checkpoint],
+            callbacks=[*callbacks, *chosen, *own],
             **options | {str(key): value for key, value in cfg.trainer.items() if value is not None},
         )
     except Exception as error:  # a checkpoint's options may be anything
@@ -60,10 +58,9 @@ def make_trainer(
 
 
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
-    """Fit a module, from a checkpoint if there is one; what is done is then to be written, and `conclude` to be called.
+    """Fit a module, from a ``checkpoint`` if there is one; write its results then, and call `conclude`.
 
-    What goes wrong before the first step is raised, such as a checkpoint of something else (UserError); what does later
-    is returned, with ``module.stop`` as `FAILED`.
+    An error before the first step is raised; a later one is returned, with ``module.stop`` as `FAILED`.
     """
     record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
     try:
@@ -82,10 +79,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 
 
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
-    """End a fit of which all that it leaves is on disk, if anything; now its checkpoint goes, if it came to its end.
-
-    Raises KeyboardInterrupt if it was interrupted, a UserError if it diverged, or the ``failure``.
-    """
+    """End a fit whose results are on disk: remove its checkpoint, or raise what ended it before its last step."""
     if module.stop == INTERRUPTED:
         if folder is not None and (folder / CHECKPOINT).exists():
             resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
@@ -96,7 +90,7 @@ def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseExc
     if failure is not None:
         raise failure
     if module.stop == DIVERGED:
-        kept = "" if folder is None else f"{folder} has what was there before it; "
-        raise UserError(f"{module.trouble}; {kept}lower the rate, or choose others")
+        place = "" if folder is None else f"{folder} has what was there before it; "
+        raise UserError(f"{module.trouble}; {place}lower the rate, or choose others")
     if folder is not None:
         (folder / CHECKPOINT).unlink(missing_ok=True)

@@ -1,9 +1,7 @@
-"""Callbacks of every fit here: the progress bar, checkpoints by time, Ctrl-C, the moving average of weights.
+"""Callbacks of every fit: the progress bar, checkpoints by time, Ctrl-C, the moving average of weights.
 
-Of a LightningModule they read ``title`` (what is being done; a new one begins a new bar), ``progress`` (how much of it
-is done, 0 to 1), ``state_line()`` (step, loss and quality in a few words) and ``stop`` (why the fit ends before its
-last step; "" while it goes on, and if all were taken), which they also set, and ``trouble`` (at which step and how it
-diverged).
+Of a LightningModule they read ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()`` (step, loss and
+quality in a few words) and ``stop`` (why the fit ends before its last step, else ""), which they also set.
 """
 
 import logging
@@ -25,25 +23,25 @@ from brushexp.system.progress import showing
 from brushexp.system.runtime import interruptible
 
 log = logging.getLogger(__name__)
-INTERRUPTED, DIVERGED, FAILED = "interrupted", "diverged", "failed"  # how a fit stops that has not come to its end
-STOPPED_EARLY = "stopped early"  # by EarlyStopping or another callback
-FIRST_SECONDS = 10  # until the first checkpoint, at most
+INTERRUPTED, DIVERGED, FAILED = "interrupted", "diverged", "failed"  # values of ``stop``
+STOPPED_EARLY = "stopped early"  # value of ``stop`` after EarlyStopping or another callback
+FIRST_CHECKPOINT = 10  # seconds until the first checkpoint, at most
 REFRESH_SECONDS = 0.2  # between two updates of the bar: reading the loss and writing a line cost time
 
 
 class ProgressBar(L.Callback):
-    """A bar with the state of the module and the time left; a few lines in the log where there is no terminal."""
+    """Show the state of the module and the time left in a bar, or in a few lines of the log without a terminal."""
 
     def __init__(self) -> None:
-        self.bar, self.title, self.shown = ExitStack(), "", -math.inf
+        self.bar, self.title, self.refreshed = ExitStack(), "", -math.inf
 
     def on_train_start(self, trainer: L.Trainer, pl_module: Any) -> None:
         self._begin(pl_module)
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        if time.monotonic() - self.shown < REFRESH_SECONDS and pl_module.progress < 1:
+        if time.monotonic() - self.refreshed < REFRESH_SECONDS and pl_module.progress < 1:
             return
-        self.shown = time.monotonic()
+        self.refreshed = time.monotonic()
         if pl_module.title != self.title:
             self._begin(pl_module)
         self.show(pl_module.progress, pl_module.state_line())
@@ -61,17 +59,16 @@ class ProgressBar(L.Callback):
 
 
 class TimedCheckpoint(Checkpoint):
-    """Ctrl-C ends the fit after the present step; a file is kept from which an interrupted fit continues exactly.
+    """End the fit after the present step at Ctrl-C, and write a file from which it continues exactly.
 
-    Without a ``path`` there is no file. Lightning calls callbacks of this kind after all others, so the file knows what
-    those have done in the step. It is written ``every`` so many seconds, first sooner; None: only when the fit is
-    interrupted. Who has written all that a finished fit leaves removes it.
+    The file is written to ``path``, if there is one, ``every`` so many seconds, or only at an interruption if that is
+    None. Lightning calls this kind of callback after all others, whose states of the step the file thus has.
     """
 
     def __init__(self, path: Path | None, every: float | None) -> None:
         self.path = path
         self.every = math.inf if every is None or path is None else every
-        self.due = time.monotonic() + min(self.every, FIRST_SECONDS)
+        self.due = time.monotonic() + min(self.every, FIRST_CHECKPOINT)
         self.pressed, self.handler = Event(), ExitStack()
         self.loaded: Sequence[dict[str, Any]] = ()
 
@@ -79,17 +76,17 @@ class TimedCheckpoint(Checkpoint):
         self.loaded = checkpoint["loops"]["fit_loop"]["state_dict"].get("combined_loader", ())
 
     def on_train_start(self, trainer: L.Trainer, *_: object) -> None:
-        for state in self.loaded:  # which Lightning itself forgets where a file was written at the end of an epoch
+        for state in self.loaded:  # Lightning forgets it where a file was written at the end of an epoch
             trainer.train_dataloader.load_state_dict(state)  # type: ignore[union-attr]
         promise = "stopping after this step" + "; what is done so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        if not trainer.is_last_batch:  # from there Lightning's counters cannot be continued
+        if not trainer.is_last_batch:  # where Lightning's counters cannot be continued
             self._act(trainer, pl_module)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        if trainer.num_training_batches == 1:  # which is always the last one
+        if trainer.num_training_batches == 1:  # whose only batch is the last one
             self._act(trainer, pl_module)
 
     def _act(self, trainer: L.Trainer, pl_module: Any) -> None:
@@ -108,7 +105,7 @@ class TimedCheckpoint(Checkpoint):
             with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
             for logger in trainer.loggers:
-                logger.save()  # what comes later is written again by a run that goes on
+                logger.save()  # a run that goes on writes later values again
         except UserError as error:  # a disk may have room again before the end
             log.warning("no checkpoint at step %d: %s", trainer.global_step, error)
 
@@ -119,45 +116,44 @@ class TimedCheckpoint(Checkpoint):
         self.handler.close()
 
     def on_fit_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        pl_module.stop = pl_module.stop or cut_short(trainer, pl_module)
+        if not pl_module.stop and pl_module.progress < 1:
+            pl_module.stop = find_limit(trainer)
 
 
-def cut_short(trainer: L.Trainer, pl_module: Any) -> str:
-    """Which limit of the Trainer, or that a callback, has ended a fit before its last step; "" if nothing has."""
-    if pl_module.progress >= 1:
-        return ""
-    times = [found.time_remaining() for found in trainer.callbacks if isinstance(found, Timer)]  # type: ignore[attr-defined]
-    reached = {
+def find_limit(trainer: L.Trainer) -> str:
+    """Name the limit of the Trainer that has ended a fit; `STOPPED_EARLY` if a callback has."""
+    times = [timer.time_remaining() for timer in trainer.callbacks if isinstance(timer, Timer)]  # type: ignore[attr-defined]
+    limits = {
         "max_steps": 0 <= trainer.max_steps <= trainer.global_step,
         "max_epochs": trainer.max_epochs is not None and 0 <= trainer.max_epochs <= trainer.current_epoch,
-        "max_time": any(left is not None and left <= 0 for left in times),
+        "max_time": any(seconds is not None and seconds <= 0 for seconds in times),
     }
-    return next((f"{limit} reached" for limit, is_reached in reached.items() if is_reached), STOPPED_EARLY)
+    return next((f"{limit} reached" for limit, is_reached in limits.items() if is_reached), STOPPED_EARLY)
 
 
 class MovingAverage(WeightAveraging):
-    """An exponential moving average of the weights, validated, and left in their place at the end or at a failure.
+    """Validate an exponential moving average of the weights, which replaces them at the end or at a failure.
 
-    At each step it keeps ``decay`` < 1 of the old weights; early averages forget faster, being mostly of random ones.
+    At each step it keeps ``decay`` < 1 of the old weights; early averages, mostly of random weights, forget faster.
     """
 
     def __init__(self, decay: float) -> None:
         def average(averages: Any, weights: Any, count: Any) -> None:
-            kept = min(decay, (1 + int(count)) / (10 + int(count)))
-            get_ema_multi_avg_fn(kept)(averages, weights, count)
+            warm_decay = min(decay, (1 + int(count)) / (10 + int(count)))
+            get_ema_multi_avg_fn(warm_decay)(averages, weights, count)
 
         super().__init__(multi_avg_fn=average)
-        self.shown = False  # whether the average is in place, for a validation
+        self.in_place = False  # whether the average has replaced the weights for a validation
 
     def on_validation_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         super().on_validation_epoch_start(trainer, pl_module)
-        self.shown = True
+        self.in_place = True
 
     def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         super().on_validation_epoch_end(trainer, pl_module)
-        self.shown = False
+        self.in_place = False
 
     def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
-        if self._average_model is not None and not self.shown:
+        if self._average_model is not None and not self.in_place:
             self._copy_average_to_current(pl_module)
-        self._average_model = None  # nothing is exchanged any more
+        self._average_model = None  # no exchange from here on

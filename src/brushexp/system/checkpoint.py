@@ -1,8 +1,6 @@
-"""Trained weights on disk: ``<name>.safetensors`` and, beside it, ``<name>.json``, the recipe that made them.
+"""Write and read trained weights: ``<name>.safetensors`` and, beside it, ``<name>.json``, the recipe that made them.
 
-The recipe has the family and name of the plugin, ``options`` (those that the weights depend on), ``data`` (what it
-learned from), ``training`` (settings), ``figures`` (how good it is), ``hash`` of the weights, ``format`` and
-``format_version``. Nothing in either file is ever run.
+docs/formats.md has the keys of the recipe. Nothing in either file is ever run.
 """
 
 import hashlib
@@ -19,27 +17,26 @@ from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
 from brushexp.system.reading import check_plain, in_short, json_of, read_safetensors, read_text
 
-VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
-PROGRAM = "brushexp "  # how every format begins
+VERSION = 1  # raise it when a new file would mislead an older reader
+PROGRAM = "brushexp "  # first word of every format
 
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """What a checkpoint is of, and how users speak of it."""
+    """The kind of a checkpoint, and the words for it in messages."""
 
-    noun: str  # what it is, "renderer"
-    family: str  # that of its plugins, under which the recipe keeps the plugin's name
-    node: str  # where the plugin's options are in the config, "renderer"
-    task: str  # what trains it, as one would type it
-    without: str  # what ``checkpoint=null`` means
+    noun: str  # of the network, "renderer"
+    family: str  # of its plugins, a key of the recipe
+    node: str  # of the config with the plugin's options, "renderer"
+    task: str  # that trains it, as one would type it
+    without: str  # the meaning of ``checkpoint=null``
     shipped: Path  # folder of those that come with the program
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
         """Put trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
 
-        What differs from the recipe in ``options`` (`plain_options`, on which the weights depend) is refused, as is a
-        file that is missing, damaged or of another plugin (UserError). The hash of the weights is returned; a
-        checkpoint of None (see `path_of`) leaves them as they are, and returns "".
+        A UserError tells of ``options`` that differ from the recipe, or of a file that is missing, damaged or of
+        another plugin. The hash of the weights is returned; a checkpoint of None changes nothing, and returns "".
         """
         module.eval()
         if checkpoint is None:
@@ -57,7 +54,7 @@ class CheckpointFormat:
                 typed += "=" + in_short(json.dumps(trained[key]).strip('"'))
                 raise UserError(f"{where} was trained with {typed}, not {value}; set {typed}")
         try:
-            module.load_state_dict(read_weights(path))
+            module.load_state_dict(read_safetensors(path, "pickles are refused, because they can run code"))
         except RuntimeError as error:
             cure = f"train it again with {self.task}"
             raise UserError(f"{where} is of another {self.noun}; {cure}: {in_short(error)}") from error
@@ -68,8 +65,8 @@ class CheckpointFormat:
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
         """Write ``path`` (.safetensors) and the recipe beside it; the module then holds the weights as written.
 
-        The recipe has ``options`` and, as far as they are known, ``data``, ``training`` and ``figures``. With ``half``
-        floats have 16 bits; numbers that do not fit into them stay 32-bit. The hash of the weights is returned.
+        The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats that fit
+        have 16 bits. The hash of the weights is returned.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 
@@ -85,13 +82,13 @@ class CheckpointFormat:
         return digest
 
     def path_of(self, checkpoint: str) -> Path:
-        """The .safetensors file: a plain name is one that comes with the program, anything else is a path."""
-        plain = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
-        path = self.shipped / f"{checkpoint}.safetensors" if plain else Path(checkpoint)
+        """Return the .safetensors file of a checkpoint, the plain name of a shipped one or a path."""
+        is_name = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
+        path = self.shipped / f"{checkpoint}.safetensors" if is_name else Path(checkpoint)
         if path.is_file():
             return path
         where = f"{self.node}.checkpoint={checkpoint}"
-        if not plain:
+        if not is_name:
             raise UserError(f"{where}: there is no such file; give the .safetensors of {self.task}")
         names = ", ".join(sorted(file.stem for file in self.shipped.glob("*.safetensors"))) or "none"
         raise UserError(
@@ -100,11 +97,11 @@ class CheckpointFormat:
         )
 
     def shipped_name(self, name: str) -> str | None:
-        """The name again if a checkpoint of that name comes with the program, else None."""
+        """Return the name if a checkpoint of that name comes with the program, else None."""
         return name if (self.shipped / f"{name}.safetensors").is_file() else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
-        """The recipe of the checkpoint at ``path`` (.safetensors); a UserError if there is none, or it is not one."""
+        """Read the recipe of the checkpoint at ``path`` (.safetensors), or raise a UserError."""
         file, cure = path.with_suffix(".json"), "copy it again from where the checkpoint came from"
         if not file.is_file():
             raise UserError(f"{path} has no recipe beside it; copy {file.name} there too")
@@ -115,24 +112,17 @@ class CheckpointFormat:
             raise UserError(f"{file} is {error}; {cure}") from error
         if not isinstance(recipe, dict) or recipe.get("format") != PROGRAM + self.noun:
             raise UserError(f"{file} is not the recipe of a {self.noun}; give the checkpoint that {self.task} wrote")
-        version = recipe.get("format_version")
-        if version != VERSION:
-            known = f"and this brushexp reads {VERSION}; update it or train again"
-            raise UserError(f"{file} has format_version {in_short(version)}, {known}")
+        if (version := recipe.get("format_version")) != VERSION:
+            cure = f"and this brushexp reads {VERSION}; update it or train again"
+            raise UserError(f"{file} has format_version {in_short(version)}, {cure}")
         for key, kind in ((self.family, str), ("options", dict), ("hash", str)):
             if not isinstance(recipe.get(key), kind):
                 raise UserError(f"{file} has no {key}; {cure}")
         return recipe
 
 
-def read_weights(path: Path) -> dict[str, Tensor]:
-    """Tensors of a .safetensors file, by name; floats as 32 bit. One that is damaged or not finite is a UserError."""
-    tensors = read_safetensors(path, "pickles are refused, because they can run code")
-    return {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
-
-
 def weights_hash(module: nn.Module) -> str:
-    """SHA-256 of all weights, names and shapes (as 32-bit floats); "" for a module that has none."""
+    """Compute the SHA-256 of all weights, names and shapes (as 32-bit floats); "" for a module without weights."""
     state = module.state_dict()
     if not state:
         return ""
@@ -145,14 +135,13 @@ def weights_hash(module: nn.Module) -> str:
 
 
 def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as JSON keeps them: an `Enum` by its name, tuples as lists; without those that are not of the weights."""
-    kept = {key: value for key, value in options.items() if key != "checkpoint" and not key.startswith("_")}
-    plain: dict[str, Any] = json.loads(json.dumps(kept, default=lambda choice: choice.name))
+    """Convert the options that weights depend on to values of JSON: an `Enum` to its name, tuples to lists."""
+    chosen = {key: value for key, value in options.items() if key != "checkpoint" and not key.startswith("_")}
+    plain: dict[str, Any] = json.loads(json.dumps(chosen, default=lambda choice: choice.name))
     return plain
 
 
 def _stored(value: Tensor, half: bool) -> Tensor:
-    """As it is written: on the CPU, contiguous, 16-bit where that is asked for and the numbers fit."""
     value = value.detach().cpu().contiguous().clone()
     short = value.half() if half and value.is_floating_point() else value
     return short if bool(short.isfinite().all()) else value

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and how numbers become pixels and JSON."""
+"""Write files whole or not at all, and convert numbers to pixels and JSON."""
 
 import io
 import json
@@ -18,16 +18,16 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
-TEMPORARY = ".brushexp-*"  # files that are being written
+TEMPORARY = ".brushexp-*"  # pattern of files that are being written
 PNG: dict[str, Any] = {"format": "PNG", "compress_type": zlib.Z_RLE}  # as small as by default, in a quarter of the time
 
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; what is written there takes the place of ``path`` at once, or never.
+    """Yield a temporary path beside ``path``, whose file replaces that of ``path`` in the end.
 
-    Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched. If
-    the file cannot be written, a UserError proposes another place with ``key``.
+    At any error, Ctrl-C included, the temporary file is removed and the previous one is untouched. If the file cannot
+    be written, a UserError proposes another place with ``key``.
     """
     temporary = path.with_name(f"{TEMPORARY[:-1]}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -51,14 +51,14 @@ def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
 
 
 def write_text(path: Path, text: str | Iterable[str]) -> None:
-    """Write a UTF-8 file, of one text or piece by piece; what UTF-8 cannot hold (parts of file names) is escaped."""
+    """Write a UTF-8 file of one text or piece by piece; odd bytes of file names are escaped."""
     pieces = [text] if isinstance(text, str) else text
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.writelines(piece.encode("utf-8", "backslashreplace") for piece in pieces)
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write strict JSON: a number that is not finite becomes null."""
+    """Write strict JSON; a number that is not finite becomes null."""
     write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -77,7 +77,6 @@ def to_bytes(image: Tensor) -> np.ndarray:
 
 
 def _plain(data: Any) -> Any:
-    """The same data, made of what JSON knows."""
     if isinstance(data, Mapping):
         return {str(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):

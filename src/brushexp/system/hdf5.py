@@ -1,4 +1,4 @@
-"""Parts of HDF5 files that are read by programs which trust nobody: every function says what is wrong with the file."""
+"""Read parts of untrusted HDF5 files; a UserError says what is wrong with the file."""
 
 import zlib
 from pathlib import Path
@@ -10,24 +10,23 @@ import numpy as np
 from brushexp.errors import UserError
 from brushexp.system.reading import check_file, explaining, in_short
 
-HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
+HDF5 = "v110"  # version of the format that is written: the first with checksums of everything but free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
-LARGEST_CHUNK = 2**26  # bytes of a chunk unpacked: 16 pictures of 1024 x 1024
-GZIP, SHUFFLE, CHECKSUM = 1, 2, 3
-FILTERS = {GZIP, SHUFFLE, CHECKSUM}  # others could be libraries that HDF5 loads
-INFLATION = 1032  # bytes that gzip makes of one at most
+LARGEST_CHUNK = 2**26  # bytes of a chunk when unpacked: 16 pictures of 1024 x 1024
+GZIP, SHUFFLE, CHECKSUM = 1, 2, 3  # filters; HDF5 would load a library for others
+INFLATION = 1032  # most bytes that gzip unpacks from one
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
-SPARE = 2**12  # bytes by which small data may grow when packed
+SPARE = 2**12  # most bytes by which small data grow when packed
 
 
 def fixed(text: str) -> np.ndarray:
-    """The text as HDF5 keeps it inside an object: with a length that is known."""
+    """Encode a text for an attribute of fixed length."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
 def opened(path: Path, cure: str, **options: Any) -> h5py.File:
-    """The file, which is one of HDF5."""
+    """Open an HDF5 file for reading."""
     check_file(path, cure)
     with explaining(path, cure):
         if not h5py.is_hdf5(path):
@@ -38,10 +37,9 @@ def opened(path: Path, cure: str, **options: Any) -> h5py.File:
 def dataset_of(
     file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
 ) -> h5py.Dataset:
-    """The dataset, if it is what the format says, and here; its numbers are not read yet.
+    """Return a dataset of the file itself, if it is as the format says; its numbers are not read yet.
 
-    Without a shape it has one axis, of ``most`` values. Other files that it may point to are not opened, and more
-    numbers than its bytes can hold are refused.
+    Without a ``shape`` it has one axis of at most ``most`` values.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
         raise UserError(f"has no dataset {name}; it is damaged or not complete")
@@ -61,10 +59,10 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse what would unpack to more than it says, or says more than can be there."""
+    """Refuse a dataset that would unpack to more than it says, or says more than its bytes can hold."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
-    if not FILTERS.issuperset(used) or used.count(GZIP) > 1:
+    if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:
         raise UserError(f"{name} is packed in a way that is not read here; pack it with gzip")
     if dataset.chunks is not None:
         unpacked = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
@@ -77,7 +75,7 @@ def _check_storage(name: str, dataset: h5py.Dataset) -> None:
 
 
 def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
-    """All that a `dataset_of` holds; UserError if a chunk unpacks to more than it says."""
+    """Read all numbers of a `dataset_of`; see `check_chunk`."""
     offsets: list[tuple[int, ...]] = []
     if dataset.chunks is not None:
         dataset.id.chunk_iter(lambda chunk: offsets.append(chunk.chunk_offset))
@@ -87,34 +85,34 @@ def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
 
 
 def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
-    """Refuse the chunk at ``offset`` if it unpacks to more than it says: HDF5 makes room for all of it first."""
+    """Refuse the chunk at ``offset`` if it unpacks to more than it says: HDF5 would allocate all of it."""
     layout = dataset.id.get_create_plist()
     kinds = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     skipped, packed = dataset.id.read_direct_chunk(offset)
     if GZIP not in kinds or skipped & 1 << kinds.index(GZIP):
         return
-    said = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
-    if len(zlib.decompressobj().decompress(packed, said + SPARE)) >= said + SPARE:
-        raise UserError(f"{dataset.name[1:]} has a chunk that unpacks to more than the {said} bytes that it says")
+    size = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+    if len(zlib.decompressobj().decompress(packed, size + SPARE)) >= size + SPARE:
+        raise UserError(f"{dataset.name[1:]} has a chunk that unpacks to more than the {size} bytes that it says")
 
 
 def text_of(file: h5py.File, name: str) -> str:
-    """The attribute, if it is text."""
+    """Return an attribute that is text."""
     return str(attribute_of(file, name, str, "text"))
 
 
 def whole_number_of(file: h5py.File, name: str) -> int:
-    """The attribute, if it is a whole number."""
+    """Return an attribute that is a whole number."""
     return int(attribute_of(file, name, np.integer, "a whole number"))
 
 
 def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
-    """The attribute, if it is of a kind, which is called ``words``; bytes count as text."""
+    """Return an attribute of a ``kind``, which messages call ``words``; bytes count as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}; it is damaged or not complete")
     stored = file.attrs.get_id(name)
-    kept = stored.get_type()
-    if kept.get_class() not in PLAIN or (isinstance(kept, h5py.h5t.TypeStringID) and kept.is_variable_str()):
+    dtype = stored.get_type()
+    if dtype.get_class() not in PLAIN or (isinstance(dtype, h5py.h5t.TypeStringID) and dtype.is_variable_str()):
         raise UserError(f"attribute {name} has no fixed length, so damage can hang HDF5; write it as numpy.bytes_(...)")
     if stored.get_storage_size() > LARGEST_ATTRIBUTE:
         raise UserError(f"attribute {name} has more than {LARGEST_ATTRIBUTE} bytes")

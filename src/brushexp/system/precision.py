@@ -1,13 +1,13 @@
-"""Numbers of half precision."""
+"""Convert numbers of half precision."""
 
 import torch
 from torch import Tensor
 
 
 def at_least_single(value: Tensor) -> Tensor:
-    """The same in float32 if it is in half precision (bfloat16, float16); otherwise untouched.
+    """Convert half precision (bfloat16, float16) to float32; other tensors are returned as they are.
 
     A mean over a picture overflows in float16, and the difference of two squares (a variance, a determinant) has no
-    correct digit in bfloat16. The gradient goes back in the precision that the value came in.
+    correct digit in bfloat16. The gradient has the precision of ``value``.
     """
     return value.to(torch.promote_types(value.dtype, torch.float32))

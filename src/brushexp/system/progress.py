@@ -1,4 +1,4 @@
-"""How far a piece of work is: a bar on a terminal, a few lines in the log elsewhere."""
+"""Show the progress of a piece of work in a bar on a terminal, or in a few lines of the log."""
 
 import logging
 import time
@@ -10,7 +10,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
 
-LOG_LINES = 5  # of a whole work, where there is no terminal for a bar
+LOG_LINES = 5  # for a whole piece of work, without a terminal
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
@@ -18,9 +18,9 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """A function that takes which share of the work is done and a word on its state, and shows both and the time left.
+    """Yield a function that shows the share of the work that is done, its state in a word, and the remaining time.
 
-    Before it is called the share is ``done``; ``what`` is the work, "simulating strokes".
+    ``done`` is the share at first, and ``what`` the work, "simulating strokes".
     """
     console = Console(stderr=True)
     columns = ("{task.description}", BarColumn(), TaskProgressColumn(), "{task.fields[state]}")
@@ -32,8 +32,8 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
         bar.update(task, completed=share, state=state)
         if bar.disable and int(share * LOG_LINES) > logged:
             logged = int(share * LOG_LINES)
-            left = timedelta(seconds=round((time.monotonic() - start) * (1 - share) / max(share - done, 1e-9)))
-            log.info("%s: %d %%, %s, %s left", what, 100 * share, state, left)
+            remaining = timedelta(seconds=round((time.monotonic() - start) * (1 - share) / max(share - done, 1e-9)))
+            log.info("%s: %d %%, %s, %s left", what, 100 * share, state, remaining)
 
     with Progress(*columns, *times, console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=1.0, state="")
@@ -43,7 +43,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
 @contextmanager
 def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """A function that takes how many of ``total`` items are done, and shows it with items/s, see `showing`."""
+    """Yield a function that shows how many of ``total`` items are done, and the items/s; see `showing`."""
     start, total = time.monotonic(), max(total, 1)
 
     def count(now: int) -> None:
@@ -57,7 +57,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 def with_progress(
     items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
 ) -> Iterator[Item]:
-    """Pass items on and show how many have been taken; ``total`` is their sizes together."""
+    """Pass items on and show how many have passed; ``total`` is the sum of their sizes."""
     done = 0
     with counting(what, total) as show:
         for item in items:

@@ -1,7 +1,7 @@
-"""Readers treat every file as untrusted data: they run nothing in it and bound all that it claims.
+"""Read files as untrusted data: nothing in them is run, and all that they claim is bounded.
 
-Whatever reads a file begins here; docs/security.md lists the files and their limits. What is wrong is a UserError of
-one line. Functions of a path name it there, functions of a text leave that to who knows where it came from.
+docs/security.md lists the files and their limits. A UserError of one line says what is wrong; functions of a path name
+the file in it.
 """
 
 import csv
@@ -26,13 +26,13 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
-LONGEST_SHOWN = 160  # letters
+LONGEST_QUOTE = 160  # letters of a value in a message
 LARGEST_TEXT = 2**24  # bytes of a file of numbers or settings
 LARGEST_YAML = 2**20  # letters: a run's settings have some thousands
-DEEPEST = 32  # levels of lists and mappings in each other
-MOST_VALUES = 100_000  # of settings
+DEEPEST = 32  # levels of nested lists and mappings
+MOST_VALUES = 100_000  # in one file of settings
 LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
-EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # whose events come one by one
+EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ROOTS: dict[type, Any] = {
     dict: (yaml.MappingStartEvent, "mapping of keys to values"),
     list: (yaml.SequenceStartEvent, "list"),
@@ -42,14 +42,11 @@ ROOTS: dict[type, Any] = {
 def in_short(value: object) -> str:
     """Shorten a value of a file, or an error that it caused, to one line of a message."""
     text = " ".join(str(value).split())
-    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+    return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
-    """Refuse what is no regular file, cannot be opened or has more than ``largest`` bytes, without waiting for a pipe.
-
-    The UserError ends with ``cure``, what would be right.
-    """
+    """Refuse (UserError, with ``cure``) what is no readable regular file of at most ``largest`` bytes."""
     try:
         status = path.stat()
         if regular := stat.S_ISREG(status.st_mode):
@@ -66,25 +63,25 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn whatever goes wrong with a file into a UserError that names it, with ``cure`` if it is damaged."""
+    """Turn any error with a file into a UserError that names it, with ``cure`` if it is damaged."""
     try:
         yield
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
-    except Exception as error:  # of HDF5, pickle, zip, Pillow, and what else a file may hold
+    except Exception as error:  # of HDF5, pickle, zip or Pillow
         reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {str(error).partition('. ')[0]}"
         raise UserError(f"{path} is damaged or cut short ({in_short(reason)}); {cure}") from error
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """Read a text file in UTF-8, without a byte order mark; it raises the UserError of `check_file`."""
+    """Read a text file in UTF-8, without its byte order mark; see `check_file`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
         return path.read_bytes().decode("utf-8-sig")
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file with a column ``step``; cells that a row lacks are None. None of them in no such table."""
+    """Read the rows of a CSV file with a column ``step``, of another file none; cells that a row lacks are None."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -99,7 +96,7 @@ def digest_of(path: Path) -> str:
 
 
 def json_of(text: str) -> Any:
-    """Parse JSON; a duplicate key is an error."""
+    """Parse JSON, without duplicate keys."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         mapping = dict(pairs)
@@ -118,9 +115,9 @@ def json_of(text: str) -> Any:
 
 
 def check_yaml(text: str, root: type = dict) -> None:
-    """Refuse YAML that is too long or deep, has aliases, or is no mapping (or list); nothing is constructed.
+    """Refuse YAML that is too long or deep, has aliases, or is no mapping (or list), before anything is constructed.
 
-    PyYAML itself takes minutes for 40 kB of brackets, and aliases of aliases fill any memory.
+    PyYAML takes minutes for 40 kB of brackets, and aliases of aliases fill any memory.
     """
     if len(text) > LARGEST_YAML:
         raise UserError(f"YAML of {len(text)} letters, more than {LARGEST_YAML}")
@@ -141,7 +138,7 @@ def check_yaml(text: str, root: type = dict) -> None:
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
-    """The mapping (or list) that YAML says, of plain values; empty for an empty text. Interpolations stay text."""
+    """Parse YAML of a mapping (or list) of plain values, empty for an empty text; interpolations stay text."""
     return deepcopy(_yaml_of(text, root))
 
 
@@ -149,15 +146,14 @@ def yaml_of(text: str, root: type = dict) -> Any:
 def _yaml_of(text: str, root: type) -> Any:
     check_yaml(text, root)
     try:
-        return check_plain(OmegaConf.to_container(OmegaConf.create(text)) or root())
-    except UserError:
-        raise
-    except Exception as error:  # of PyYAML, OmegaConf, and of Python for dates and numbers that are none
+        data = OmegaConf.to_container(OmegaConf.create(text)) or root()
+    except Exception as error:  # of PyYAML and OmegaConf, and of Python for impossible dates and numbers
         raise UserError(f"not YAML of plain values ({in_short(error)})") from error
+    return check_plain(data)
 
 
 def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
-    """Return the data if it consists of text, numbers, lists and dictionaries alone, and of few enough of them."""
+    """Return the data if it consists of text, numbers, lists and dictionaries alone, and of at most `MOST_VALUES`."""
     budget = budget or [MOST_VALUES]
     budget[0] -= 1
     if budget[0] == 0 or levels == 0:
@@ -172,7 +168,7 @@ def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = Non
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Read the tensors of a .safetensors file by name; all of them must be finite."""
+    """Read the tensors of a .safetensors file by name; all must be finite."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -181,7 +177,7 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
 
 
 def read_pickled(path: Path, cure: str) -> Any:
-    """What torch.save has written of tensors, numbers, text, lists and dictionaries; a pickle of else is refused."""
+    """Read a file of torch.save with tensors, numbers, text, lists and dictionaries; other pickles are refused."""
     check_file(path, cure, LARGEST_WEIGHTS)
     with explaining(path, cure):
         zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
@@ -197,7 +193,7 @@ def read_pickled(path: Path, cure: str) -> Any:
 
 
 def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return the tensors if all their numbers are finite."""
+    """Return the tensors if they are finite."""
     for name, value in tensors.items():
         if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
             raise UserError(f"{name} has numbers that are not finite; train it again, or give another file")
@@ -205,13 +201,13 @@ def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _check_tensors(data: Any) -> None:
-    """Refuse tensors larger than what the file holds of them: those of no memory, or of one number that repeats."""
-    waiting, seen = [data], set()
-    while waiting:
-        value = waiting.pop()
-        if isinstance(value, dict | list | tuple | set) and id(value) not in seen:
-            seen.add(id(value))
-            waiting.extend(value.values() if isinstance(value, dict) else value)
+    """Refuse tensors with more numbers than the file has: those without memory, or of one number that repeats."""
+    stack, visited = [data], set()
+    while stack:
+        value = stack.pop()
+        if isinstance(value, dict | list | tuple | set) and id(value) not in visited:
+            visited.add(id(value))
+            stack.extend(value.values() if isinstance(value, dict) else value)
         elif isinstance(value, Tensor):
             held = value.untyped_storage().nbytes() if value.layout is torch.strided and not value.is_meta else -1
             if value.numel() * value.element_size() > held:

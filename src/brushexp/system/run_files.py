@@ -1,10 +1,7 @@
-"""The files in the folder of a run: their names, and a manifest of what runs have created there.
+"""Note the files that runs create in a folder in its manifest; ``overwrite=true`` removes those and no others.
 
-``overwrite=true`` removes the files of the manifest and no others.
-
-Python reports every file that it is about to open or rename (audit hooks, PEP 578). So the manifest also has what
-Hydra, Lightning and plugins write, and a file of which the writing was killed. A library in C reports nothing: what it
-writes goes through `replacing`, which renames it, or is named to `note_files`.
+Python reports every file that it is about to open or rename (audit hooks, PEP 578), also those of Hydra, Lightning and
+plugins. A library in C reports nothing: its files go through `replacing`, which renames them, or `note_files`.
 """
 
 import os
@@ -17,30 +14,30 @@ from typing import Any
 
 from brushexp.system.files import TEMPORARY
 
-METRICS_FILE = "metrics.json"  # how the run ended (``status``), and the numbers that it returned
-CHECKPOINT = "checkpoint.ckpt"  # of a run that has not come to its end
-MANIFEST = ".hydra/files.txt"  # the files that runs have created there, a relative path a line
+METRICS_FILE = "metrics.json"  # the ``status`` of a run, and its figures
+CHECKPOINT = "checkpoint.ckpt"  # of a run that has not finished
+MANIFEST = ".hydra/files.txt"  # one relative path a line
 AT_WORK = "at work"  # status of a painting until its timelapse and page are written
 UNFINISHED = ("failed", "interrupted", "diverged", AT_WORK)  # status of runs that are not compared
-UNNOTED = ("files.txt", "lock", "report.lock")  # files that outlast the runs of a folder
-_recorded: set[str] = set()  # real paths of the folders in which this process is at work
+UNNOTED = ("files.txt", "lock", "report.lock")  # files of a folder, not of its runs
+_recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """Note from now on, in its manifest, each file that this process creates below a folder."""
+    """Note each file that this process creates below a folder from now on in its manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()
 
 
 def stop_recording(folder: Path) -> None:
-    """Note no more files of a folder."""
+    """Stop noting the files of a folder."""
     _recorded.discard(os.path.realpath(folder))
 
 
 @contextmanager
 def recorded(folder: Path) -> Iterator[None]:
-    """Note in its manifest each file that is created below a folder inside ``with``."""
+    """Note each file that is created below a folder inside ``with``."""
     record_files(folder)
     try:
         yield
@@ -49,7 +46,7 @@ def recorded(folder: Path) -> Iterator[None]:
 
 
 def note_files(folder: Path, paths: Iterable[Path]) -> None:
-    """Add files to the manifest of a recorded folder, and those outside of it to none."""
+    """Add files below a recorded folder to its manifest."""
     if os.path.realpath(folder) not in _recorded:
         return
     names = [os.path.relpath(path, folder) for path in paths]
@@ -59,7 +56,7 @@ def note_files(folder: Path, paths: Iterable[Path]) -> None:
 
 
 def files_written(folder: Path) -> Iterator[Path]:
-    """Files that runs have created in a folder and that still exist; of a sweep, those of its jobs, too."""
+    """Yield the files that runs have created in a folder and that still exist; of a sweep, those of its jobs, too."""
     manifest, root = folder / MANIFEST, folder.resolve()
     if not manifest.is_file():
         return
@@ -75,12 +72,11 @@ def files_written(folder: Path) -> Iterator[Path]:
 
 @cache
 def _install_hook() -> None:
-    """Python can remove no audit hook, so there is one, once."""
-    sys.addaudithook(_on_event)
+    sys.addaudithook(_on_event)  # once, for Python cannot remove it
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
-    """Note a file that does not exist yet and is about to be created in a recorded folder."""
+    """Note a new file that is about to be created in a recorded folder."""
     if not _recorded or event not in ("open", "os.rename"):
         return
     path, flags = (arguments[0], arguments[2]) if event == "open" else (arguments[1], os.O_CREAT)

@@ -1,4 +1,4 @@
-"""How this process waits, keeps memory, shares threads and is interrupted: what no option of torch reaches."""
+"""Set how this process waits, keeps memory, shares threads and is interrupted."""
 
 import ctypes
 import logging
@@ -17,25 +17,24 @@ from brushexp.errors import UserError
 log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # soon time is up
+OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 _received: list[int] = []  # signals so far
-_earlier_peak = [0.0]  # MB, of jobs before this one
-
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
+_earlier_peak = [0.0]  # MB of the jobs before this one
 
 
 def let_threads_sleep() -> None:
     """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported.
 
-    Numba shares loops by OpenMP, too, also where the system has TBB: on one core a program whose kernels ran in a
-    thread that is over would wait for TBB at its end for ever (Numba 0.68).
+    Numba uses OpenMP, too: with TBB, a program whose kernels ran in a finished thread never ends on one core
+    (Numba 0.68).
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 
 def keep_memory() -> None:
-    """Let glibc keep freed pictures for the next step; else it returns blocks above 32 MB and faults them in again."""
+    """Let glibc keep freed pictures for the next step, also blocks above 32 MB."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
         if hasattr(libc, "mallopt"):  # musl has none
@@ -50,15 +49,12 @@ def share_threads() -> None:
 
     n, most = torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     numba.set_num_threads(max(1, min(n, most)))
-    if torch.get_num_threads() != n:  # both share one pool of OpenMP, which Numba enlarges when it begins
+    if torch.get_num_threads() != n:  # Numba enlarges the pool of OpenMP that both share
         torch.set_num_threads(n)
 
 
 def end_on_signals() -> None:
-    """Let what ends jobs on a cluster (SIGTERM) or with a terminal (SIGHUP) do as Ctrl-C does: what is open is closed.
-
-    A signal that whoever started us has switched off (nohup) stays so.
-    """
+    """Let SIGTERM (of clusters) and SIGHUP (of terminals) raise KeyboardInterrupt, unless they are ignored (nohup)."""
 
     def interrupt(signum: int, frame: FrameType | None) -> None:
         _received.append(signum)
@@ -70,17 +66,17 @@ def end_on_signals() -> None:
 
 
 def was_signalled() -> bool:
-    """Whether a signal has asked this process to end."""
+    """Tell whether a signal has asked this process to end."""
     return bool(_received)
 
 
 def interrupted_code() -> int:
-    """Exit code of an interrupted process: 128 and the number of the signal, 130 for Ctrl-C."""
+    """Return the exit code of an interrupted process: 128 and the number of the signal, 130 for Ctrl-C."""
     return 128 + (_received[-1] if _received else signal.SIGINT)
 
 
 def pass_signal_on() -> None:
-    """Let the signal of a cluster by which this process was interrupted do what it did before: submitit tries again."""
+    """Raise the signal of a cluster that has interrupted this process again, for submitit to requeue the job."""
     if _received and _received[-1] in OF_CLUSTERS:
         signal.raise_signal(_received[-1])
 
@@ -89,7 +85,7 @@ def pass_signal_on() -> None:
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
     """Let a first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end; a second ends at once.
 
-    So do the signals by which a cluster says that time is up, if whoever started us there listens to them.
+    So do signals of a cluster for which there is a handler.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
@@ -102,8 +98,8 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    heard = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *heard)}
+    handled = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *handled)}
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield
         return
@@ -117,24 +113,29 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def jobs_at_once(n_jobs: int) -> int:
+    """Return how many jobs run at once; a negative number counts from all cores, which are -1."""
+    return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
+
+
 def free_memory() -> float:
-    """Most memory in MB that this process may still get; infinite where the system does not say."""
-    found = [resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20]  # no limit is -1
+    """Return the MB that this process may still allocate, as far as the system says."""
+    limits = [resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20]  # no limit is -1
     limit, info = Path("/sys/fs/cgroup/memory.max"), Path("/proc/meminfo")
     if limit.exists() and (text := limit.read_text().strip()).isdecimal():
-        found.append(int(text) / 2**20)
+        limits.append(int(text) / 2**20)
     if info.exists():
         lines = dict(line.split(":") for line in info.read_text().splitlines())
-        found.append(sum(int(lines[name].split()[0]) for name in ("MemAvailable", "SwapFree")) / 1024)
-    return min(found)
+        limits.append(sum(int(lines[name].split()[0]) for name in ("MemAvailable", "SwapFree")) / 1024)
+    return min(limits)
 
 
 def check_memory(needed: float, what: str, cure: str) -> None:
-    """Refuse (UserError) what takes more bytes than this process may get."""
+    """Refuse (UserError) what takes more bytes than this process may allocate."""
     free = free_memory()
     if needed > free * 2**20:
         gigabytes = f"{needed / 2**30:.1f} GB of memory, but {free / 1024:.1f} GB are free"
@@ -142,14 +143,14 @@ def check_memory(needed: float, what: str, cure: str) -> None:
 
 
 def forget_peak_memory() -> None:
-    """Let `peak_memory` begin again, for the next job of this process."""
-    with suppress(OSError):  # only some systems can
+    """Reset `peak_memory` for the next job of this process."""
+    with suppress(OSError):  # few systems have it
         Path("/proc/self/clear_refs").write_text("5")
     _earlier_peak[0] = _peak()
 
 
 def peak_memory() -> float | None:
-    """Most memory that this process has had at once, in MB; None if an earlier job had more, so that nobody knows."""
+    """Return the peak memory of this process in MB; None if an earlier job had more."""
     peak = _peak()
     return peak if peak > _earlier_peak[0] else None
 

@@ -15,16 +15,14 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
-    found = gather([Path(path) for path in cfg.runs], folder)
-    paintings = found[found["run", "image"].fillna("") != ""]
+    runs = gather([Path(path) for path in cfg.runs], folder)
+    paintings = runs[runs["run", "image"].fillna("") != ""]
     if paintings.empty or over_seeds(paintings).groupby("image").size().max() < 2:
         raise UserError(
-            f"runs={','.join(cfg.runs)}: {len(paintings)} of {len(found)} runs are finished paintings, and no two of "
+            f"runs={','.join(cfg.runs)}: {len(paintings)} of {len(runs)} runs are finished paintings, and no two of "
             "them are of one picture with different settings; add more with 'runs=[...]'"
         )
-    if len(paintings) < len(found):
-        left_out = len(found) - len(paintings)
-        log.info("%d of %d runs are left out: no paintings, or not finished", left_out, len(found))
-    front = write_comparison(folder, paintings)
-    log.info("%s: %d runs compared", front, len(paintings))
+    if omitted := len(runs) - len(paintings):
+        log.info("%d of %d runs are left out: no paintings, or not finished", omitted, len(runs))
+    log.info("%s: %d runs compared", write_comparison(folder, paintings), len(paintings))
     return {"runs": len(paintings)}

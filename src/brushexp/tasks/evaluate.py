@@ -22,13 +22,13 @@ from brushexp.training.dataset import Split
 from brushexp.training.evaluation import effl0_distance, inception_distance
 from brushexp.training.stroke_data import stroke_data
 
-SHOWN_STROKES = 24  # in the picture
+PICTURE_STROKES = 24  # drawn in strokes.png
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write numbers and pictures of one renderer into the run's folder, and return the numbers."""
+    """Write figures and pictures of one renderer into the run's folder, and return the figures."""
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
@@ -46,7 +46,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     n = data.count(split, cfg.n)
     figures = evaluate(renderer, data.first(split, n), n, window, distances)
     write_text(folder / "distances.csv", csv_table(distances[0].by_number()))
-    examples = data.first_batch(split, min(SHOWN_STROKES, n))
+    examples = data.first_batch(split, min(PICTURE_STROKES, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes({name: renderer}, examples, data.origin)))
     extremes = draw_extremes(renderer, engine, seed)
     write_picture(folder / "outside.png", np.asarray(sheet_of_extremes(name, data.origin.engine, extremes)))

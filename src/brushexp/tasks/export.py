@@ -1,4 +1,4 @@
-"""``task=export``: a saved painting as pictures of any size, vectors, tables and more, without optimising."""
+"""``task=export``: write a saved painting as pictures of any size, vectors and tables, without optimising."""
 
 import logging
 import time
@@ -17,22 +17,19 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
-    exporters = {name: take_built(node) for name, node in cfg.to.items()}
+    exporters = [take_built(node) for node in cfg.to.values()]
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, take_built(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)
-    lamp = {name: value for name, value in cfg.light.items() if value is not None}
-    job = replace(job, light=replace(job.light, **lamp))
-    present, before = set(folder.iterdir()), time.monotonic()
-    for exporter in exporters.values():
+    job = replace(
+        job, light=replace(job.light, **{key: value for key, value in cfg.light.items() if value is not None})
+    )
+    earlier_files, before = set(folder.iterdir()), time.monotonic()
+    for exporter in exporters:
         begin = time.monotonic()
         paths = exporter.write(job, folder)
         seconds = time.monotonic() - begin
-        note_files(folder, set(paths) - present)  # a library in C may have written them
+        note_files(folder, set(paths) - earlier_files)  # a library in C may have written them
         for path in paths:
             log.info("%s: %.3g MB (%.1f s)", path, path.stat().st_size / 1e6, seconds)
-    return {
-        "n_strokes": len(job.strokes),
-        "height": job.size[0],
-        "width": job.size[1],
-        "seconds": time.monotonic() - before,
-    }
+    height, width = job.size
+    return {"n_strokes": len(job.strokes), "height": height, "width": width, "seconds": time.monotonic() - before}

@@ -15,19 +15,19 @@ from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.timelapse import Timelapse
-from brushexp.runs.resume import resumed
+from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
 
 log = logging.getLogger(__name__)
-TRACKED_FRAMES = 8  # of the timelapse that loggers get
+TRACKED_FRAMES = 8  # frames of the timelapse that loggers get
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint a picture, write everything into the run's folder, and return the numbers of metrics.json."""
-    cfg, checkpoint = resumed(cfg)
+    """Paint a picture, write everything into the run's folder, and return the figures of metrics.json."""
+    cfg, checkpoint = restore_run(cfg)
     return paint_picture(cfg, folder, None if checkpoint else start, checkpoint).metrics
 
 
@@ -35,10 +35,9 @@ def paint_picture(
     cfg: DictConfig, folder: Path | None = None, start: float | None = None,
     checkpoint: Path | None = None, callbacks: Sequence[L.Callback] = (),
 ) -> Finished:  # fmt: skip
-    """Paint from a checked config, in memory or into a run's ``folder``, which also has a fit that was broken off.
+    """Paint from a checked config, in memory or into a run's ``folder``, which then also holds a fit that failed.
 
-    ``start`` is `time.monotonic` when the program began; None for a run that goes on from its ``checkpoint``. The
-    ``callbacks`` come after those of the timelapse and the goals.
+    ``start`` is `time.monotonic` at the start of the program, or None for a run that goes on from its ``checkpoint``.
     """
     trackers, device, metrics = make_trackers(cfg, folder), device_of(cfg.device), metrics_of(cfg)
     L.seed_everything(cfg.seed, verbose=False)
@@ -56,17 +55,22 @@ def paint_picture(
             conclude(painter, None, cfg, failure, painter.schedule.step)
         finished = finish(painter, cfg, timelapse, metrics, start=start)
         if folder is not None:
-            write_painting(folder, finished, timelapse, trackers)
+            finished.write(folder)
+            report_painting(trackers, folder, finished, timelapse)
     if folder is not None:
-        write_film_and_page(folder, finished, timelapse, page=cfg.report)
+        with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
+            film = beside.submit(timelapse.write, folder)
+            if cfg.report:
+                try_to_write_page(folder, finished, film)
+        film.result()
+        finished.conclude(folder)  # until then the run counts as one at work
         log.info(summary_line(folder, finished.metrics))
         conclude(painter, folder, cfg, failure, painter.schedule.step)
     return finished
 
 
-def write_painting(folder: Path, finished: Finished, timelapse: Timelapse, trackers: Trackers) -> None:
-    """Write a painting; until `write_film_and_page` is done, the run counts as one at work."""
-    finished.write(folder)
+def report_painting(trackers: Trackers, folder: Path, finished: Finished, timelapse: Timelapse) -> None:
+    """Pass the figures, pictures, frames and files of a painting to the trackers."""
     frames = timelapse.frames
     steps = sorted(frames)[:-1]  # without the last, which is the painting
     trackers.report(
@@ -77,18 +81,8 @@ def write_painting(folder: Path, finished: Finished, timelapse: Timelapse, track
     )
 
 
-def write_film_and_page(folder: Path, finished: Finished, timelapse: Timelapse, *, page: bool) -> None:
-    """Write the timelapse, and beside it the ``page`` of the run: to encode a film leaves Python to others."""
-    with ThreadPoolExecutor(1) as beside:
-        film = beside.submit(timelapse.write, folder)
-        if page:
-            try_to_write_page(folder, finished, film)
-    film.result()
-    finished.conclude(folder)
-
-
 def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
-    """Write the page of the run, with its ``film``; whatever goes wrong with it, the run is not lost."""
+    """Write the page of a run, with its ``film``; an error is logged, and the run goes on."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:

@@ -1,4 +1,4 @@
-"""``task=simulate``: make a set of simulated strokes to train renderers on."""
+"""``task=simulate``: simulate a set of strokes to train renderers on."""
 
 import logging
 import time
@@ -15,13 +15,13 @@ from brushexp.training.dataset import StrokeSet, origin_of, pictures_of
 from brushexp.training.evaluation import stroke_sheet
 from brushexp.training.writer import simulate_set
 
-SHOWN_STROKES, SHOWN_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
+SHEET_STROKES, SHEET_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue what is there already."""
+    """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue a set that is smaller."""
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
     before = time.monotonic()
@@ -32,14 +32,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         raise
     seconds = time.monotonic() - before
     strokes = StrokeSet(path)
-    pictures = pictures_of(strokes.shards, np.arange(min(SHOWN_STROKES, len(strokes))))
-    sheet = stroke_sheet(torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255, SHOWN_COLUMNS)
+    pictures = pictures_of(strokes.shards, np.arange(min(SHEET_STROKES, len(strokes))))
+    sheet = stroke_sheet(torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255, SHEET_COLUMNS)
     write_picture(folder / "strokes.png", sheet)
     size = sum(shard.path.stat().st_size for shard in strokes.shards)
     log.info("%s: %d strokes, %.1f MB, in %.1f s; %s", path, cfg.n, size / 1e6, seconds, folder / "strokes.png")
-    return {
-        "n": cfg.n,
-        "seconds": seconds,
-        "strokes_per_second": simulated / seconds if simulated else None,
-        "bytes": size,
-    }
+    speed = simulated / seconds if simulated else None
+    return {"n": cfg.n, "seconds": seconds, "strokes_per_second": speed, "bytes": size}

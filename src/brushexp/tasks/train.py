@@ -21,12 +21,12 @@ from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_di
 from brushexp.training.renderer_module import FreshStart, RendererModule
 from brushexp.training.stroke_data import stroke_data
 
-DISTILLED = {"window": 1024, "supersample": 1}  # options of an engine whose strokes a renderer looks at
-TEST_STROKES = 2500  # at most, for the figures at the end
+DISTILLED = {"window": 1024, "supersample": 1}  # options of the engine that a renderer is distilled from
+TEST_STROKES = 2500  # most strokes that the figures at the end are measured on
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train a renderer, write it and its numbers into the run's folder, and return those of metrics.json."""
+    """Train a renderer, write it and its figures into the run's folder, and return those of metrics.json."""
     return train_network(RendererJob, cfg, folder, start)
 
 
@@ -45,7 +45,7 @@ class RendererJob(NetworkJob):
             self.callbacks.append(FreshStart(partial(build, cfg.renderer)))
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
-        self.use = f"brushexp renderer={self.name} {with_weights(cfg.renderer, self.weights)}"
+        self.use = f"brushexp renderer={self.name} {renderer_words(cfg.renderer, self.weights)}"
 
     def finish(self) -> dict[str, object]:
         module, n = self.module, self.data.count(Split.TEST, TEST_STROKES)
@@ -64,25 +64,25 @@ class RendererJob(NetworkJob):
         }
 
 
-def with_weights(node: DictConfig, weights: Path) -> str:
+def renderer_words(node: DictConfig, weights: Path) -> str:
     """Write the words that give a renderer these weights and those options that differ from their defaults."""
-    usual = OmegaConf.structured(plugin_of(node).config)
-    chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
+    defaults = OmegaConf.structured(plugin_of(node).config)
+    chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != defaults[key]}
     typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
     return shlex.join(f"renderer.{key}={value}" for key, value in typed.items())
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
-    """Build the renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
+    """Build the renderer to be trained; one without weights may first be distilled from large strokes of the engine."""
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
-        engine = cache(partial(enlarged, data.origin))  # not made if nothing is distilled
+        engine = cache(partial(large_engine, data.origin))  # built only if the renderer asks for strokes
         renderer.distil(lambda parameters, first: engine()(parameters, seed=data.first_seed, first=first))
     return renderer
 
 
-def enlarged(origin: Origin) -> Engine:
-    """Build the engine that made some strokes with the window `DISTILLED`, or the largest that it takes."""
+def large_engine(origin: Origin) -> Engine:
+    """Build the engine of some strokes with the window of `DISTILLED`, or the largest that it takes."""
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
     bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):

@@ -1,4 +1,4 @@
-"""``task=view``: the page of a saved painting, of a run or of a sweep, in the browser."""
+"""``task=view``: show the page of a saved painting, of a run or of a sweep in the browser."""
 
 import logging
 from dataclasses import replace
@@ -38,16 +38,16 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     """Write ``report.html`` into a folder, and return what is to be served: path of the address -> file.
 
-    With a sweep these are the pages of its runs, too. What has no page is refused (UserError).
+    With a sweep these are the pages of its runs, too. A folder of neither a run nor a sweep raises a UserError.
     """
     source, page = Path(cfg.catalogue), folder / PAGE_NAME
     if not source.is_dir():
         path = source.resolve()
         name = path.parent.name if path.stem == "catalogue" else path.stem
-        write_text(page, run_page(drawn(reopened(cfg, source)), name=name or path.stem))
+        write_text(page, run_page(_draw(_reopen(cfg, source)), name=name or path.stem))
     elif (source / "catalogue.h5").is_file():
-        job = reopened(cfg, source / "catalogue.h5")
-        write_text(page, page_in(source, finished_in(source, job)))  # the folder of the run stays as it is
+        painting = _read_painting(source, _reopen(cfg, source / "catalogue.h5"))
+        write_text(page, page_in(source, painting))  # the folder of the run stays as it is
     elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
@@ -61,14 +61,13 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     return {"/": page}
 
 
-def reopened(cfg: DictConfig, path: Path) -> ExportJob:
+def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
     """Reopen a catalogue with the renderer that painted it, unless another one is chosen."""
     saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
     return export_job(saved, renderer, build(cfg.blend), source=str(path))
 
 
-def drawn(job: ExportJob) -> Finished:
-    """Draw a painting of which there is a catalogue and nothing else."""
+def _draw(job: ExportJob) -> Finished:
     small = job.at_most(LARGEST_SIDE)  # more would not fit into the page
     pictures = {"painting": small.picture()}
     if job.light.depth:
@@ -76,8 +75,8 @@ def drawn(job: ExportJob) -> Finished:
     return Finished(job, pictures, dict)
 
 
-def finished_in(folder: Path, job: ExportJob) -> Finished:
-    """Read the finished painting of a run from its folder; a damaged picture is left out, with a warning."""
+def _read_painting(folder: Path, job: ExportJob) -> Finished:
+    """Read the pictures and figures of a run; a damaged picture is omitted, with a warning."""
     pictures = dict[str, np.ndarray]()
     for name in PICTURES:
         if (path := folder / f"{name}.png").exists():
