@@ -65,7 +65,7 @@ def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
 
 def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
     """Fit as a user of Lightning would."""
-    options = {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)} | options
+    options = {"enable_checkpointing": any(isinstance(one, Checkpoint) for one in callbacks)} | options
     trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
     return trainer

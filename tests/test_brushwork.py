@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting.components import build_components
-from brushexp.painting.first_strokes import first_strokes
+from brushexp.painting.components import build_components, first_strokes
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import PaintedView, Surroundings

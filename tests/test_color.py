@@ -15,7 +15,7 @@ from brushexp.painting.components import standard_components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.painting.wet import under_starts, wetted
+from brushexp.painting.wet import drag_paint, under_starts
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
@@ -152,9 +152,9 @@ def test_wet_strokes_drag_what_lies_under_their_starts():
     picked, covered = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
     torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
     torch.testing.assert_close(picked[1], below.color[0])
-    dry, order = wetted(painter, 0.0)
+    dry, order = drag_paint(painter, 0.0)
     assert len(dry) == 3
-    strokes, wet_order = wetted(painter, 1.0)
+    strokes, wet_order = drag_paint(painter, 1.0)
     assert len(strokes) == 3 + 4, "a bare canvas is dry"
     torch.testing.assert_close(strokes[:3].color, dry.color)
     assert torch.equal(strokes.brush[:3], dry.brush)

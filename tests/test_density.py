@@ -78,8 +78,8 @@ def test_importance_of_any_blend_is_on_average_what_a_kernel_finds(focus):
 
 @pytest.mark.parametrize("n", [0, 9])
 def test_importance_of_windows_and_of_no_strokes_is_finite(n):
-    found = importance_of(random_strokes(n, SIZE), torch.arange(n), torch.rand(3, *SIZE), renderer=Windowed())
-    assert found.shape == found[found.isfinite()].shape == (n,)
+    result = importance_of(random_strokes(n, SIZE), torch.arange(n), torch.rand(3, *SIZE), renderer=Windowed())
+    assert result.shape == result[result.isfinite()].shape == (n,)
 
 
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge_and_in_the_focus():
@@ -116,29 +116,22 @@ def test_a_good_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes():
     assert len(update.new) == 0
 
 
-def test_a_flat_picture_ends_with_the_strokes_it_began_with():
-    assert len(painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50).catalogue) <= 35
-
-
 def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     target = picture((72, 96))
     fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
     assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
+    flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
+    assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
 
 
-def test_the_weakest_go():
-    state = state_of(scores=torch.arange(40) + 1.0, budget=40)
-    update = Adaptive(moved=0.25).revise(state)
+def test_the_weakest_go_in_rounds_with_steps_between_them():
+    update = Adaptive(moved=0.25).revise(state_of(scores=torch.arange(40) + 1.0, budget=40))
     assert update.keep.tolist() == [False] * 10 + [True] * 30
     assert len(update.new) == 10
-
-
-def test_rounds_have_steps_between_them():
     density = Adaptive()
     assert sum(density.revise(state_of(step=step, steps=40)) is not None for step in range(1, 41)) == 3
     for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
-        assert none.revise(state_of()) is None
-        assert none.first(60, 500) == 60
+        assert (none.revise(state_of()), none.first(60, 500)) == (None, 60)
 
 
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():

@@ -26,7 +26,7 @@ from scenes import random_strokes, straight
 
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
-from brushexp.painting.first_strokes import load_strokes
+from brushexp.painting.components import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._sprites import draw_sprites

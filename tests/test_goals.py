@@ -9,9 +9,8 @@ import pytest
 from painters import fit, painter_of
 
 from brushexp.painting.components import Stage
-from brushexp.painting.curves import Anytime
 from brushexp.painting.goals import PSNR_REACHED, SECONDS_SPENT, NoMoreGain, Quality, TimeBudget, goals_of
-from brushexp.painting.schedule import Schedule
+from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.system.callbacks import STOPPED_EARLY, TimedCheckpoint
@@ -109,31 +108,31 @@ def test_an_early_stop_goes_on_with_the_next_stage_counts_evaluations_and_rememb
     assert second.evaluations == whole.evaluations
 
 
-def test_a_curve_keeps_its_ends_and_its_bends():
-    curve = Anytime(most=20)
+def curve_of(*pairs: Pair, **options: int) -> list[Pair]:
+    curve: list[Pair] = []
+    for pair in pairs:
+        add_pair(curve, *pair, **options)
+    return curve
+
+
+def test_a_curve_keeps_its_ends_and_its_bends_one_pair_for_each_time_and_only_numbers():
     seconds = np.linspace(0, 60, 601)
     psnr = 30 - 15 * np.exp(-seconds / 5)
-    for pair in zip(seconds, psnr, strict=True):
-        curve.add(*pair)
-    assert len(curve.pairs) == 20
-    assert curve.pairs[0] == (seconds[0], psnr[0])
-    assert curve.pairs[-1] == (seconds[-1], psnr[-1])
-    assert sum(time < 15 for time, _ in curve.pairs) > 10, "more where it bends"
-    assert np.interp(seconds, *zip(*curve.pairs, strict=True)) == pytest.approx(psnr, abs=0.15)
-
-
-def test_a_curve_has_one_pair_for_each_time_and_only_numbers():
-    curve = Anytime()
-    for pair in [(0.0, 10.0), (0.0, 11.0), (1.0, float("inf")), (1.0, 12.0), (2.0, float("nan")), (2.0, -float("inf"))]:
-        curve.add(*pair)
-    assert curve.pairs == [(0.0, 11.0), (1.0, 12.0)]
+    curve = curve_of(*zip(seconds, psnr, strict=True), most=20)
+    assert len(curve) == 20
+    assert (curve[0], curve[-1]) == ((seconds[0], psnr[0]), (seconds[-1], psnr[-1]))
+    assert sum(time < 15 for time, _ in curve) > 10, "more where it bends"
+    assert np.interp(seconds, *zip(*curve, strict=True)) == pytest.approx(psnr, abs=0.15)
+    inf, nan = float("inf"), float("nan")
+    pairs = (0.0, 10.0), (0.0, 11.0), (1.0, inf), (1.0, 12.0), (2.0, nan), (2.0, -inf)
+    assert curve_of(*pairs) == [(0.0, 11.0), (1.0, 12.0)]
 
 
 def test_a_painter_records_its_curve_and_goals_end_its_fit():
     painter = painter_of(steps=10**6)
     trainer = fit(painter, goals_of(early_stop=None, psnr=0.0, seconds=60.0))
     assert (painter.stop, trainer.global_step) == (PSNR_REACHED, 1)
-    assert painter.anytime.pairs[0][0] == 0.0
+    assert painter.anytime[0][0] == 0.0
     painter = painter_of(Stage("a", Analytic(), 100), Stage("b", Analytic(), 5))
     fit(painter, goals_of(early_stop=None, psnr=None, seconds=1.0))
     assert painter.stop == SECONDS_SPENT
@@ -163,5 +162,5 @@ def test_seconds_and_the_curve_go_on_after_an_interruption(tmp_path):
     fit(second, [TimeBudget(0.5)], ckpt_path=tmp_path / "it.ckpt")
     assert second.stop == SECONDS_SPENT
     assert second.schedule.step == pytest.approx(50, abs=1)
-    assert second.anytime.pairs[0] == first.anytime.pairs[0]
-    assert second.anytime.pairs[-1][0] == pytest.approx(second.schedule.seconds)
+    assert second.anytime[0] == first.anytime[0]
+    assert second.anytime[-1][0] == pytest.approx(second.schedule.seconds)

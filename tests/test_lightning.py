@@ -1,7 +1,5 @@
 """Painters are LightningModules: every option and callback of Lightning's Trainer does what its manual says."""
 
-import math
-
 import lightning as L
 import pytest
 import torch
@@ -33,24 +31,23 @@ def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan(options):
 
 
 ENDS = {
-    "completed": ({}, [], ""),
-    "max_steps": ({"max_steps": 13}, [], "max_steps reached"),
-    "max_epochs": ({"max_epochs": 2}, [], "max_epochs reached"),
-    "max_time": ({"max_time": {"seconds": 0}}, [], "max_time reached"),
-    "timer": ({}, [Timer({"seconds": 0}, verbose=False)], "max_time reached"),
-    "no_gain": ({}, [EarlyStopping("psnr", mode="max", min_delta=100, patience=1)], "stopped early"),
-    "threshold": ({}, [EarlyStopping("loss/mse", stopping_threshold=1.0)], "stopped early"),
+    "completed": ({}, [], 26, ""),
+    "max_steps": ({"max_steps": 13}, [], 13, "max_steps reached"),
+    "max_epochs": ({"max_epochs": 2}, [], 20, "max_epochs reached"),
+    "max_time": ({"max_time": {"seconds": 0}}, [], 0, "max_time reached"),
+    "timer": ({}, [Timer({"seconds": 0}, verbose=False)], 0, "max_time reached"),
+    "no_gain": ({}, [EarlyStopping("psnr", mode="max", min_delta=100, patience=1)], 20, "stopped early"),
+    "threshold": ({}, [EarlyStopping("loss/mse", stopping_threshold=1.0)], 10, "stopped early"),
 }
 
 
 @pytest.mark.parametrize("end", ENDS)
 def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 10)
-    options, callbacks, status = ENDS[end]
+    options, callbacks, steps, status = ENDS[end]
     painter = painter_of(steps=26)
     trainer = fit(painter, [*callbacks, TimedCheckpoint(tmp_path / "it.ckpt", None)], **options)
-    steps = {"completed": 26, "max_steps": 13, "max_epochs": 20, "no_gain": 20, "threshold": 10}
-    assert (trainer.global_step, painter.stop) == (steps.get(end, 0), status)
+    assert (trainer.global_step, painter.stop) == (steps, status)
 
 
 class Watch(L.Callback):
@@ -94,13 +91,7 @@ def test_callbacks_and_loggers_of_lightning_work(tmp_path):
     assert timer.time_elapsed("train") > 0
     assert "[LightningModule]StrokeOptimizer.optimizer_step" in trainer.profiler.summary()
     rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
-    columns = rows[0].split(",")
-    assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(columns)
-    lr = [float(row.split(",")[columns.index("lr-Adam")] or "nan") for row in rows[1:]]
-    lr = [rate for rate in lr if not math.isnan(rate)]
-    assert lr[0] == pytest.approx(0.02)
-    assert min(lr[:20]) < 0.004
-    assert max(lr[20:]) == pytest.approx(0.02), "stages restart the schedule"
+    assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(rows[0].split(","))
 
 
 @pytest.mark.parametrize("precision", ["bf16-mixed", "32-true", "64-true"])

@@ -19,7 +19,7 @@ class Noting(Logger):
     """Notes what it is told, and fails where it should."""
 
     def __init__(self, fails: str = "") -> None:
-        self.fails, self.told = fails, []
+        self.fails, self.calls = fails, []
 
     def open(self, run):
         self.tell("open")
@@ -39,7 +39,7 @@ class Noting(Logger):
         self.tell(status)
 
     def tell(self, word: str) -> None:
-        self.told.append(word)
+        self.calls.append(word)
         if word == self.fails:
             raise ValueError(word)
 
@@ -54,7 +54,7 @@ def carried_out(tracker: Logger, error: BaseException | None = None) -> None:
             raise error
 
 
-@pytest.mark.parametrize(("fails", "told"), [
+@pytest.mark.parametrize(("fails", "calls"), [
     ("", "open curve save curve save finish success"),
     ("open", "open finish"),
     ("curve", "open curve finish success"),
@@ -62,10 +62,10 @@ def carried_out(tracker: Logger, error: BaseException | None = None) -> None:
     ("finish", "open curve save curve save finish success"),
     ("success", "open curve save curve save finish success"),
 ])  # fmt: skip
-def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails, told, caplog):
+def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails, calls, caplog):
     tracker = Noting(fails)
     carried_out(tracker)
-    assert tracker.told == told.split()
+    assert tracker.calls == calls.split()
     expected = [f"logger=noting stopped: ValueError: {fails}; the run goes on without it"] * bool(fails)
     assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == expected
 

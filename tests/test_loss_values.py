@@ -76,9 +76,9 @@ def test_pixel_losses_average_over_pixels_and_channels(loss, power):
 @pytest.mark.parametrize("size", [(6, 6), (11, 17), (37, 50)])
 def test_ssim_agrees_with_torchmetrics(size):
     image, target = pictures(*size)
-    wanted = 1 - structural_similarity_index_measure(image[None], target[None], data_range=1.0)
-    assert_close(judged(StructuralSimilarity(), image, target), wanted, rtol=0, atol=1e-6)
-    assert_close(judged(StructuralSimilarity(), image.float(), target.float()), wanted.float(), rtol=0, atol=1e-4)
+    expected = 1 - structural_similarity_index_measure(image[None], target[None], data_range=1.0)
+    assert_close(judged(StructuralSimilarity(), image, target), expected, rtol=0, atol=1e-6)
+    assert_close(judged(StructuralSimilarity(), image.float(), target.float()), expected.float(), rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (3, 5), (5, 40)])
@@ -108,9 +108,9 @@ def test_perceptual_is_the_mean_square_of_the_difference_of_features():
     image, target = pictures(22, 17)
     loss = perceptual(taps=["b1", "b3.expand"])
     ours, theirs = (loss.network(x[None], ["b1", "b3.expand"]) for x in (image, target))
-    wanted = {tap: np.mean((ours[tap] - theirs[tap]).numpy() ** 2) for tap in ours}
-    assert float(judged(loss, image, target)) == pytest.approx(np.mean(list(wanted.values())))
-    assert float(judged(perceptual(), image, target)) == pytest.approx(wanted["b3.expand"])
+    expected = {tap: np.mean((ours[tap] - theirs[tap]).numpy() ** 2) for tap in ours}
+    assert float(judged(loss, image, target)) == pytest.approx(np.mean(list(expected.values())))
+    assert float(judged(perceptual(), image, target)) == pytest.approx(expected["b3.expand"])
 
 
 def test_jitter_takes_four_shifts_in_turn_and_goes_on_after_a_restart():
@@ -134,11 +134,11 @@ def test_jitter_takes_four_shifts_in_turn_and_goes_on_after_a_restart():
 @pytest.mark.parametrize("name", NETWORKS)
 def test_lpips_agrees_with_torchmetrics(tmp_path, monkeypatch, name):
     monkeypatch.setattr(published, "_get_tv_model_features", lambda net, _: torchvision_features(net))
-    wanted = published._LPIPS(net=NETWORKS[name])
+    expected = published._LPIPS(net=NETWORKS[name])
     image, target = torch.rand(2, 3, 35, 51)
     loss = Lpips(backbone=name, weights=str(saved(tmp_path, state_of(name))))
     assert loss.label == f"lpips-{name}"
-    assert_close(judged(loss, image, target), wanted(image[None], target[None], normalize=True).squeeze())
+    assert_close(judged(loss, image, target), expected(image[None], target[None], normalize=True).squeeze())
 
 
 def test_lpips_has_the_right_slope_and_is_by_default_the_distance_of_the_metrics(tmp_path):
@@ -186,8 +186,8 @@ def costs(loss: Loss, strokes: Strokes) -> Tensor:
 
 def test_width_compares_length_and_thickness_in_sides_of_the_window():
     apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 of the side
-    for width, wanted in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
-        assert float(costs(Width(), of([apart], [width]))) == pytest.approx(wanted, abs=1e-12)
+    for width, expected in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
+        assert float(costs(Width(), of([apart], [width]))) == pytest.approx(expected, abs=1e-12)
     made, total = scene(50), 0.0
     for start, end, width in zip(made.start.numpy(), made.end.numpy(), made.width.numpy(), strict=True):
         s, e = (start + 1) / 2, (end + 1) / 2  # as the thesis has them: 0 to 1 within the window

@@ -86,8 +86,8 @@ def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Te
     picture = torch.zeros(3, *CANVAS, dtype=dtype)
     value = loss(PaintedView(picture, picture, made))
     leaves = [leaf for _, leaf in made.items()]
-    found = torch.autograd.grad(value, leaves, allow_unused=True)
-    return value.detach(), [torch.zeros_like(x) if g is None else g for x, g in zip(leaves, found, strict=True)]
+    result = torch.autograd.grad(value, leaves, allow_unused=True)
+    return value.detach(), [torch.zeros_like(x) if g is None else g for x, g in zip(leaves, result, strict=True)]
 
 
 @pytest.mark.parametrize("kind", FEW | STEEP)
@@ -151,11 +151,11 @@ def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
     loss = built(KINDS[name][0], **KINDS[name][1])
     for size in SIZES:
         for kind, (image, target) in pairs(*size).items():
-            found = {dtype: judged_pictures(loss, image, target, dtype) for dtype in PRECISIONS}
-            (exact, right), (single, near) = found[torch.float64], found[torch.float32]
+            result = {dtype: judged_pictures(loss, image, target, dtype) for dtype in PRECISIONS}
+            (exact, right), (single, near) = result[torch.float64], result[torch.float32]
             assert_close(single.double(), exact, rtol=3e-3, atol=1e-5, msg=f"{size} {kind}")
             assert (near - right).norm() <= 1e-2 * right.norm() + 1e-6, f"{size} {kind}"
-            for dtype, (value, slope) in found.items():
+            for dtype, (value, slope) in result.items():
                 assert value.shape == ()
                 assert value >= -1e-12, (size, kind, dtype)
                 assert value.isfinite(), (size, kind, dtype)
@@ -172,10 +172,10 @@ def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
         for dtype in (torch.bfloat16, torch.float16):
             rounded = [picture.to(dtype).double() for picture in (image, target)]
             value, slope = judged_pictures(built("ssim"), image, target, dtype)
-            exact, wanted = judged_pictures(built("ssim"), *rounded, torch.float64)
+            exact, expected = judged_pictures(built("ssim"), *rounded, torch.float64)
             assert_close(value.double(), exact, rtol=1e-4, atol=1e-5)
             if dtype is torch.bfloat16:  # float16 has no numbers as small as slopes of many pixels
-                assert (slope - wanted).norm() <= 3e-2 * wanted.norm()
+                assert (slope - expected).norm() <= 3e-2 * expected.norm()
 
 
 SLOPES: dict[str, tuple[str, dict[str, object], tuple[int, int]]] = {

@@ -36,8 +36,8 @@ def test_standard_metrics_are_what_they_are_defined_as():
 def test_the_official_distance_is_measured_if_there_is_a_file(tmp_path):
     official = official_lpips("alexnet", str(saved(tmp_path, state_of("alexnet"))))
     measured = measure(standard_metrics() | official, A, B)
-    shown = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (A, B)]
-    assert measured["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*shown)))
+    display = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (A, B)]
+    assert measured["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*display)))
     assert measured == measure(standard_metrics(), A, B) | {"lpips_alexnet": measured["lpips_alexnet"]}
 
 
@@ -59,8 +59,8 @@ def test_tables_and_pages_show_a_metric_as_its_class_says(monkeypatch):
         def __call__(self, comparison):
             return 255 * float((comparison.image - comparison.target).mean().abs())
 
-    shown = quantities()["tint"]
-    assert (shown.name, shown.digits, shown.better, shown.about) == (
+    display = quantities()["tint"]
+    assert (display.name, display.digits, display.better, display.about) == (
         "tint, levels", 1, "lower", "Difference of the mean colours.",
     )  # fmt: skip
     assert list(quantities())[: len(STANDARD)] == list(STANDARD)

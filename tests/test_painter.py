@@ -16,7 +16,6 @@ from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.loss.kl import KullbackLeibler
-from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.strokes.bezier import curve_of
@@ -122,9 +121,3 @@ def test_a_line_search_may_look_anywhere():
     take(painter, 1)
     assert torch.stack(seen).isfinite().all()
     assert painter.drawn().isfinite().all()
-
-
-def test_the_order_is_renewed_in_the_first_half_of_a_stage_only():
-    order = Area(every=10)
-    assert [done for done in range(60) if order.due(done, 60)] == [0, 10, 20]
-    assert order.due(0, 1), "a stage of one step begins with an order, too"

@@ -54,27 +54,27 @@ def slopes_of(
         yield slope(part_of(image, target, region, focus)), region.of(whole)
 
 
-def assert_nearly(found: Tensor, wanted: Tensor, *, turned: float, longer: float, where: str = "") -> None:
-    assert (found * wanted).sum() > (1 - turned) * found.norm() * wanted.norm(), where
-    assert found.norm() == pytest.approx(float(wanted.norm()), rel=longer), where
+def assert_nearly(result: Tensor, expected: Tensor, *, turned: float, longer: float, where: str = "") -> None:
+    assert (result * expected).sum() > (1 - turned) * result.norm() * expected.norm(), where
+    assert result.norm() == pytest.approx(float(expected.norm()), rel=longer), where
 
 
 @pytest.mark.parametrize("focused", [False, True])
 @pytest.mark.parametrize("cls", OF_PIXELS.values(), ids=OF_PIXELS)
 def test_the_gradient_on_a_part_is_that_of_the_whole(cls, focused):
     loss, focus = cls().double(), focus_weights(torch.rand(SIZE) ** 3, 8) if focused else None
-    for place, (found, wanted) in zip(PLACES, slopes_of(loss, PLACES.values(), focus=focus), strict=True):
+    for place, (result, expected) in zip(PLACES, slopes_of(loss, PLACES.values(), focus=focus), strict=True):
         if loss.exact_on_parts:
-            assert_close(found, wanted, rtol=1e-5, atol=1e-9, msg=lambda text, place=place: f"{place}: {text}")
-        assert_nearly(found, wanted, turned=0.05, longer=0.12, where=place)
+            assert_close(result, expected, rtol=1e-5, atol=1e-9, msg=lambda text, place=place: f"{place}: {text}")
+        assert_nearly(result, expected, turned=0.05, longer=0.12, where=place)
 
 
 @pytest.mark.parametrize(("backbone", "tap"), [("alexnet", "relu3"), ("squeeze", "fire5"), ("squeeze", "relu1")])
 def test_other_networks_see_enough_around_a_part(tmp_path, backbone, tap):
     weights = str(saved(tmp_path, state_of(backbone)))
     for loss in (Perceptual(backbone=backbone, weights=weights, taps=[tap]), Lpips(backbone=backbone, weights=weights)):
-        ((found, wanted),) = slopes_of(loss.double(), [Region(40, 130, 72, 67)], (180, 330))
-        assert_nearly(found, wanted, turned=0.05, longer=0.12)
+        ((result, expected),) = slopes_of(loss.double(), [Region(40, 130, 72, 67)], (180, 330))
+        assert_nearly(result, expected, turned=0.05, longer=0.12)
 
 
 def test_a_wider_view_stays_the_same_object_as_long_as_steps_look_at_the_same_place():
@@ -118,9 +118,9 @@ def test_tiles_hold_every_activation_once(monkeypatch):
     monkeypatch.setattr(features, "TILE_PIXELS", 32)
     network, taps = open_backbone("effl0"), ["stem", "b2", "b3.expand"]
     picture = torch.rand(3, 77, 101)
-    wanted = network(picture[None], taps)
+    expected = network(picture[None], taps)
     tiles = list(network.tiled(picture, taps))
     assert len(tiles) == 12
     for tap, pieces in zip(taps, zip(*tiles, strict=True), strict=True):
-        found, everything = torch.cat(pieces, 1), wanted[tap][0].flatten(1)
-        assert_close(found.sort(1).values, everything.sort(1).values, rtol=1e-4, atol=1e-4)
+        result, everything = torch.cat(pieces, 1), expected[tap][0].flatten(1)
+        assert_close(result.sort(1).values, everything.sort(1).values, rtol=1e-4, atol=1e-4)

@@ -55,8 +55,10 @@ def test_the_value_agrees_with_numpy(kernel):
     image, target = pictures(dtype=torch.float64)
     loss = Style(kernel=kernel, taps=["stem", "b2"]).double()
     ours, style = (loss.network(x[None], ["stem", "b2"]) for x in (image, target))
-    wanted = [value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ours]
-    assert float(loss(PaintedView(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
+    expected = [
+        value_by_numpy(kernel, *(result[tap][0].flatten(1).numpy() for result in (ours, style))) for tap in ours
+    ]
+    assert float(loss(PaintedView(image, target, NONE))) == pytest.approx(np.mean(expected), rel=1e-9)
 
 
 def test_the_gaussian_kernel_agrees_with_all_pairs_of_positions():
@@ -96,12 +98,12 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
         for _ in range(2):
             patch = torch.rand(3, region.height, region.width).requires_grad_()
             region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
-            found, _ = weighted_sum({"style": loss}, PaintedView(patch, region.of(target), NONE, around))
-            found.backward()
+            result, _ = weighted_sum({"style": loss}, PaintedView(patch, region.of(target), NONE, around))
+            result.backward()
             full = picture.clone().requires_grad_()
-            wanted = whole(PaintedView(full, target, NONE))
-            wanted.backward()
-            assert_close(found, wanted, rtol=2e-2, atol=1e-5)
+            expected = whole(PaintedView(full, target, NONE))
+            expected.backward()
+            assert_close(result, expected, rtol=2e-2, atol=1e-5)
             slope = region.of(full.grad)
             assert (patch.grad - slope).norm() < 5e-2 * slope.norm()
 
@@ -115,8 +117,8 @@ def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():
         return weighted_sum({"style": loss}, PaintedView(region.of(picture), region.of(target), NONE, around))[0]
 
     value(image)
-    found = value(image * 0.5)
-    assert_close(found, Style(taps=TAPS)(PaintedView(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
+    result = value(image * 0.5)
+    assert_close(result, Style(taps=TAPS)(PaintedView(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
     changing = image.clone()
     value(changing)
     changing *= 0.3
@@ -133,13 +135,6 @@ def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
         around = Surroundings(region, image, target)
         weighted_sum({"style": loss}, PaintedView(region.of(image), region.of(target), NONE, around))
     assert max(max(shape) for shape in seen) <= 64 + 2 * loss.context + 2 * loss.grid
-
-
-def test_the_style_picture_follows_the_canvas(tmp_path):
-    style = saved(tmp_path, torch.rand(3, 50, 100))
-    _, target = pictures(80, 120)
-    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
-        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
 
 
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
@@ -164,10 +159,10 @@ def test_recolouring_takes_over_mean_and_covariance():
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
     like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)
-    found = recolor(picture, like)
-    assert found.shape == picture.shape
-    for ours, wanted in zip(moments(found), moments(like), strict=True):
-        assert_close(ours, wanted, rtol=1e-3, atol=1e-6)
+    result = recolor(picture, like)
+    assert result.shape == picture.shape
+    for ours, expected in zip(moments(result), moments(like), strict=True):
+        assert_close(ours, expected, rtol=1e-3, atol=1e-6)
     assert_close(recolor(picture, picture), picture, rtol=0, atol=1e-6)
 
 
@@ -175,22 +170,22 @@ def test_recolouring_takes_over_mean_and_covariance():
 def test_recolouring_even_pictures_is_finite(even):
     flat, noise = torch.full((3, 8, 9), even), torch.rand(3, 7, 5)
     for picture, like in ((flat, noise), (noise, flat), (flat, flat), (noise[:, :1, :1], noise), (noise, noise * 0)):
-        found = recolor(picture, like)
-        assert found.isfinite().all()
-        assert found.min() >= 0
-        assert found.max() <= 1
+        result = recolor(picture, like)
+        assert result.isfinite().all()
+        assert result.min() >= 0
+        assert result.max() <= 1
     assert_close(recolor(noise, flat).mean(), torch.tensor(even), rtol=0, atol=1e-5)
     nearly_even = even + 0.001 * torch.randn(3, 40, 40)
     assert recolor(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
 
 
-def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_path):
-    _, target = pictures(80, 90)
-    target = target * 0.5
-    path = saved(tmp_path, torch.rand(3, 80, 90))
-    used = Style(image=path, colors="content").picture(target)
-    assert_close(used, recolor(load_picture(path, 90), target))
-    assert_close(moments(used)[0], moments(target)[0], rtol=0.02, atol=0)
+def test_the_style_picture_follows_the_canvas_and_its_colours_the_target_if_asked(tmp_path):
+    style, (_, target) = saved(tmp_path, torch.rand(3, 50, 100)), pictures(80, 120)
+    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
+        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
+    picture = Style(image=style, colors="content").picture(0.5 * target)
+    assert_close(picture, recolor(load_picture(style, 120), 0.5 * target))
+    assert_close(moments(picture)[0], moments(0.5 * target)[0], rtol=0.02, atol=0)
 
 
 @pytest.mark.parametrize("content", [0, 0.25])
@@ -219,6 +214,6 @@ def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
     image, target = pictures()
     loss = Style(kernel="linear")
     before = loss(PaintedView(image, target, NONE))
-    for name, value in loss.measured(image, target).items():
+    for name, value in loss.measure(image, target).items():
         assert value == pytest.approx(float(Style(kernel=name)(PaintedView(image, target, NONE))), rel=1e-4)
     assert_close(loss(PaintedView(image, target, NONE)), before, rtol=0, atol=0)

@@ -14,8 +14,8 @@ from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
 from brushexp.registry import register
 from brushexp.system.precision import at_least_single
 
-FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
-MIN_EPSILON = 0.01  # exp(-4 / epsilon) is then no zero in double precision
+FIRST_BLUR = 2.0  # blur of the first potentials: the largest cost on a square
+MIN_EPSILON = 0.01  # least blur: exp(-4 / epsilon) is no zero in double precision
 
 
 @register("loss", "sinkhorn")
@@ -24,14 +24,12 @@ class Sinkhorn(Loss):
 
     Each channel of the shrunk pictures is mass on the pixel grid; moving it costs the squared distance, in longer sides
     of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278), mean over
-    channels: 0 for equal pictures and otherwise more. It sees how light is spread, not how much there is: add ``mse``.
+    channels: 0 for equal pictures and otherwise more. It compares how light is spread, not how much there is: add
+    ``mse``. It looks at the whole canvas, also where a step looks at a part, and ignores the focus.
 
-    Source of the idea: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). Differs from it: that takes one
-    random channel a step and the plain transport cost, which is not least for equal pictures, with five unstable steps
-    from a bad start; here are all channels, the debiased cost, and a blur that is halved until it is ``epsilon``.
-
-    It looks at the whole canvas, also where a step looks at a part: that as it is now, the rest as it was last seen.
-    A focus changes nothing: colour that has to move has to come from somewhere.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel a step and the
+    plain transport cost, which is not least for equal pictures. Differs: all channels, the debiased cost, and a blur
+    that is halved until it is ``epsilon``.
 
     Args:
         weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
@@ -60,26 +58,26 @@ class Sinkhorn(Loss):
         halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
         coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
         self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # of each update, from coarse to fine
-        self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
-        self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
+        self._surroundings: Surroundings | None = None  # of the last step, as are the following
+        self._rest = torch.empty(0)  # (3, h, w) the shrunk picture without its part
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
     def forward(self, view: PaintedView) -> Tensor:
         # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
-        theirs, rest = self.of_target(view.whole_target, self._look)
+        theirs, own_theirs = self.of_target(view.whole_target, self._masses_and_potential)
         ours = masses(self._downsampled(view), self.floor)
         a, b = ours.log(), theirs.log()
-        there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
-        found = (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
-        return found.mean().to(at_least_single(view.image))
+        forth, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
+        divergence = (ours * (forth - own) + theirs * (back - own_theirs)).sum((1, 2))
+        return divergence.mean().to(at_least_single(view.image))
 
-    def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
-        """Masses b of the target, and the potential (C, h, w) of OT(b, b)."""
+    def _masses_and_potential(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """Return masses b of the target, and the potential (C, h, w) of OT(b, b)."""
         theirs = masses(downsample(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, view: PaintedView) -> Tensor:
-        """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
+        """Shrink the whole canvas (3, h, w); differentiable in the part that the step looks at."""
         around = view.surroundings
         if around is None:
             return downsample(at_least_single(view.image), self.side)
@@ -99,35 +97,35 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """How much of each of ``small`` means over a side a pixel gives to it (count, small), from pixel ``first`` on."""
+    """Compute the weights (count, small) of pixels from ``first`` on in the ``small`` means over a side."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 
 
 def masses(small: Tensor, floor: float) -> Tensor:
-    """The channels of a picture (3, h, w) as mass, each of sum 1."""
+    """Normalise each channel of a picture (3, h, w) to a mass of 1."""
     mass = small.double().clamp_min(0) + floor
     return mass / mass.sum((1, 2), keepdim=True)
 
 
 def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
-    """K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019): all go half of the way at once.
+    """Compute K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019).
 
-    ``scores`` are the logarithms of the masses that they look at, ``partners`` the numbers of the potentials that
-    belong to those. Each update has its blur; the first one is in full, and so is one more with the last.
+    ``scores`` are the logarithms of the opposite masses, ``partners`` the numbers of the opposite potentials. All
+    updates but the first and one more with the last blur go half of the way.
     """
-    found = torch.zeros_like(scores)
+    potential = torch.zeros_like(scores)
     for number, blur in enumerate([*blurs, blurs[-1]]):
-        new = softened(scores + found[partners] / blur, blur)
-        found = (found + new) / 2 if 0 < number < len(blurs) else new
-    return found
+        new = soft_minimum(scores + potential[partners] / blur, blur)
+        potential = (potential + new) / 2 if 0 < number < len(blurs) else new
+    return potential
 
 
-def softened(scores: Tensor, blur: float) -> Tensor:
-    """-blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
+def soft_minimum(scores: Tensor, blur: float) -> Tensor:
+    """Compute -blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
 
-    The exponentials are taken relative to the largest score. In double precision none that counts vanishes: scores lie
-    within 2 / blur + log(1 / floor + 1) of each other, and costs within 2 / blur. Their kernel is separable.
+    Relative to the largest score no exponential that counts vanishes in double precision: scores lie within 2 / blur +
+    log(1 / floor + 1) of each other, and costs within 2 / blur. The kernel is separable.
     """
     height, width = scores.shape[-2:]
     places = [torch.arange(n, dtype=scores.dtype, device=scores.device) / max(height, width) for n in (height, width)]

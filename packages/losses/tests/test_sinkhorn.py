@@ -50,8 +50,8 @@ def dense(image: Tensor, target: Tensor, epsilon: float, iterations: int, floor:
 def test_divergence_agrees_with_dense_matrices(size, options):
     image, target = torch.rand(2, 3, *size, dtype=torch.float64) ** 4
     loss = Sinkhorn(**options)
-    wanted = dense(image, target, **{"epsilon": 0.01, "iterations": 5, "floor": 0.001} | options)
-    assert float(judged(loss, image, target)) == pytest.approx(wanted, rel=1e-9)
+    expected = dense(image, target, **{"epsilon": 0.01, "iterations": 5, "floor": 0.001} | options)
+    assert float(judged(loss, image, target)) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,9 @@ def test_pictures_are_shrunk_to_the_side(size, small):
 @pytest.mark.parametrize("size", [(48, 96), (7, 5), (25, 24)])
 def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
     calls = []
-    monkeypatch.setattr(Sinkhorn, "_look", lambda *args, do=Sinkhorn._look: calls.append(1) or do(*args))
+    monkeypatch.setattr(
+        Sinkhorn, "_masses_and_potential", lambda *args, do=Sinkhorn._masses_and_potential: calls.append(1) or do(*args)
+    )
     picture, target = torch.rand(2, 3, *size, dtype=torch.float64)
     height, width = size
     loss = Sinkhorn()
@@ -75,13 +77,13 @@ def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
         around = Surroundings(region=region, picture=picture, target=target)
         for _ in range(2):
             part = torch.rand(3, region.height, region.width, dtype=torch.float64, requires_grad=True)
-            found = loss(PaintedView(part, region.of(target), Strokes.none(), around))
+            result = loss(PaintedView(part, region.of(target), Strokes.none(), around))
             region.of(picture).copy_(part.detach())
             whole = picture.clone().requires_grad_()
-            wanted = judged(Sinkhorn(), whole, target)
-            assert_close(found, wanted, rtol=1e-9, atol=1e-12)
-            slope = torch.autograd.grad(wanted, whole)[0]
-            assert_close(torch.autograd.grad(found, part)[0], region.of(slope), rtol=1e-6, atol=1e-12)
+            expected = judged(Sinkhorn(), whole, target)
+            assert_close(result, expected, rtol=1e-9, atol=1e-12)
+            slope = torch.autograd.grad(expected, whole)[0]
+            assert_close(torch.autograd.grad(result, part)[0], region.of(slope), rtol=1e-6, atol=1e-12)
     assert len(calls) == 1 + 6  # the loss's own, and one for each of the others
     assert loss.looks_at == "canvas"
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim import Optimizer, RMSprop
 
 from brushexp.bounds import above, at_least, between
 from brushexp.pictures.structure import sampled_at
@@ -64,7 +65,7 @@ class ProgressiveBlocks(Painter):
         each = request.n // sum(m * m for m in range(1, levels + 1))
         for m in range(1, levels + 1):
             level = Catalogue(initial_strokes(request, strokes, m, random), UNITS)
-            optimizer = torch.optim.RMSprop(level.parameters(), lr=self.lr, centered=True)
+            optimizer = RMSprop(level.parameters(), lr=self.lr, centered=True)
             for turn in range(each):
                 if turn:
                     new = initial_strokes(request, Strokes.join(strokes, detach(level)), m, random)
@@ -74,13 +75,7 @@ class ProgressiveBlocks(Painter):
             strokes = Strokes.join(strokes, detach(level))
 
     def _optimize(
-        self,
-        request: PaintRequest,
-        below: Strokes,
-        level: Catalogue,
-        optimizer: torch.optim.Optimizer,
-        m: int,
-        steps: int,
+        self, request: PaintRequest, below: Strokes, level: Catalogue, optimizer: Optimizer, m: int, steps: int
     ) -> None:
         """Move the strokes of a level of m x m blocks, on those ``below``."""
         size = level.scale.new_tensor(request.size[::-1])

@@ -62,7 +62,7 @@ def test_all_states_are_shown_filmed_and_counted():
     assert painter.trainer.global_step == 10
     assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
     assert_close(painter.latest(), painter.drawn())
-    assert painter.anytime.pairs[-1][1] > 0
+    assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
 
 

@@ -74,6 +74,16 @@ def application(photos: Photos, works: Works) -> FastAPI:
         headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
         return Response(zip_of(work), media_type="application/zip", headers=headers)
 
+    _take_uploads(app, photos)
+    app.mount("/looks", StaticFiles(directory=LOOKS))
+    for error in (KeyError, UserError, FileNotFoundError):
+        app.add_exception_handler(error, lambda *_: Response("there is nothing of this name here", 404))
+    app.add_middleware(OwnPages)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
+    return app
+
+
+def _take_uploads(app: FastAPI, photos: Photos) -> None:
     @app.post("/photos")
     async def upload(request: Request) -> dict[str, Any]:
         name = unquote(request.headers.get("X-Name", ""))
@@ -82,13 +92,6 @@ def application(photos: Photos, works: Works) -> FastAPI:
     @app.post("/photos/{key}/masks")
     async def paint_mask(request: Request, key: str) -> dict[str, Any]:
         return await _receive(request, lambda path: {"mask": photos.add_mask(path, photos[key])})
-
-    app.mount("/looks", StaticFiles(directory=LOOKS))
-    for error in (KeyError, UserError, FileNotFoundError):
-        app.add_exception_handler(error, lambda *_: Response("there is nothing of this name here", 404))
-    app.add_middleware(OwnPages)
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
-    return app
 
 
 class OwnPages:

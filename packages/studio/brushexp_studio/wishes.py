@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.api.settings import settings_of
-from brushexp.painting.first_strokes import stroke_budget
+from brushexp.painting.components import stroke_budget
 from brushexp.registry import build
 from brushexp_studio.photos import Photo
 

@@ -104,10 +104,8 @@ def _markdown(
     yield from (*([escape_markdown(note), ""] if note else []), EXPLANATION, "")
     for section in sections:
         yield from (f"## {escape_markdown(section.title)}", "", _table(table_cells(section)), "")
-        for words, cells in (
-            (EQUAL_SECONDS, at_equal_seconds(section)),
-            ("PSNR in dB by picture.", by_picture(section)),
-        ):
+        tables = {EQUAL_SECONDS: at_equal_seconds(section), "PSNR in dB by picture.": by_picture(section)}
+        for words, cells in tables.items():
             if cells:
                 yield from (words, "", _table(cells), "")
         commands = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]

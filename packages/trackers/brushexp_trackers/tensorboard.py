@@ -1,4 +1,4 @@
-"""Curves and pictures for TensorBoard."""
+"""Log a run to TensorBoard."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 class TensorBoard(Logger):
     """Curves, pictures, settings and numbers: ``tensorboard --logdir`` of a run, or of a sweep side by side.
 
-    They are in the folder ``tensorboard`` of each run. What the command line set and the final metrics are
-    hyperparameters there, so that the runs of a sweep form a table; all settings are a text. TensorBoard keeps no
-    files, so of the catalogue it shows where it is.
+    They are in the folder ``tensorboard`` of each run. Hyperparameters are the words of the command line and the final
+    metrics, so that a sweep is a table; all settings and the path of the catalogue are texts.
     """
 
     def __init__(self) -> None:
@@ -60,5 +59,5 @@ class TensorBoard(Logger):
 
 
 def as_table(values: Mapping[str, Any]) -> str:
-    """Markdown, a row for each value."""
+    """Format values as a table in Markdown."""
     return "\n".join(["| name | value |", "|---|---|", *(f"| {name} | {value} |" for name, value in values.items())])

@@ -1,4 +1,4 @@
-"""Curves, pictures, numbers and the catalogue for Weights & Biases."""
+"""Log a run to Weights & Biases."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
 
 log = logging.getLogger(__name__)
-STEP = "trainer/global_step"  # what Lightning's WandbLogger calls the step of a curve
+STEP = "trainer/global_step"  # name of the step in curves of Lightning's WandbLogger
 EXIT_CODES = {"completed": 0, "interrupted": 130, "failed": 1}
-HABITS = {  # of wandb, unless the user says otherwise
+DEFAULTS = {  # environment of wandb, unless the user sets it
     "WANDB_SILENT": "true",
     "WANDB_CONSOLE": "off",  # it would keep all that the program prints
     "WANDB_ERROR_REPORTING": "false",
-    "WANDB_INIT_TIMEOUT": "15",  # seconds that a slow network may hold up the beginning
-    "WANDB_FINISH_TIMEOUT": "60",  # and the end; what is not sent then is kept
+    "WANDB_INIT_TIMEOUT": "15",  # seconds
+    "WANDB_FINISH_TIMEOUT": "60",  # seconds; what is not sent then stays in the folder
 }
 ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # the same accounts under two names
 
@@ -38,14 +38,14 @@ ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # the
 class WeightsAndBiases(Logger):
     """Curves, pictures, table and catalogue for Weights & Biases; without network unless you are logged in there.
 
-    Everything is kept in the folder ``wandb`` of the run. What was painted offline can be sent later with ``wandb
-    sync``. Reports of errors in wandb itself are not sent to its makers, unless WANDB_ERROR_REPORTING says so.
+    Everything stays in the folder ``wandb`` of the run; ``wandb sync`` sends offline runs later. Errors of wandb itself
+    are reported to its makers only if WANDB_ERROR_REPORTING says so.
 
     Args:
         project: where the runs are shown.
         entity: user or team that the project belongs to; None for the account's own.
-        mode: auto: online if somebody is logged in (WANDB_API_KEY or ``wandb login``), offline if nobody is, unless
-            WANDB_MODE says otherwise; disabled: nothing is kept.
+        mode: auto: online if somebody is logged in (WANDB_API_KEY or ``wandb login``), else offline, unless WANDB_MODE
+            says otherwise; disabled: nothing is kept.
         group: shows runs together; None for the folder's name of the sweep.
         tags: to find runs by.
     """
@@ -61,7 +61,7 @@ class WeightsAndBiases(Logger):
     ) -> None:
         if find_spec("wandb") is None:
             raise UserError("logger=wandb needs the package wandb; pip install -e '.[wandb]'")
-        for key, value in HABITS.items():
+        for key, value in DEFAULTS.items():
             os.environ.setdefault(key, value)
         if mode == "online" and not is_logged_in():
             cure = "run wandb login, or choose logger.wandb.mode=offline"
@@ -100,22 +100,22 @@ class WeightsAndBiases(Logger):
         if self._run is None:
             return
         try:
-            self._tell(run)
+            self._log(run)
         finally:
             self._run.finish(exit_code=EXIT_CODES[run.status])
         if self._run.offline:
             log.info("wandb: offline; to send this run: wandb sync %s", quote(str(Path(self._run.dir).parent)))
 
-    def _tell(self, run: Run) -> None:
+    def _log(self, run: Run) -> None:
         import wandb  # noqa: PLC0415
 
         for step, jpeg in run.frames.items():
             self._run.log({"frames": wandb.Image(Image.open(io.BytesIO(jpeg)), file_type="jpg"), STEP: step})
-        shown: dict[str, Any] = {name: wandb.Image(str(path)) for name, path in run.pictures.items()}
+        entries: dict[str, Any] = {name: wandb.Image(str(path)) for name, path in run.pictures.items()}
         if run.metrics:
-            shown["metrics"] = wandb.Table(columns=list(run.row), data=[list(run.row.values())])
+            entries["metrics"] = wandb.Table(columns=list(run.row), data=[list(run.row.values())])
             self._run.summary.update(run.row)
-        self._run.log({**shown, STEP: run.step})
+        self._run.log({**entries, STEP: run.step})
         for name, path in run.files.items():
             artifact = wandb.Artifact(f"{name}-{self._run.id}", type=name, metadata=run.numbers)
             artifact.add_file(str(path), policy="immutable", skip_cache=True)
@@ -123,7 +123,7 @@ class WeightsAndBiases(Logger):
 
 
 def mode_of(mode: str) -> Any:
-    """The mode as wandb calls it; None leaves it to WANDB_MODE."""
+    """Translate a mode for wandb; None leaves it to WANDB_MODE."""
     import wandb  # noqa: PLC0415
 
     if mode != "auto":
@@ -132,7 +132,7 @@ def mode_of(mode: str) -> Any:
 
 
 def is_logged_in() -> bool:
-    """Whether wandb knows an account: from the environment, its settings or a netrc file. Nobody is asked."""
+    """Tell whether wandb has an account, by environment, settings or netrc file; it asks nobody."""
     import wandb  # noqa: PLC0415
     from requests.utils import get_netrc_auth  # noqa: PLC0415  (wandb needs it, too)
 

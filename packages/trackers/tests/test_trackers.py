@@ -89,24 +89,24 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
     from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData  # noqa: PLC0415
 
     (events,) = (tracked.run / "tensorboard").glob("events.*")
-    found = EventAccumulator(str(events), dict.fromkeys(("scalars", "images", "tensors"), 0)).Reload()
+    result = EventAccumulator(str(events), dict.fromkeys(("scalars", "images", "tensors"), 0)).Reload()
     for name in ("target", "painting"):
-        (image,) = found.Images(name)
+        (image,) = result.Images(name)
         assert image.step == 20
         assert np.array_equal(pixels_of(io.BytesIO(image.encoded_image_string)), pixels_of(tracked.run / f"{name}.png"))
-    first, *steps = [image.step for image in found.Images("frames")]
+    first, *steps = [image.step for image in result.Images("frames")]
     assert 3 <= len(steps) <= 7
     assert first == 0 < steps[0] <= steps[-1] < 20
-    assert found.Scalars("loss/mse")[-1].step == 19
-    assert found.Scalars("final/psnr")[0].value == pytest.approx(tracked.metrics["psnr"])
+    assert result.Scalars("loss/mse")[-1].step == 19
+    assert result.Scalars("final/psnr")[0].value == pytest.approx(tracked.metrics["psnr"])
     texts = {
-        name: b"".join(found.Tensors(f"{name}/text_summary")[0].tensor_proto.string_val).decode()
+        name: b"".join(result.Tensors(f"{name}/text_summary")[0].tensor_proto.string_val).decode()
         for name in ("settings", "metrics", "files")
     }
     assert "\nrenderer:\n  _target_: brushexp.plugins.renderer.analytic.Analytic\n" in texts["settings"]
     assert f"| psnr | {tracked.metrics['psnr']} |" in texts["metrics"]
     assert f"| catalogue | {tracked.run / 'catalogue.h5'} |" in texts["files"]
-    content = found.PluginTagToContent("hparams")["_hparams_/session_start_info"]
+    content = result.PluginTagToContent("hparams")["_hparams_/session_start_info"]
     chosen = HParamsPluginData.FromString(content).session_start_info.hparams
     assert {key: value.string_value for key, value in chosen.items()} == {
         "look": "plain", "image": f"{tracked.folder}/picture.png", "steps": "20", "frames": "12", "threads": "1",
@@ -117,8 +117,8 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
 
 def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     (kept,) = (tracked.run / "wandb").glob("offline-run-*")
-    found = list(records(next(kept.glob("*.wandb"))))
-    (run,) = [record.run for record in found if record.HasField("run")]
+    result = list(records(next(kept.glob("*.wandb"))))
+    (run,) = [record.run for record in result if record.HasField("run")]
     assert (run.project, run.run_group, run.display_name, list(run.tags)) == ("brushexp", "my sweep", "0", ["a", "b"])
     assert run.notes == f"look=plain image={tracked.folder}/picture.png steps=20 frames=12 threads=1 report=False"
     config = {item.key: json.loads(item.value_json) for item in run.config.update}
@@ -126,7 +126,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert config["steps"] == 20
     rows = [
         {".".join(item.nested_key): json.loads(item.value_json) for item in record.history.item}
-        for record in found
+        for record in result
         if record.HasField("history")
     ]
     assert any(row.get("loss/mse") and row["trainer/global_step"] == 19 for row in rows)
@@ -138,10 +138,10 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
         assert np.array_equal(pixels_of(kept / "files" / last[f"{name}.path"]), pixels_of(tracked.run / f"{name}.png"))
     table = json.loads((kept / "files" / last["metrics.path"]).read_text())
     assert dict(zip(table["columns"], table["data"][0], strict=True))["psnr"] == pytest.approx(tracked.metrics["psnr"])
-    (catalogue,) = [record.artifact.manifest for record in found if record.artifact.type == "catalogue"]
+    (catalogue,) = [record.artifact.manifest for record in result if record.artifact.type == "catalogue"]
     (entry,) = catalogue.contents
     assert (entry.path, entry.local_path) == ("catalogue.h5", str(tracked.run / "catalogue.h5"))
-    (end,) = [record.exit for record in found if record.HasField("exit")]
+    (end,) = [record.exit for record in result if record.HasField("exit")]
     assert end.exit_code == 0
 
 

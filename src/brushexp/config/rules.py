@@ -65,8 +65,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.components import check_losses, check_size  # noqa: PLC0415
-    from brushexp.painting.first_strokes import stroke_budget  # noqa: PLC0415
+    from brushexp.painting.components import check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]

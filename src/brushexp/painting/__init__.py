@@ -1,6 +1,6 @@
 """From a target picture to a painting, in the order of the data.
 
-build (with components, init, first_strokes) -> painting_module (with schedule, picture, curves)
+build (with components, init) -> painting_module (with schedule, picture)
 -> other_painter (with painter), stroke_optimizer (with sampler, canvas_memory, renderer, order, blend, loss, partial,
 optimizer, divergence, density, densification)
 -> goals -> wet -> timelapse -> metrics -> finished

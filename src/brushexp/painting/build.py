@@ -1,10 +1,9 @@
-"""From the config of a painting to a painter before its first step."""
+"""Build a painter before its first step from the config of a painting."""
 
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.painting.components import STYLE, Components, build_components, plan_steps
-from brushexp.painting.first_strokes import first_strokes, stroke_budget
+from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -18,9 +17,9 @@ from brushexp.strokes.catalogue import Catalogue
 
 
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
-    """Build what a checked config of ``task=paint`` names, on the CPU; seed PyTorch's generators before.
+    """Build the painter of a checked config of ``task=paint``, on the CPU; seed PyTorch's generators before.
 
-    ``target`` (3, H, W) in [0, 1] takes the place of the picture that ``image`` names, at its own size.
+    ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size.
     """
     target = load_picture(cfg.image, cfg.resolution) if target is None else target
     painter = take_built(cfg.painter)
@@ -53,7 +52,7 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
 
 
 def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None]:
-    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; and what that was made from."""
+    """Compute the weights (H, W) of the pixels, of mean 1, if ``focus`` is set; and the map they are made from."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target)
@@ -61,7 +60,7 @@ def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tenso
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
-    """The target in the colours of the style picture, or as it is if the style takes its colours; and that picture."""
+    """Give the target the colours of the style picture, unless the style takes its own; return both."""
     style = parts.losses[STYLE]
     assert isinstance(style, Style)
     picture = style.picture(target)

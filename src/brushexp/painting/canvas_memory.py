@@ -1,4 +1,4 @@
-"""Painting a part of the canvas, with the rest as it was last seen."""
+"""Paint a part of the canvas, with the rest as it was last painted."""
 
 from dataclasses import dataclass
 
@@ -15,20 +15,19 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-COMPARED_ROWS = 256  # pixels: so much of two pictures is compared at once, in little memory
-MAX_CACHE_BYTES = 2**29  # of pictures that are kept: 16,384 of 64 x 64 pixels
+COMPARED_ROWS = 256  # pixel rows of two pictures that are compared at once, to save memory
+MAX_CACHE_BYTES = 2**29  # memory of cached pictures: 16,384 of 64 x 64 pixels
 
 
 @dataclass(eq=False)
 class CanvasMemory:
     """Paints what a step looks at, and keeps the whole picture up to date with it.
 
-    Where strokes that a view neither moves nor draws around it touch the region, their pixels are taken from the
-    whole picture as it was last seen; elsewhere the region is what it would be in the whole. Differs from the thesis,
-    which leaves those strokes out: its ring hides the gap from the active ones.
+    Pixels of the region under strokes that a view neither moves nor draws are those of the whole picture as it was
+    last painted. Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
     """
 
-    picture: Tensor  # (3, H, W) the whole painting as it is; changed in place. The others are those of a `Picture`
+    picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of a `Picture`
     target: Tensor
     focus: Tensor | None
     background: Tensor
@@ -37,25 +36,25 @@ class CanvasMemory:
 
     def __post_init__(self) -> None:
         self.cache = PatchCache(self.renderer)
-        self._squares = squares(self.picture, self.target)
-        self._region: Region | None = None  # where the steps look now
-        self._known = torch.empty(0)  # strokes that are drawn there
-        self._fixed = torch.empty(0)  # (h, w), bool: pixels there that are taken as last seen
+        self._squares = sum_of_squares(self.picture, self.target)
+        self._region: Region | None = None  # of the present steps
+        self._numbers = torch.empty(0)  # strokes that are drawn in the region
+        self._fixed = torch.empty(0)  # (h, w), bool: pixels of the region that stay
         self._surroundings: Surroundings | None = None  # of the region; None if that is the canvas
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as it was last seen."""
+        """Mean squared error of the whole picture as it was last painted."""
         return max(self._squares, 0.0) / self.target.numel()
 
     def paint(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """The region of a view, differentiable in its active strokes; see `Picture.see`."""
+        """Paint the region of a view, differentiable in its active strokes; see `Picture.see`."""
         region, active, ring = view.region, view.active, view.ring
         assert active is not None
-        known = active if ring is None else torch.cat([active, ring])
-        self._turn_to(region, known, strokes)
+        numbers = active if ring is None else torch.cat([active, ring])
+        self._turn_to(region, numbers, strokes)
         around = self._surroundings
         part, focus = (around.part, around.part_focus) if around else (self.target, self.focus)
         shift = (-region.left, -region.top)
@@ -65,38 +64,36 @@ class CanvasMemory:
         place = torch.empty_like(front_to_back)
         place[front_to_back] = torch.arange(len(place), device=place.device)
         size = (region.height, region.width)
-        canvas = self.blend(layers, place[known].argsort(), size, self.background, part if accuracy else None)
+        canvas = self.blend(layers, place[numbers].argsort(), size, self.background, part if accuracy else None)
         image = torch.where(self._fixed, region.of(self.picture).clone(), canvas.image)
         self._paste(image.detach(), region)
-        judged = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
-        return Canvas(image, judged), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
+        measures = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
+        return Canvas(image, measures), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
 
-    def _turn_to(self, region: Region, known: Tensor, strokes: Strokes) -> None:
-        """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""
-        elsewhere = region != self._region
-        if elsewhere:
+    def _turn_to(self, region: Region, numbers: Tensor, strokes: Strokes) -> None:
+        """Look at another region, or at other strokes; the same region keeps the same objects."""
+        is_new = region != self._region
+        if is_new:
             whole = region == Region.whole(self.target)
             self._surroundings = None if whole else Surroundings(region, self.picture, self.target, self.focus)
-        if elsewhere or not torch.equal(known, self._known):
-            unknown = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
-            unknown[known] = False
-            self._fixed = touched(strokes[unknown], region, self.renderer.edge)
-        self._region, self._known = region, known
+        if is_new or not torch.equal(numbers, self._numbers):
+            others = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
+            others[numbers] = False
+            self._fixed = touched(strokes[others], region, self.renderer.edge)
+        self._region, self._numbers = region, numbers
 
     @torch.no_grad()
     def _paste(self, image: Tensor, region: Region) -> None:
-        """Take over what a step made of a region (3, h, w)."""
-        target, seen = region.of(self.target), region.of(self.picture)
-        self._squares += squares(image, target) - squares(seen, target)
-        seen.copy_(image)
+        target, before = region.of(self.target), region.of(self.picture)
+        self._squares += sum_of_squares(image, target) - sum_of_squares(before, target)
+        before.copy_(image)
 
 
 class PatchCache:
-    """The render image catalogue (thesis 2020, 6.3): keeps what a network has drawn of strokes that surround others.
+    """The render image catalogue (thesis 2020, 6.3): caches what a network has drawn of strokes that surround others.
 
-    Pictures are drawn when they are first asked for; beyond ``most_bytes`` of memory the oldest give way, and those of
-    strokes that have changed go. They are kept as 16-bit floats (an error of 1/4096 at most). A renderer of profiles
-    has none; its strokes are just described again. The thesis keeps all and replaces them at every step.
+    It holds ``most_bytes`` of pictures in 16-bit floats (an error of 1/4096 at most) and drops the oldest first.
+    Renderers of profiles need no cache. The thesis keeps all pictures and replaces them at every step.
     """
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
@@ -104,13 +101,13 @@ class PatchCache:
         self._pictures: dict[int, Tensor] = {}  # number of a stroke -> (4, side, side), the oldest first
 
     def forget(self, number: Tensor) -> None:
-        """Strokes (K,) have changed."""
+        """Drop the pictures of strokes number (K,), which have changed."""
         for key in number.tolist() if self._pictures else ():
             self._pictures.pop(key, None)
 
     @torch.no_grad()
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
-        """Layers of K strokes, number (K,) of the painting, without gradient."""
+        """Draw K strokes, number (K,) of the painting, without gradient."""
         if not isinstance(self.renderer, PatchRenderer):
             return self.renderer(strokes)
         keys = number.tolist()
@@ -118,8 +115,8 @@ class PatchCache:
         if len(new):
             drawn = self.renderer(strokes[new])
             assert isinstance(drawn, Windows)
-            kept = drawn.images.to("cpu", torch.float16)
-            self._pictures |= {keys[i]: picture.clone() for i, picture in zip(new.tolist(), kept, strict=True)}
+            images = drawn.images.to("cpu", torch.float16)
+            self._pictures |= {keys[i]: image.clone() for i, image in zip(new.tolist(), images, strict=True)}
         pictures = torch.stack([self._pictures[key] for key in keys]).to(strokes.color)
         room = max(1, self.most_bytes // pictures[0].numel() // 2)
         for key in list(self._pictures)[:-room]:
@@ -127,22 +124,22 @@ class PatchCache:
         return Windows(pictures, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
 
-def squares(first: Tensor, second: Tensor) -> float:
-    """Sum of the squared differences of two pictures."""
+def sum_of_squares(first: Tensor, second: Tensor) -> float:
+    """Sum the squared differences of two pictures."""
     rows = zip(first.split(COMPARED_ROWS, 1), second.split(COMPARED_ROWS, 1), strict=True)
     return sum(float((a - b).square().sum(dtype=torch.float64)) for a, b in rows)
 
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Corners (N, 2) of a box around each stroke and all that it may cover; ``edge`` is that of its renderer."""
+    """Compute the corners (N, 2) of a box around all that each stroke may cover; ``edge`` is that of its renderer."""
     curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + edge
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 
 @torch.no_grad()
 def touched(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
+    """Mark the pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
     left_top, right_bottom = boxes_of(strokes, edge)
     size = torch.tensor([region.width, region.height])
     shift = torch.tensor([region.left, region.top])

@@ -1,35 +1,51 @@
-"""What a painting is made with: one member of each family that gradient steps need."""
+"""Build the parts of a painting: a member of each family that gradient steps need, and the first strokes."""
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
+from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.pictures.load import check_ratio
 from brushexp.plugins.blend.base import Blend, Compositor
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density.base import Density
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
+from brushexp.plugins.optimizer.torch import TorchOptim
+from brushexp.plugins.order.area import Area
 from brushexp.plugins.order.base import Order
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named, keep_built, plugin_of, take_built
+from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import load_catalogue
 from brushexp.system.runtime import check_memory
 
-BYTES_PER_PIXEL = 500  # that painting takes at least; blend=tiled was seen to take 800
+log = logging.getLogger(__name__)
+BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
-AUTO = "auto"  # warm_up that leaves it to the renderer
+AUTO = "auto"  # value of warm_up that leaves it to the renderer
 
 
 @dataclass(frozen=True)
 class Stage:
-    """So many gradient steps with one renderer, by its name in messages."""
+    """A number of gradient steps with one renderer, by its name in messages."""
 
     name: str
     renderer: Renderer
@@ -38,7 +54,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Components:
-    """What a painting is made with: one member of each family, but one renderer for each stage."""
+    """The parts of a painting: one member of each family, but one renderer for each stage."""
 
     stages: Sequence[Stage]
     blend: Compositor
@@ -53,15 +69,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """The defaults of ``task=paint`` without a config, for use from Python; ``chosen`` components differ."""
-    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
-    from brushexp.plugins.color.rgb import Rgb  # noqa: PLC0415
-    from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
-    from brushexp.plugins.loss.mse import MeanSquaredError  # noqa: PLC0415
-    from brushexp.plugins.optimizer.torch import TorchOptim  # noqa: PLC0415
-    from brushexp.plugins.order.area import Area  # noqa: PLC0415
-    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
-
+    """Build the defaults of ``task=paint`` from Python, but for the ``chosen`` components."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -70,14 +78,14 @@ def standard_components(
 
 
 def build_components(cfg: DictConfig) -> Components:
-    """Build what the config names."""
+    """Build the components that a config names."""
     others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
     blend = Compositor(take_built(cfg.blend), take_built(cfg.color))
     return Components(stages=build_stages(cfg), blend=blend, losses=build_losses(cfg), **others)
 
 
 def build_losses(cfg: DictConfig) -> dict[str, Loss]:
-    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    """Build the chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
     losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
     for loss in losses.values():
@@ -90,7 +98,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Stop with a UserError if two losses of `build_losses` would have one name, or one nothing to compare with."""
+    """Refuse (UserError) two losses of one name, and a loss without a reference."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
@@ -99,7 +107,7 @@ def check_losses(cfg: DictConfig) -> None:
 
 
 def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
-    """The renderers and their steps: the chosen one, and before it the one that ``warm_up`` asks for, if any."""
+    """Build the stages: that of the chosen renderer, after the one that ``warm_up`` asks for, if any."""
     name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
@@ -110,10 +118,10 @@ def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_
 def plan_steps(
     parts: Components, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]
 ) -> Components:
-    """The same, with as many steps as partial updates of the first ``strokes`` on a canvas of ``size`` (H, W) take.
+    """Plan the steps of partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
-    Each stroke moves ``steps_per_stroke`` times in the first stage; None leaves its steps as they are. Those of a last
-    stage, that of a slow renderer, always count for each stroke.
+    Each stroke moves ``steps_per_stroke`` times in the first stage (None leaves its steps as they are), and as many
+    times as there are steps in a last one, which is that of a slow renderer.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -125,10 +133,59 @@ def plan_steps(
 
 
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
-    """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
+    """Refuse (UserError) a canvas of ``size`` (H, W) or windows of strokes that memory cannot hold."""
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
     smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
+
+
+def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:
+    """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget."""
+    _, height, width = target.shape
+    if cfg.catalogue is not None:
+        if cfg.style.brushwork is not None:
+            log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
+        strokes = load_strokes(Path(cfg.catalogue), (height, width))
+        return strokes, stroke_budget(cfg, (height, width), density, len(strokes))
+    n = stroke_budget(cfg, (height, width), density)
+    generator = torch.Generator().manual_seed(cfg.seed)
+    initializer: Initializer = take_built(cfg.init)
+    strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)
+    if cfg.style.brushwork is not None:
+        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
+    return strokes, n
+
+
+def planned_steps(cfg: DictConfig) -> int:
+    """Return the least number of steps of a painting."""
+    return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
+
+
+def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
+    """Return how many strokes a picture of ``size`` (H, W) may have in the end, of which ``catalogue`` has ``count``.
+
+    A UserError if the picture is too small for them, or nothing adds the missing ones.
+    """
+    n = count if cfg.strokes is None else cfg.strokes
+    if n is None:
+        n = max(1, round(math.prod(size) / cfg.pixels_per_stroke))
+        n = n if cfg.max_strokes is None else min(n, cfg.max_strokes)
+    if count is not None and (n < count or (n > count and density.first(n, planned_steps(cfg)) == n)):
+        raise UserError(
+            f"strokes={n}, but {cfg.catalogue} has {count}; drop strokes or catalogue, or let a policy that "
+            "adds strokes come to a larger number: density=adaptive, with enough steps for it"
+        )
+    if count is None and n > math.prod(size):
+        cure = f"set strokes to {math.prod(size)} at most, or enlarge the picture with resolution"
+        raise UserError(f"strokes={n} is more than the {size[0]} x {size[1]} picture has pixels; {cure}")
+    return n
+
+
+def load_strokes(path: Path, size: tuple[int, int]) -> Strokes:
+    """Load the strokes of a catalogue, bottom first, scaled to a canvas of ``size`` (H, W)."""
+    saved = load_catalogue(path)
+    check_ratio(str(path), saved.size, size, "catalogue")
+    return saved.strokes[saved.depth.argsort()].moved(zoom=max(size) / max(saved.size))

@@ -1,69 +1,25 @@
-"""What the density policy sees after a step, and the change of the set of strokes that it asks for."""
+"""Measure how much each stroke of a painting matters, for the policies that add and remove strokes."""
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import torch
-from torch import Tensor, optim
+from torch import Tensor
 
 from brushexp.compositing.bands import cuts
-from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import Schedule
-from brushexp.plugins.density.base import DensificationState, Density
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.painting.picture import Picture
+from brushexp.strokes.catalogue import Strokes
 
-PROBE_COUNT = 8  # random pictures that estimate a sum of squares: its relative deviation is sqrt(2 / PROBE_COUNT)
-
-
-@dataclass(frozen=True)
-class Densification:
-    """Asks a density policy after each step, and adds and removes strokes as it says: up to ``budget``."""
-
-    density: Density
-    budget: int
-    picture: Picture
-    depth: Depth
-    schedule: Schedule
-    generator: torch.Generator
-
-    def state(self, strokes: Strokes) -> DensificationState:
-        """The painting of N strokes as the policy sees it."""
-        picture, front_to_back = self.picture, self.depth.front_to_back
-        image = picture.draw(strokes, front_to_back) if picture.last is None else picture.last
-        judge = partial(importance, strokes, front_to_back, picture, self.generator)
-        numbers = (self.budget, self.schedule.step, self.schedule.steps)
-        return DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
-
-    def update(self, catalogue: Catalogue, visits: Tensor, optimizer: optim.Optimizer) -> Tensor:
-        """Let the policy change the strokes of a catalogue and what their optimiser remembers, if it wants to now.
-
-        ``visits`` (N,) are the steps that each stroke has taken; those of the strokes that there are now are returned.
-        """
-        if not self.density.due(self.schedule.step, self.schedule.steps):
-            return visits
-        with torch.no_grad():
-            strokes = catalogue()
-        update = self.density.revise(self.state(strokes))
-        if update is None:
-            return visits
-        catalogue.revise(update.keep, self.picture.renderer.convert(update.new), optimizer)
-        self.depth.revise(update.keep, len(update.new))
-        self.picture.forget()
-        # New strokes count as often moved as the oldest: the optimiser counts their steps together.
-        new = visits.new_full((len(update.new),), int(visits.max()) if len(visits) else 0)
-        return torch.cat([visits[update.keep], new])
+PROBE_COUNT = 8  # random pictures that estimate a sum of squares, with relative deviation sqrt(2 / PROBE_COUNT)
 
 
 @torch.no_grad()
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
-    """By how much the squared error of the painting would grow without each of N strokes.
+    """Measure by how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
 
     The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces), so without one it
     changes by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). A blend may know both
-    sums (`Blend.importance`). If not, the
-    second is one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for
-    random signs s (Hutchinson, 1990), so the numbers (N,) scatter. They are summed over pixels and channels and
-    weighted by the focus; about 0 for a stroke that cannot be seen, negative for one that does harm.
+    sums (`Blend.importance`). If not, the second is one backward pass for all strokes, and the first is estimated
+    without bias by the square of sum(s * d) for random signs s (Hutchinson, 1990), so the numbers (N,) scatter.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
     place = front_to_back.argsort()
@@ -73,9 +29,9 @@ def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, genera
         size = (rows, picture.size[1])
         target = picture.target[:, top : top + rows].contiguous()
         weight = target.new_ones(size) if picture.focus is None else picture.focus[top : top + rows]
-        known = blend.importance(renderer(part), order, size, background, target, weight)
-        if known is not None:
-            exact[number] += known
+        growth = blend.importance(renderer(part), order, size, background, target, weight)
+        if growth is not None:
+            exact[number] += growth
             continue
         opacity = part.opacity.clone().requires_grad_()
         with torch.enable_grad():

@@ -1,4 +1,4 @@
-"""The record of a finished painting: its strokes, its pictures and its numbers, and the files that it makes."""
+"""Keep a finished painting (strokes, pictures and metrics), and write its files."""
 
 import math
 import time
@@ -15,7 +15,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
-from brushexp.painting.wet import wetted
+from brushexp.painting.schedule import add_pair
+from brushexp.painting.wet import drag_paint
 from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
@@ -38,10 +39,10 @@ if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished painting: in memory when it is painted, or read from a folder.
+    """A finished painting, in memory or read from a folder.
 
-    Pictures are (H, W, 3) uint8 by name: ``painting``; ``flat``, which is without the lamp, if there is a lamp;
-    ``target``; ``style`` and ``focus``, if there are such.
+    Pictures are (H, W, 3) uint8: ``painting``, ``target``, and, where there are such, ``flat`` (the painting without
+    the lamp), ``style`` and ``focus``.
     """
 
     job: ExportJob
@@ -51,21 +52,21 @@ class Finished:
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The numbers of metrics.json, computed at the first look, because that takes as long as some steps."""
+        """The numbers of metrics.json, computed at first use, because that takes as long as some steps."""
         return dict(self.compute_metrics())
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write pictures of some ``names``, catalogue, SVG and, when these are written, ``metrics.json``."""
+        """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
         for name in (name for name in names if name in self.pictures):
             write_picture(folder / f"{name}.png", self.pictures[name])
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
-        others_follow = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
-        write_json(folder / METRICS_FILE, self.metrics | others_follow)
+        status = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
+        write_json(folder / METRICS_FILE, self.metrics | status)
 
     def conclude(self, folder: Path) -> None:
-        """Write into ``metrics.json`` how the painting ended: now all other files are written."""
+        """Write into ``metrics.json`` how the painting ended, once all other files are written."""
         write_json(folder / METRICS_FILE, self.metrics)
 
 
@@ -75,17 +76,12 @@ def finish(
 ) -> Finished:  # fmt: skip
     """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
 
-    Args:
-        painter: the painter after its last step.
-        cfg: settings of ``task=paint``.
-        timelapse: frames of the steps, to which the finished painting is added.
-        metrics: what the painting is measured by, by name.
-        start: `time.monotonic` when the program began; None for a run that was continued.
+    ``start`` is `time.monotonic` when the program began; None for a run that was continued.
     """
     painter.schedule.pause()
     painter.hand_over()
     canvas = painter.picture
-    strokes, front_to_back = wetted(painter, cfg.wet)
+    strokes, front_to_back = drag_paint(painter, cfg.wet)
     colors = canvas.draw(strokes, front_to_back)
     job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
     job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back, canvas.background))
@@ -96,14 +92,14 @@ def finish(
         results = {"flat": flat, "painting": job.picture(colors)}
         lit = {"psnr_lit": picture_psnr(results["painting"], target)}
     timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
-    painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
+    add_pair(painter.anytime, painter.schedule.seconds, picture_psnr(flat, target))
     numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
     numbers |= effort_of(painter, len(strokes))
 
     def compute_metrics() -> dict[str, object]:
-        measured = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
+        results = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
         total = None if start is None else time.monotonic() - start
-        return measured | {"seconds_total": total, "peak_memory_mb": peak_memory()}
+        return results | {"seconds_total": total, "peak_memory_mb": peak_memory()}
 
     return Finished(job, sources | results, compute_metrics, timelapse)
 
@@ -136,7 +132,7 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
         "device": str(painter.device),
         "status": painter.stop or "completed",
         "cpu_seconds": schedule.cpu_seconds,
-        "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],
+        "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime],
     }
 
 
@@ -146,7 +142,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, flo
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, Style)
-    return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
+    return {f"style_{name}": value for name, value in style.measure(painter.drawn(), painter.picture.target).items()}
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:

@@ -1,9 +1,4 @@
-"""Every way in which a run ends before its last step: time spent, quality reached, nothing gained.
-
-They look at a painter after every step, and end a stage with ``schedule.end_stage()``, or the run by setting ``stop``.
-What a run ended with is its ``status`` in metrics.json: ``completed`` (all steps were taken), ``interrupted`` (by the
-user, and to be continued), one of those here, or what `system.callbacks.find_limit` names.
-"""
+"""Goals of a run: each ends a stage or the run before its last step, and says why in the ``status`` of metrics.json."""
 
 import logging
 from collections import deque
@@ -20,16 +15,16 @@ from brushexp.system.callbacks import INTERRUPTED
 log = logging.getLogger(__name__)
 PSNR_REACHED = "psnr reached"
 SECONDS_SPENT = "seconds spent"
-GAIN_EVALUATIONS = 100  # evaluations of the losses over which early_stop asks for a gain
-LAST_STAGE_SHARE = 0.5  # of the seconds: what the last of several stages gets
-RECENT_SHARE = 0.2  # of a stage's time so far, from which its speed is read
-RECENT_SECONDS = 0.25  # at least of it
+GAIN_EVALUATIONS = 100  # evaluations of the losses between two checks of early_stop
+LAST_STAGE_SHARE = 0.5  # share of the seconds that the last of several stages gets
+RECENT_SHARE = 0.2  # share of a stage's time so far over which its speed is measured
+RECENT_SECONDS = 0.25  # shortest time over which it is measured
 
 
 class NoMoreGain(EarlyStopping):
-    """Lightning's EarlyStopping of the PSNR, stage by stage: ends one when 100 evaluations no longer gain ``gain`` dB.
+    """Ends a stage when 100 evaluations no longer gain ``gain`` dB of PSNR (Lightning's EarlyStopping).
 
-    Not epochs, because a step of L-BFGS looks at the picture several times. Coarse steps are not judged.
+    It counts no epochs, because a step of L-BFGS has several evaluations, and leaves out coarse steps.
     """
 
     def __init__(self, gain: float) -> None:
@@ -49,7 +44,7 @@ class NoMoreGain(EarlyStopping):
             trainer.should_stop = False
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Nothing, since evaluations are counted."""
+        """Do nothing: evaluations count."""
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "last": self.last, "stage": self.stage}
@@ -60,18 +55,15 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the picture as last seen, that is before the last step, has a PSNR of ``psnr`` dB.
-
-    Only the last stage counts: what the renderers before it show is not what the run leaves.
-    """
+    """Ends the run when the picture before the last step has ``psnr`` dB by the renderer of the last stage."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
-        seen = schedule.stage_progress[0] > 0 and not painter.is_coarse  # by the renderer of this stage, in full
-        if schedule.is_last_stage and seen and psnr_of(painter.picture.error) >= self.psnr:
+        in_full = schedule.stage_progress[0] > 0 and not painter.is_coarse  # by the renderer of this stage
+        if schedule.is_last_stage and in_full and psnr_of(painter.picture.error) >= self.psnr:
             painter.stop = PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
 
@@ -81,23 +73,21 @@ class Quality(L.Callback):
 
 
 class TimeBudget(L.Callback):
-    """Fits the number of steps to ``seconds`` of optimisation, so that schedules come to their end with them.
+    """Fits the number of steps to ``seconds`` of optimisation, so that schedules end with them.
 
-    After every step the steps that are left are those that fit into the time left, at the speed of the last fifth of
-    the stage: steps get dearer and cheaper while strokes move, come and go. The last of several stages gets half of the
-    time; the others share the rest in proportion to their steps. In a run that was interrupted the time before counts.
-    ``seconds`` is the wall time that metrics.json calls so.
+    After every step it plans as many more as fit into the remaining time at the speed of the last fifth of the stage.
+    The last of several stages gets half of the time; the others share the rest in proportion to their steps.
     """
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self.deadlines: list[float] = []  # seconds at which each stage should be over
+        self.deadlines: list[float] = []  # seconds at which each stage should end
         self._stage = 0
         self._since = 0.0  # seconds at which this stage began
-        self._recent: deque[tuple[float, int]] = deque()  # lately, in this stage: seconds, steps
+        self._recent: deque[tuple[float, int]] = deque()  # (seconds, step) of the last steps of this stage
 
     def on_fit_start(self, trainer: L.Trainer, painter: Any) -> None:
-        """Divide the time; plan as many steps for what is left as a stage has, and at least one."""
+        """Divide the time, and plan at least one step for each stage."""
         schedule = painter.schedule
         if not self.deadlines:
             ends, rest = schedule.ends, (1 - LAST_STAGE_SHARE) * self.seconds
@@ -121,9 +111,9 @@ class TimeBudget(L.Callback):
             self._recent.popleft()
         (since, before), (until, after) = self._recent[0], self._recent[-1]
         if after > before:
-            left = (self.deadlines[self._stage] - now) * (after - before) / max(until - since, 1e-9)
-            moved = schedule.step + max(0, round(left)) - schedule.ends[self._stage]
-            schedule.ends[self._stage :] = [end + moved for end in schedule.ends[self._stage :]]
+            steps = (self.deadlines[self._stage] - now) * (after - before) / max(until - since, 1e-9)
+            shift = schedule.step + max(0, round(steps)) - schedule.ends[self._stage]
+            schedule.ends[self._stage :] = [end + shift for end in schedule.ends[self._stage :]]
 
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.schedule.step >= painter.schedule.steps and not painter.stop:
@@ -138,7 +128,7 @@ class TimeBudget(L.Callback):
 
 
 class SecondsLimit(L.Callback):
-    """Ends the run when ``seconds`` are spent, whatever is left to do."""
+    """Ends the run when ``seconds`` are spent, of painters without a plan of steps."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -152,7 +142,6 @@ class SecondsLimit(L.Callback):
 def goals_of(
     *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
 ) -> list[L.Callback]:
-    """The goals of a run; None is no goal. Without a plan of steps nothing can be fitted to the seconds."""
-    in_time = TimeBudget if has_plan else SecondsLimit
-    goals = ((NoMoreGain, early_stop), (Quality, psnr), (in_time, seconds))
+    """Make the goals of a run; None is no goal. Without a plan of steps none are fitted to the seconds."""
+    goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget if has_plan else SecondsLimit, seconds))
     return [goal(value) for goal, value in goals if value is not None]

@@ -1,4 +1,4 @@
-"""How good a finished painting is: the numbers that the chosen metrics give."""
+"""Measure a finished painting by the chosen metrics."""
 
 from collections.abc import Mapping
 
@@ -13,18 +13,18 @@ from brushexp.strokes.catalogue import Strokes
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
-    """The chosen metrics by name: PSNR in any case, and with ``lpips_weights`` the official LPIPS."""
+    """Build the chosen metrics by name, always PSNR, and LPIPS with ``lpips_weights``."""
     chosen = {name: take_built(node) for name, node in cfg.metric.items()}
     return {"psnr": build_named("metric", "psnr", {})} | chosen | official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
 
 
 def standard_metrics() -> dict[str, Metric]:
-    """Those that are chosen by default."""
+    """Build the metrics that are chosen by default."""
     return {name: build_named("metric", name, {}) for name in STANDARD}
 
 
 def official_lpips(backbone: str, weights: str | None) -> dict[str, Metric]:
-    """LPIPS with the features of a network in a file; nothing without one."""
+    """Build LPIPS with the features of a network in a file, if there is one."""
     options = {"backbone": backbone, "weights": weights}
     return {} if weights is None else {"lpips": build_named("metric", "lpips", options, "lpips_weights")}
 
@@ -34,7 +34,7 @@ def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,
     *, focus: Tensor | None = None, strokes: Strokes | None = None,
 ) -> dict[str, float | str | None]:  # fmt: skip
-    """The numbers of two 8-bit RGB pictures (H, W, 3) as they are saved, by the names of metrics.json."""
+    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by their names in metrics.json."""
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
     comparison = Comparison(image, goal, focus, strokes)
     numbers: dict[str, float | str | None] = {}

@@ -1,4 +1,4 @@
-"""Paintings that come to be otherwise than by gradient steps: a painter yields states, all around is the same."""
+"""Paintings that a painter makes otherwise than by gradient steps, state after state."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.painting.components import Components
-from brushexp.painting.divergence import named
+from brushexp.painting.divergence import name_member
 from brushexp.painting.painting_module import Epoch, PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
@@ -20,10 +20,9 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 class OtherPainter(PaintingModule):
-    """Shows the states of a painter, one after another. A batch is a `PaintState`.
+    """Shows the states of a painter, one after another, by the renderer of the last stage. A batch is a `PaintState`.
 
-    The renderer is that of the last stage. What it cannot draw it converts, in every state. The clock stands still
-    while a state is drawn to be looked at.
+    The clock stands still while a state is drawn.
     """
 
     def __init__(
@@ -38,14 +37,13 @@ class OtherPainter(PaintingModule):
         return self._strokes
 
     def draw(self, strokes: Strokes) -> Tensor:
-        """The picture (3, H, W) of strokes, the lowest first; differentiable in those that want a gradient."""
+        """Draw strokes, the lowest first, as a picture (3, H, W); differentiable in those that want a gradient."""
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
             return self.picture.draw(strokes, order)
         return self.components.blend(self.renderer(strokes), order, self.picture.size, self.picture.background).image
 
     def prepare(self) -> None:
-        """Compile what draws."""
         canvas = self.picture
         middle = canvas.target.new_tensor(canvas.size[::-1]).div(2).expand(1, 3, 2)
         width, color = canvas.target.new_ones(1), canvas.target.new_zeros(1, 3)
@@ -64,19 +62,19 @@ class OtherPainter(PaintingModule):
         for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw, generator)):
             self._check(state)
             yield state
-        yield PaintState(state.strokes, state.step, state.step)  # the painter has come to its end before its plan
+        yield PaintState(state.strokes, state.step, state.step)  # the painter may end before its plan
 
     def configure_optimizers(self) -> Any:
         return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing; Lightning counts the steps of an optimiser
 
     @torch.no_grad()
     def training_step(self, state: PaintState, batch_idx: int) -> Tensor:
-        """Draw a state, and keep it if its picture is one; return a loss in which nothing has a gradient."""
+        """Draw and keep a state; the loss has no gradient."""
         self.schedule.pause()
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw(strokes)
         if not image.isfinite().all():
-            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend.blend)}"
+            who = f"{name_member('renderer', self.renderer)} with {name_member('blend', self.picture.blend.blend)}"
             raise UserError(f"{who} makes a picture that is not finite; choose others")
         self._strokes = strokes
         self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
@@ -87,8 +85,7 @@ class OtherPainter(PaintingModule):
         return torch.zeros((), requires_grad=True)
 
     def _check(self, state: Any) -> None:
-        """Refuse (UserError) what is no state, or has strokes that are none or too many."""
-        who = named("painter", self.painter)
+        who = name_member("painter", self.painter)
         if not isinstance(state, PaintState):
             raise UserError(f"{who} yields {type(state).__name__}, not a PaintState; correct the painter")
         try:

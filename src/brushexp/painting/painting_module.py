@@ -1,35 +1,46 @@
-"""What every painting is to Lightning and to the callbacks, however its strokes come to be."""
+"""The LightningModule of every painting."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
 import lightning as L
 import torch
 from torch import Tensor, nn
+from torch.utils._pytree import tree_map_only
 
 from brushexp.compat.lightning import publish_values
 from brushexp.painting.components import Components
-from brushexp.painting.curves import Anytime, Lazy
 from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import Schedule
+from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 
 STEPS_PER_EPOCH = 100
-LOG_SECONDS = 0.25  # at least between two points of the curves: writing one costs as much as half a step
+LOG_SECONDS = 0.25  # least time between two points of the curves: writing one costs as much as half a step
+
+
+class Lazy(Tensor):
+    """A number that is computed at its first use: a PSNR at every step would cost a part of the step."""
+
+    compute: Callable[[], float]
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        args, kwargs = tree_map_only(
+            cls, lambda number: torch.tensor(number.compute(), dtype=torch.float64), (args, kwargs or {})
+        )
+        return func(*args, **kwargs)
 
 
 class Epoch:
-    """What Lightning calls an epoch: so many batches, each made when a step asks for it, from the strokes as they are.
+    """The batches of an epoch, each made when a step asks for it.
 
-    The plan ends a fit, mostly in the midst of an epoch. The painter saves the state of what makes the batches, because
-    Lightning drops that of a loader at the end of an epoch. Without a state of its own, though, a loader is not resumed
-    in the midst of one.
+    Its state is empty, but there: without one, Lightning does not resume a loader in the midst of an epoch.
     """
 
     def __init__(self, batches: Iterator[Any]) -> None:
@@ -49,7 +60,7 @@ class Epoch:
 
 
 class PaintingModule(L.LightningModule):
-    """A picture that gets nearer to its target step by step: goals, bar, film, curves and page read nothing else."""
+    """A picture that approaches its target step by step, as goals, bar, film, curves and page read it."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
 
@@ -62,15 +73,15 @@ class PaintingModule(L.LightningModule):
         self.depth = Depth(components.order)
         self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
         self.stop = ""  # why the fit ends before its last step
-        self.trouble = ""  # where strokes would have become no numbers (`DIVERGED`); they stay as before that step
-        self.anytime = Anytime()  # how good the picture was after how many seconds
+        self.trouble = ""  # what was not finite in the step that was undone (`DIVERGED`)
+        self.anytime: list[Pair] = []
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self.values: dict[str, Tensor] = {}  # what callbacks and loggers see of the last step
+        self.values: dict[str, Tensor] = {}  # of the last step, for callbacks and loggers
         self._next_log_seconds = 0.0
 
     @abstractmethod
     def strokes(self) -> Strokes:
-        """The strokes now, without gradient; ``depth`` says which lies on which."""
+        """Return the present strokes, without gradient; ``depth`` orders them."""
 
     @property
     def renderer(self) -> Renderer:
@@ -83,7 +94,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def title(self) -> str:
-        """What the progress bar says."""
+        """Label of the progress bar."""
         return "painting"
 
     @property
@@ -93,7 +104,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def progress(self) -> float:
-        """How much of the present stage is done, 0 to 1."""
+        """Share of the present stage that is done, 0 to 1."""
         done, steps = self.schedule.stage_progress
         return done / steps if steps else 1.0
 
@@ -103,22 +114,22 @@ class PaintingModule(L.LightningModule):
         return f"step {self.schedule.step} of {self.schedule.steps}{words}, {psnr_of(self.picture.error):.2f} dB"
 
     def drawn(self) -> Tensor:
-        """The whole picture (3, H, W) now."""
+        """Draw the whole picture (3, H, W)."""
         return self.picture.draw(self.strokes(), self.depth.front_to_back)
 
     def latest(self) -> Tensor:
-        """The whole picture as the steps last saw it; as it is now before the first one."""
+        """Return the whole picture as the steps last painted it; draw it before the first step."""
         return self.drawn() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
-        """Make the strokes what a run leaves."""
+        """Make the strokes those that a run leaves."""
 
     @abstractmethod
     def prepare(self) -> None:
-        """Do what takes time and is no painting: compile what the steps need."""
+        """Compile what the steps need."""
 
     def publish(self) -> None:
-        """Show callbacks the losses, the PSNR of what the step has seen (before its strokes moved) and the seconds."""
+        """Publish the losses, the PSNR of what the step has painted (before its strokes moved) and the seconds."""
         error, psnr = self.picture.error_now(), torch.empty(()).as_subclass(Lazy)
         psnr.compute = lambda: psnr_of(error())
         labels = {name: loss.label or name for name, loss in self.components.losses.items()}
@@ -130,8 +141,8 @@ class PaintingModule(L.LightningModule):
         self.prepare()
         self.schedule.start()
         self._next_log_seconds = 0.0
-        if not self.anytime.pairs:
-            self.anytime.add(0.0, psnr_of(self.picture.error))
+        if not self.anytime:
+            add_pair(self.anytime, 0.0, psnr_of(self.picture.error))
 
     def on_train_start(self) -> None:
         self.trainer.should_stop |= self.is_done
@@ -143,7 +154,7 @@ class PaintingModule(L.LightningModule):
         if self.is_done or (seconds >= self._next_log_seconds and self.trainer.global_step % every == 0):
             self._next_log_seconds = seconds + LOG_SECONDS
             values = {name: float(value) for name, value in self.values.items()}
-            self.anytime.add(values["seconds"], values["psnr"])
+            add_pair(self.anytime, values["seconds"], values["psnr"])
             for logger in self.loggers:
                 logger.log_metrics(values, self.schedule.step - 1)  # Lightning numbers steps from 0
         self.trainer.should_stop |= self.is_done or bool(self.stop)

@@ -1,8 +1,7 @@
-"""The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
+"""Paint the picture of the strokes (all of it, a smaller one, or the part that a view shows), and order them."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -22,20 +21,11 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
 
-COARSE_ZOOM = 0.5  # sizes of the canvas: the picture of the coarse steps
-
-
-@dataclass(frozen=True)
-class PyramidLevel:
-    """A target (3, H, W) with its focus (H, W), and its size in sizes of the canvas that strokes are measured on."""
-
-    target: Tensor
-    focus: Tensor | None
-    zoom: float = 1.0
+COARSE_ZOOM = 0.5  # size of the picture of the coarse steps, in sizes of the canvas
 
 
 class Picture(nn.Module):
-    """Paints what a step looks at, and knows how far the whole picture, as last seen, is from its target."""
+    """Paints what a step looks at, and keeps the whole picture as it was last painted, with its error."""
 
     target: Tensor  # (3, H, W) in [0, 1]
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
@@ -48,11 +38,11 @@ class Picture(nn.Module):
         self.register_buffer("background", background, persistent=False)
         self.blend = blend
         self.renderer: Renderer  # draws the strokes; set before the first picture
-        self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
+        self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
-        self._small: PyramidLevel | None = None
+        self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
         self._error_of_last: Callable[[], float]
-        self._error = math.inf  # before the first picture, or of the last one
+        self._error = math.inf  # of the last memory
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,11 +51,11 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
+        """Mean squared error of the whole picture as it was last painted; a small one is enlarged."""
         return self.error_now()()
 
     def error_now(self) -> Callable[[], float]:
-        """A function that computes the present `error` when it is first called, then or later."""
+        """Return a function that computes the present `error` when it is first called."""
         if self._last is not None and self.memory is None:
             return self._error_of_last
         error = self._error if self.memory is None else self.memory.error
@@ -73,7 +63,7 @@ class Picture(nn.Module):
 
     @property
     def last(self) -> Tensor | None:
-        """The whole picture (3, H, W) as steps last saw it; None before the first one."""
+        """The whole picture (3, H, W) as it was last painted; None before the first step."""
         if self.memory is not None:
             return self.memory.picture
         return None if self._last is None else self._enlarged(self._last)
@@ -83,25 +73,25 @@ class Picture(nn.Module):
             return picture
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
-    def level(self, *, coarse: bool) -> PyramidLevel:
-        """What the picture is compared with: the target, or one of half its size, by means over areas."""
+    def _goal(self, *, coarse: bool) -> tuple[Tensor, Tensor | None]:
+        """Return target and focus, or, for coarse steps, those of half the size by means over areas."""
         if not coarse:
-            return PyramidLevel(self.target, self.focus)
+            return self.target, self.focus
         if self._small is None:
             height, width = (max(1, round(side * COARSE_ZOOM)) for side in self.size)
             target = interpolate(self.target[None], (height, width), mode="area")[0].contiguous()
             focus = None if self.focus is None else resized(self.focus, (height, width)).contiguous()
-            self._small = PyramidLevel(target, focus, COARSE_ZOOM)
+            self._small = target, focus
         return self._small
 
     def show(self, picture: Tensor) -> None:
-        """Take a whole picture (3, H, W) for what steps last saw."""
+        """Take over a whole picture (3, H, W) as the last one."""
         self._last, self.memory = picture, None
         self._error_of_last = cache(lambda: float(mse_loss(self._enlarged(picture), self.target)))
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
-        """The whole picture (3, H, W) of strokes, without gradient."""
+        """Draw the whole picture (3, H, W) of strokes, without gradient."""
         image = torch.empty_like(self.target)
         for top, band in bands(strokes, front_to_back, self.size, self.background, self.renderer, self.blend):
             image[:, top : top + band.shape[1]] = band
@@ -110,48 +100,48 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint what a view shows of N ``strokes``, of which the active ones are ``moving``, with gradient.
+        """Paint what a view shows of N ``strokes``, with gradient in the active ones, ``moving``.
 
         ``accuracy`` measures that of the active strokes, too.
         """
         if view.active is None:
-            return self._see_whole(moving, front_to_back, self.level(coarse=view.coarse), accuracy)
+            return self._see_whole(moving, front_to_back, view.coarse, accuracy)
         if self.memory is None:
             self.memory = self.remembered(self.draw(strokes, front_to_back))
         self._last = None
         return self.memory.paint(moving, strokes, view, front_to_back, accuracy=accuracy)
 
     def _see_whole(
-        self, moving: Strokes, front_to_back: Tensor, level: PyramidLevel, accuracy: bool
+        self, moving: Strokes, front_to_back: Tensor, coarse: bool, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        strokes = moving if level.zoom == 1 else moving.moved(zoom=level.zoom)
-        target, size = level.target if accuracy else None, (level.target.shape[1], level.target.shape[2])
-        canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target)
+        strokes, (target, focus) = moving.moved(zoom=COARSE_ZOOM) if coarse else moving, self._goal(coarse=coarse)
+        size = (target.shape[1], target.shape[2])
+        canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target if accuracy else None)
         self.show(canvas.image.detach())
-        return canvas, PaintedView(canvas.image, level.target, strokes, focus=level.focus)
+        return canvas, PaintedView(canvas.image, target, strokes, focus=focus)
 
-    def moved(self, rows: Tensor | None) -> None:
-        """Strokes number ``rows`` have changed; what was kept of them is out of date."""
+    def forget_strokes(self, rows: Tensor | None) -> None:
+        """Forget what was drawn of strokes number ``rows``, which have changed."""
         if self.memory is not None and rows is not None:
             self.memory.cache.forget(rows)
 
     def remembered(self, picture: Tensor) -> CanvasMemory:
-        """A memory of a whole picture (3, H, W)."""
+        """Make a memory of a whole picture (3, H, W)."""
         return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 
     def forget(self) -> None:
-        """The strokes are others now, or drawn by another renderer."""
+        """Forget the memory: the strokes are others now, or another renderer draws them."""
         if self.memory is not None:
             self._error, self.memory = self.memory.error, None
 
 
 class Depth:
-    """Which of N strokes lies on top, as an order says every few steps."""
+    """Orders N strokes by depth, every few steps."""
 
     def __init__(self, order: Order) -> None:
         self.order = order
         self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, the uppermost first
-        self.accuracy: Tensor | None = None  # (N,) when it was last measured, see `Order.depth`; None before that
+        self.accuracy: Tensor | None = None  # (N,) as it was last measured, see `Order.depth`
 
     @torch.no_grad()
     def renew(self, strokes: Strokes) -> None:
@@ -159,27 +149,26 @@ class Depth:
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: int) -> None:
-        """Strokes go where ``keep`` (N,) is false, and ``new`` ones come, on top; the others lie as they lay."""
+        """Remove strokes where ``keep`` (N,) is false, and add ``new`` ones on top; the others keep their order."""
         stay = self.front_to_back[keep[self.front_to_back]]
-        kept = len(stay)
-        added = torch.arange(kept, kept + new, device=stay.device).flip(0)
+        added = torch.arange(len(stay), len(stay) + new, device=stay.device).flip(0)
         self.front_to_back = torch.cat([added, (keep.cumsum(0) - 1)[stay]])
         if self.accuracy is not None:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Whether this step has to measure accuracy: before a renewal, and for a part of the strokes always."""
+        """Tell whether this step has to measure accuracy: before a renewal, and for a part of the strokes always."""
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 
-    def measured(self, accuracy: Tensor | None, rows: Tensor | None, n: int) -> None:
-        """Take over the accuracy of strokes number ``rows`` of ``n``, all for None; NaN says nothing."""
+    def note_accuracy(self, accuracy: Tensor | None, rows: Tensor | None, n: int) -> None:
+        """Take over the accuracy of strokes number ``rows`` of ``n``, all for None, where it is not NaN."""
         if accuracy is None:
             return
         if self.accuracy is None:
             self.accuracy = accuracy.new_zeros(n)
-        seen = slice(None) if rows is None else rows
-        self.accuracy[seen] = torch.where(accuracy.isnan(), self.accuracy[seen], accuracy)
+        index = slice(None) if rows is None else rows
+        self.accuracy[index] = torch.where(accuracy.isnan(), self.accuracy[index], accuracy)
 
     def state_dict(self) -> dict[str, Any]:
         return {"front_to_back": self.front_to_back, "accuracy": self.accuracy}

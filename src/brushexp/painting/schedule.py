@@ -1,13 +1,18 @@
-"""Where a painting stands: which step of which stage, and how many seconds of the wall and the CPU the steps took."""
+"""Count the steps and stages of a painting, and its seconds; record its quality over time."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
+MAX_PAIRS = 200  # most (seconds, PSNR) that a run keeps
+
+Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
+
 
 class Schedule:
-    """So many steps of each of the stages that follow one another; goals move their ends.
+    """Counts the steps of stages that follow one another; goals move their ends.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -29,7 +34,7 @@ class Schedule:
 
     @property
     def stage(self) -> int:
-        """Number of the present stage; after the last step, of the last one."""
+        """Number of the present stage; the last one after the last step."""
         return next((k for k, end in enumerate(self.ends) if self.step < end), len(self.ends) - 1)
 
     @property
@@ -38,7 +43,7 @@ class Schedule:
 
     @property
     def stage_progress(self) -> tuple[int, int]:
-        """Steps of the present stage that are done, and all of them."""
+        """Steps of the present stage: those that are done, and all of them."""
         begin = self.ends[self.stage - 1] if self.stage else 0
         return self.step - begin, self.ends[self.stage] - begin
 
@@ -53,14 +58,14 @@ class Schedule:
         return self._cpu_seconds + (0.0 if self._since is None else self.cpu_clock() - self._since[1])
 
     def start(self) -> None:
-        """A fit begins, until `pause`."""
+        """Start the clocks, until `pause`."""
         self._since = self.clock(), self.cpu_clock()
 
     def pause(self) -> None:
         self._seconds, self._cpu_seconds, self._since = self.seconds, self.cpu_seconds, None
 
     def end_stage(self) -> bool:
-        """Leave out what is left of the present stage; False if it is the last one."""
+        """Skip the rest of the present stage; False if it is the last one."""
         if self.is_last_stage:
             return False
         stage, (done, steps) = self.stage, self.stage_progress
@@ -68,9 +73,29 @@ class Schedule:
         return True
 
     def state_dict(self) -> dict[str, Any]:
-        numbers = {"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
-        return {"ends": list(self.ends)} | numbers
+        seconds = {"seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
+        return {"ends": list(self.ends), "step": self.step} | seconds
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.ends, self.step = [*map(int, state["ends"])], int(state["step"])
         self._seconds, self._cpu_seconds = float(state["seconds"]), float(state["cpu_seconds"])
+
+
+def add_pair(curve: list[Pair], seconds: float, psnr: float, *, most: int = MAX_PAIRS) -> None:
+    """Add a finite PSNR to a curve, in place of the last one if it is of the same time.
+
+    Of more than ``most`` pairs, the one goes whose triangle with its two neighbours is smallest (Visvalingam and
+    Whyatt, 1993): bends stay, straight pieces need few pairs. The first and the last one always stay.
+    """
+    if not math.isfinite(psnr):
+        return
+    if curve and seconds <= curve[-1][0]:
+        curve.pop()
+    curve.append((seconds, psnr))
+    if len(curve) > most:
+        areas = [_area(*curve[k - 1 : k + 2]) for k in range(1, len(curve) - 1)]
+        del curve[1 + areas.index(min(areas))]
+
+
+def _area(a: Pair, b: Pair, c: Pair) -> float:
+    return abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]))

@@ -1,9 +1,10 @@
-"""The optimisation: one gradient step over the strokes after another, as a LightningModule."""
+"""Optimise strokes by gradient steps, as a LightningModule."""
 
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from functools import partial
 from typing import Any
 
 import torch
@@ -11,13 +12,14 @@ from torch import Tensor, optim
 from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.painting.components import Components
-from brushexp.painting.densification import Densification, importance
+from brushexp.painting.densification import importance
 from brushexp.painting.divergence import first_broken
 from brushexp.painting.painting_module import Epoch, PaintingModule
-from brushexp.painting.partial import STEP_COUNT, partial_update, unwrapped
+from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
+from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -25,16 +27,15 @@ from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
 from brushexp.system.callbacks import DIVERGED
 
 log = logging.getLogger(__name__)
-CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
+CHANGE_PIXELS = 0.01  # largest change of a stroke by a renderer that the log does not count
 
 
 class StrokeOptimizer(PaintingModule):
     """Moves strokes until the picture matches the target. A batch is a `View`; renderers stay frozen.
 
-    The steps go through the stages one after another. When one begins, its renderer converts the strokes, and the
-    optimiser and the schedule of its learning rate start afresh. The first steps, the share ``coarse`` of the first
-    stage, look at the whole picture at half its size; meanwhile no strokes come or go. An epoch is 100 steps, and a fit
-    ends with the last step, in the midst of one.
+    When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
+    first steps, the share ``coarse`` of the first stage, look at the whole picture at half its size; meanwhile no
+    strokes come or go.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -48,14 +49,6 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.fit(painter)
     >>> trainer.global_step, painter.drawn().shape
     (3, torch.Size([3, 24, 32]))
-
-    Without a Trainer, by an optimiser of one's own:
-
-    >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
-    >>> for step, view in zip(range(3), painter.train_dataloader()):
-    ...     optimizer.zero_grad()
-    ...     painter.training_step(view, step).backward()
-    ...     optimizer.step()
     """
 
     resumable = True
@@ -78,13 +71,10 @@ class StrokeOptimizer(PaintingModule):
         super().__init__(components, Picture(target, focus, background, components.blend), schedule)
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue = catalogue
-        self.moving = (
-            catalogue  # what the optimiser sees in this step: all strokes, or some as a catalogue of their own
-        )
+        self.moving = catalogue  # what the optimiser sees in a step: all strokes, or some as their own catalogue
         self.coarse = coarse
         self.generator = torch.Generator().manual_seed(seed)
-        parts = self.picture, self.depth, self.schedule, self.generator
-        self.densification = Densification(components.density, budget or len(catalogue), *parts)
+        self.budget = budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._view = View(Region.whole(target))  # of this step
         self._evaluations_before = 0  # this step
@@ -97,7 +87,7 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def title(self) -> str:
-        """Each stage has its own: a step of one may take a hundred times as long."""
+        """Label of the progress bar, for each stage."""
         stages = self.components.stages
         return f"painting with {stages[self.schedule.stage].name}" if len(stages) > 1 else "painting"
 
@@ -109,7 +99,6 @@ class StrokeOptimizer(PaintingModule):
         return Epoch(self._views())
 
     def _views(self) -> Iterator[View]:
-        """Where each step looks, with the strokes as they are when it asks; a stage begins before its first view."""
         while True:
             if self.schedule.stage != self.stage:
                 self._begin_stage()
@@ -129,43 +118,62 @@ class StrokeOptimizer(PaintingModule):
             self.depth.renew(self.strokes())
 
     def training_step(self, view: View, batch_idx: int) -> Tensor:
-        """Paint what the view shows and compare it with the target; L-BFGS asks for that several times in a step."""
+        """Paint what the view shows and compare it with the target; L-BFGS does so several times in a step."""
         if self.evaluations > self._evaluations_before:  # a line search may have moved the strokes anywhere
             self.moving.keep_in_range()
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
-        moving = self._moving_strokes(view)
+        is_cut_out = view.active is None or self.moving is not self.catalogue
+        moving = self.moving() if is_cut_out else self.catalogue()[view.active]
         strokes = moving if view.active is None else self.strokes()
         canvas, painting = self.picture.see(moving, strokes, view, self.depth.front_to_back, accuracy=accuracy)
-        self.depth.measured(canvas.accuracy, view.active, len(self.catalogue))
+        self.depth.note_accuracy(canvas.accuracy, view.active, len(self.catalogue))
         loss, terms = weighted_sum(self.components.losses, painting)
         self.terms = {name: term.detach() for name, term in terms.items()}
         return loss if loss.requires_grad else loss.requires_grad_()
 
-    def _moving_strokes(self, view: View) -> Strokes:
-        """The active strokes of a view, with gradient."""
-        is_cut_out = view.active is None or self.moving is not self.catalogue
-        return self.moving() if is_cut_out else self.catalogue()[view.active]
-
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Move the strokes of the view, keep them drawable, and then add and remove some."""
-        rows, plain_optimizer = self._view.active, unwrapped(optimizer)
+        rows, plain_optimizer = self._view.active, unwrap_optimizer(optimizer)
         if self.schedule.stage and not self.schedule.stage_progress[0]:
             self._restart(plain_optimizer)
         with partial_update(self.catalogue, plain_optimizer, rows, self.visits) as self.moving:
             with self._only_finite():
                 super().optimizer_step(epoch, batch_idx, optimizer, optimizer_closure)
-            self._keep_drawable()
+            self.moving.keep_in_range()
+            strokes = self.moving()
+            drawable = self.renderer.clamp(strokes)
+            if drawable is not strokes:
+                self.moving.replace(drawable)
         self.moving = self.catalogue
-        self.picture.moved(rows)
+        self.picture.forget_strokes(rows)
         self.schedule.step += 1
         self.publish()
         if not self._view.coarse:
-            self.visits = self.densification.update(self.catalogue, self.visits, plain_optimizer)
+            self._densify(plain_optimizer)
+
+    def _densify(self, optimizer: optim.Optimizer) -> None:
+        """Let the density policy add and remove strokes."""
+        picture, schedule, front_to_back = self.picture, self.schedule, self.depth.front_to_back
+        if not self.components.density.due(schedule.step, schedule.steps):
+            return
+        strokes, image = self.strokes(), self.latest()
+        judge = partial(importance, strokes, front_to_back, picture, self.generator)
+        numbers = (self.budget, schedule.step, schedule.steps)
+        state = DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
+        update = self.components.density.revise(state)
+        if update is None:
+            return
+        self.catalogue.revise(update.keep, self.renderer.convert(update.new), optimizer)
+        self.depth.revise(update.keep, len(update.new))
+        picture.forget()
+        # New strokes count as often moved as the oldest: the optimiser counts their steps together.
+        new = self.visits.new_full((len(update.new),), int(self.visits.max()) if len(self.visits) else 0)
+        self.visits = torch.cat([self.visits[update.keep], new])
 
     @contextmanager
     def _only_finite(self) -> Iterator[None]:
-        """Undo a step that has left no numbers, which ends the fit, and one in which a loss has raised an error."""
+        """Undo a step that left strokes that are not finite, and end the fit, or one in which a loss has failed."""
         with torch.no_grad():
             before = self.moving()
         is_finite = False
@@ -180,20 +188,8 @@ class StrokeOptimizer(PaintingModule):
             if not is_finite:
                 self.moving.replace(before)
 
-    def _keep_drawable(self) -> None:
-        """Project the strokes that have moved into their ranges, and into those of the renderer."""
-        self.moving.keep_in_range()
-        strokes = self.moving()
-        clamped = self.renderer.clamp(strokes)
-        if clamped is not strokes:
-            self.moving.replace(clamped)
-
     def prepare(self) -> None:
-        """Evaluate the losses once, with gradient, and go back to the state before.
-
-        Numba compiles at first use (ten seconds and more after installation), losses open their networks: a run of so
-        many ``seconds`` must not spend them on that, and the speed that it plans with is read off its first steps.
-        """
+        """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation."""
         check_strokes(self.strokes())  # those of a checkpoint
         state = deepcopy(self.state())
         self.training_step(self._sample(), 0).backward()
@@ -204,14 +200,14 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Give the strokes to the last renderer, whatever the steps: what a run leaves is always drawn by it."""
+        """Hand the strokes to the last renderer, which draws what a run leaves."""
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
 
     def state(self) -> dict[str, Any]:
-        """What steps depend on beside the strokes and the optimiser, in tensors, numbers, lists and dictionaries."""
+        """Return what steps depend on beside the strokes and the optimiser, as plain data."""
         memory = self.picture.memory
         return {
             "stage": self.stage,
@@ -223,13 +219,13 @@ class StrokeOptimizer(PaintingModule):
             "evaluations": self.evaluations,
             "visits": self.visits,
             "picture": None if memory is None else memory.picture,
-            "anytime": self.anytime.pairs,
+            "anytime": self.anytime,
             "generator": self.generator.get_state(),
             "torch": torch.get_rng_state(),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Take over what `state` gave; the strokes come after it, into a catalogue that now has their number."""
+        """Take over what `state` gave; the strokes follow, into a catalogue that now has their number."""
         device = self.picture.target.device
         self._use_stage(state["stage"])
         self.catalogue.resize(len(state["visits"]))
@@ -240,7 +236,7 @@ class StrokeOptimizer(PaintingModule):
         restore(self.components.losses, state["losses"])
         self.evaluations = self._evaluations_before = state["evaluations"]
         self.visits = state["visits"].to(device)
-        self.anytime.pairs = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
+        self.anytime = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
         if state["picture"] is not None:
             self.picture.memory = self.picture.remembered(state["picture"].to(device))
         self.generator.set_state(state["generator"])
@@ -255,20 +251,17 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(checkpoint["painter"])
 
     def _use_stage(self, stage: int) -> None:
-        """Draw with the renderer of a stage from now on."""
         self.stage = stage
         self.picture.forget()
         self.picture.renderer = self.components.stages[stage].renderer
 
     @torch.no_grad()
     def _begin_stage(self) -> None:
-        """Hand the strokes over to the renderer of the present stage."""
         self._use_stage(self.schedule.stage)
         self._convert()
         self.depth.renew(self.strokes())
 
     def _restart(self, optimizer: optim.Optimizer) -> None:
-        """Let the optimiser forget the stage before."""
         optimizer.state.clear()
         self.visits.zero_()
         for group in optimizer.param_groups:
@@ -277,7 +270,6 @@ class StrokeOptimizer(PaintingModule):
                 group[STEP_COUNT] = 0
 
     def _convert(self) -> None:
-        """Change the strokes to what the renderer can draw, and log how many are others now."""
         strokes, stage = self.strokes(), self.stage
         converted = self.renderer.convert(strokes)
         if converted is not strokes:

@@ -1,4 +1,4 @@
-"""The painting as it came to be: a short video, a GIF, or both."""
+"""Film a painting while it is made: a short video, a GIF, or both."""
 
 import io
 import math
@@ -20,15 +20,15 @@ from brushexp.system.files import to_bytes
 
 JPEG_QUALITY = 92
 FPS = 15  # frames per second where no length is chosen
-MIN_FPS = 10  # ticks per second: frames that last longer are repeated, because players seek badly in slow videos
-HOLD_SECONDS = 1.5  # that the finished painting stays
+MIN_FPS = 10  # least frames per second: longer ones are repeated, because players seek badly in slow videos
+HOLD_SECONDS = 1.5  # time for which the finished painting stays
 
 
 class Timelapse(L.Callback):
-    """Collects frames while strokes are optimised, compressed, keeps them in the checkpoint, and makes them a film.
+    """Collects compressed frames during the steps, also in the checkpoint, and makes them a film.
 
-    There are about ``n_frames``, of at most ``side`` pixels. They take ``seconds`` in all, but for ``HOLD_SECONDS`` of
-    the last one; None for ``FPS`` frames a second.
+    There are about ``n_frames`` of at most ``side`` pixels, which take ``seconds`` in all (None for ``FPS`` frames a
+    second) before the last one stays for ``HOLD_SECONDS``.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:
@@ -38,17 +38,17 @@ class Timelapse(L.Callback):
             raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
         self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
         self.frames: dict[int, bytes] = {}  # step -> JPEG
-        self._seen = -1  # the last step that was looked at
+        self._step = -1  # the last one that was looked at
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
-        self._seen = painter.schedule.step - 1
+        self._step = painter.schedule.step - 1
         self.on_train_batch_end(trainer, painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
-        schedule, before = painter.schedule, self._seen
-        self._seen = schedule.step
-        passed = range(before + 1, schedule.step + 1)  # of gradient steps one, of what others do perhaps many
-        if self.n_frames and not moments(self.n_frames, schedule.steps).isdisjoint(passed):
+        schedule, before = painter.schedule, self._step
+        self._step = schedule.step
+        steps = range(before + 1, schedule.step + 1)  # a state of a painter may be many steps after the last
+        if self.n_frames and not moments(self.n_frames, schedule.steps).isdisjoint(steps):
             self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:
@@ -85,10 +85,7 @@ class Timelapse(L.Callback):
 
 @lru_cache
 def moments(n_frames: int, n_steps: int) -> frozenset[int]:
-    """The steps to capture: first and last, and between them ever fewer, because most happens early.
-
-    Frame k is that of step n_steps * (k / (n_frames - 1))², but never closer than one step to the frame before.
-    """
+    """Choose the steps to capture: frame k is step n_steps * (k / (n_frames - 1))², or the one after frame k - 1."""
     last = max(n_frames - 1, 1)
     if n_steps <= last:
         return frozenset(range(n_steps + 1))
@@ -96,16 +93,16 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
 
 
 def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
-    """Ticks per second of a film, and how many of them each of its frames lasts, so that all take ``seconds``."""
+    """Compute the ticks per second of a film, and how many each frame lasts, so that all take ``seconds``."""
     if seconds is None:
         return Fraction(FPS), 1
     ticks = math.ceil(MIN_FPS * seconds / n_frames)
     rate = ticks * n_frames / Fraction(seconds).limit_denominator(1000)
-    return min(rate, Fraction(MOST_FPS)), ticks  # runs of a given time may have some frames more than was asked for
+    return min(rate, Fraction(MOST_FPS)), ticks  # a run of a given time may have some more frames
 
 
 def shrink(image: Tensor, side: int) -> Image.Image:
-    """A picture (3, H, W) at no more than ``side`` pixels on its longer side."""
+    """Shrink a picture (3, H, W) to at most ``side`` pixels on its longer side."""
     height, width = image.shape[1:]
     zoom = min(1.0, side / max(height, width))
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))

@@ -18,43 +18,42 @@ from brushexp.strokes.catalogue import Strokes
 if TYPE_CHECKING:
     from brushexp.painting.painting_module import PaintingModule
 
-REACHES = (0.9, 0.65, 0.4, 0.2)  # of the curve: how far each film of what was picked up is carried, the lowest first
-MOST = 0.8  # share of picked-up paint at the start of a stroke with wet=1
-NARROWER = 0.9  # width of these films, in widths of the stroke
-ALIKE = 0.02  # a difference of colour, in every channel, that is not worth a film
-LEAST = 0.1  # of the canvas that has to be covered under a start; a bare canvas is dry
-STARTS = 1024  # that are looked at together
+REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, the lowest first
+MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke with wet=1
+FILM_WIDTH = 0.9  # width of a film, in widths of the stroke
+MIN_DIFFERENCE = 0.02  # least difference of colour, in some channel, that makes a film
+MIN_COVERAGE = 0.1  # least coverage under a start; a bare canvas is dry
+STARTS = 1024  # starts that are sampled at once, to save memory
 
 
 @torch.no_grad()
-def wetted(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
-    """The strokes of a painting, and which lies on which (front to back), after paint has been dragged along.
+def drag_paint(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
+    """Drag paint along the strokes of a painting; return strokes and their order, front to back.
 
-    A stroke has one colour. What it drags lies on it as thin films, strokes like itself from its start on, each shorter
-    than the one below, in the colour that lies under its start: so the colours mix along the stroke, in the colour
-    space of the painting, and every renderer and exporter knows how. Films come after the N strokes, which keep their
-    numbers. What lies under a start is taken as it was before anything was dragged.
+    What a stroke drags lies on it as thin films, strokes like itself from its start on, each shorter than the one
+    below, in the colour that lay under its start before. Films follow the N strokes, which keep their numbers.
     """
     strokes, front_to_back = painter.strokes(), painter.depth.front_to_back
     if not wet or not len(strokes):
         return strokes, front_to_back
     picked, covered = under_starts(strokes, front_to_back, painter.picture)
-    dragging = (((picked - strokes.color).abs().amax(1) > ALIKE) & (covered > LEAST)).nonzero()[:, 0]
-    share = 1 - (1 - MOST * wet) ** (1 / len(REACHES))
-    found, height = [strokes], [torch.empty_like(front_to_back)]
+    is_new = (picked - strokes.color).abs().amax(1) > MIN_DIFFERENCE
+    dragging = (is_new & (covered > MIN_COVERAGE)).nonzero()[:, 0]
+    share = 1 - (1 - MAX_SHARE * wet) ** (1 / len(REACHES))
+    parts, height = [strokes], [torch.empty_like(front_to_back)]
     height[0][front_to_back] = torch.arange(len(strokes), 0, -1, device=front_to_back.device) * (len(REACHES) + 1)
     for k, reach in enumerate(REACHES, start=1):
         film = unfinished(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
-        opacity, width = share * covered[dragging] * film.opacity, NARROWER * film.width
-        found.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
+        opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
+        parts.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
         height.append(height[0][dragging] + k)
-    brush = torch.cat([part.brush for part in found])  # a film has the bristles of its stroke
-    return replace(Strokes.join(*found), brush=brush), torch.cat(height).argsort(descending=True)
+    brush = torch.cat([part.brush for part in parts])  # a film has the bristles of its stroke
+    return replace(Strokes.join(*parts), brush=brush), torch.cat(height).argsort(descending=True)
 
 
 @torch.no_grad()
 def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> tuple[Tensor, Tensor]:
-    """Colour (N, 3) of the paint that lies under the start of each stroke, and how far (N,) it covers the canvas."""
+    """Sample colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
     place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = picture.blend.space
     for top, rows, number in cuts(strokes, picture.size, picture.renderer):
@@ -72,16 +71,16 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
         tile = tile[:, 1] * -(-size[1] // TILE) + tile[:, 0]
         chunks = zip(inside.split(STARTS), tile.split(STARTS), strict=True)
         parts = [_below(layers, lists[of], rank, some, start[some]) for some, of in chunks]
-        found, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
-        shown = found if space.is_rgb else space.decode(found.T[:, :, None])[:, :, 0].T
-        colors[number[inside]] = shown.clamp(0, 1)
+        color, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
+        color = color if space.is_rgb else space.decode(color.T[:, :, None])[:, :, 0].T
+        colors[number[inside]] = color.clamp(0, 1)
     return colors, covered
 
 
 def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
-    """Colour (n, C) and coverage (n,) at points (n, 2) of what in lists (n, K) lies below strokes ``number`` (n,)."""
+    """Sample colour (n, C) and coverage (n,) at points (n, 2) below strokes ``number`` (n,), by their lists (n, K)."""
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
-    painted, light = over(alpha * below[..., None], color)
+    paint, light = over(alpha * below[..., None], color)
     covered = 1 - light
-    return painted[:, 0] / covered.clamp_min(1e-6), covered[:, 0]
+    return paint[:, 0] / covered.clamp_min(1e-6), covered[:, 0]

@@ -1,15 +1,14 @@
 """Draw pictures in a grid on white paper, with labels below them; and such a sheet of all runs of a sweep."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import get_data_path
+from pandas import DataFrame
 from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
@@ -19,9 +18,6 @@ from brushexp.results.quantities import digits
 from brushexp.results.runs import shorten
 from brushexp.results.tables import is_album, numbers, run_count, varying_settings
 from brushexp.system.files import write_picture
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 SIDE = 400  # pixels: longer side of a picture, where the sheet has room
 LIMIT = 6000  # pixels: longest side of a sheet, about
@@ -98,8 +94,6 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
 
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE) -> Image.Image:
     """Draw pictures in rows, their longer side of ``side`` pixels, or fewer if the sheet would be too large."""
-    from matplotlib import get_data_path  # noqa: PLC0415
-
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))

@@ -1,12 +1,13 @@
 """Find the settings that are worth their time: the Pareto fronts of seconds against PSNR and perceptual distance."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, GREY, INK
@@ -14,11 +15,6 @@ from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.quantities import quantities
 from brushexp.results.tables import over_seeds
 from brushexp.system.files import write_text
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 FRONTS = ("psnr", "perceptual")  # metrics that have a front
 FLAGS = ["front_psnr", "front_perceptual"]
@@ -38,10 +34,8 @@ def front(costs: Any) -> np.ndarray:
     return ~(as_low & lower).any(0)
 
 
-def front_table(frame: DataFrame) -> DataFrame:
+def front_table(frame: pd.DataFrame) -> pd.DataFrame:
     """Tabulate ``COLUMNS``: the settings of every image with at least two, by seconds; values are means over seeds."""
-    import pandas as pd  # noqa: PLC0415
-
     means = over_seeds(frame)
     table = means["mean"].reindex(columns=["seconds", *FRONTS]).join(means["run"]).dropna(subset=["seconds", "psnr"])
     table = table.rename_axis(["picture", "overrides"]).reset_index()
@@ -57,7 +51,7 @@ def front_table(frame: DataFrame) -> DataFrame:
     return (pd.concat(parts) if parts else table.iloc[:0]).reindex(columns=COLUMNS)
 
 
-def write_front(folder: Path, frame: DataFrame) -> Path | None:
+def write_front(folder: Path, frame: pd.DataFrame) -> Path | None:
     """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None without two settings of an image."""
     table = front_table(frame)
     if table.empty:
@@ -76,12 +70,12 @@ def write_front(folder: Path, frame: DataFrame) -> Path | None:
     return folder / "pareto.md"
 
 
-def _on_a_front(points: DataFrame, column: str) -> list[tuple[int, str]]:
+def _on_a_front(points: pd.DataFrame, column: str) -> list[tuple[int, str]]:
     """List the numbers of the settings on a front, with a column of theirs."""
     return list(points.loc[points[FLAGS].any(axis=1), ["number", column]].itertuples(index=False, name=None))
 
 
-def _plot(table: DataFrame, folder: Path) -> Figure:
+def _plot(table: pd.DataFrame, folder: Path) -> Figure:
     """Draw a row of two panels for each image, and list the settings on their fronts beside it."""
     images = list(table.groupby("picture", sort=False))[:MOST_IMAGES]
     figure = plotting.new_figure(HEIGHT * len(images))
@@ -99,7 +93,7 @@ def _plot(table: DataFrame, folder: Path) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
+def _panel(axes: Axes, points: pd.DataFrame, metric: str) -> None:
     """Draw all points, and the numbered front of one metric, near which the axis ends."""
     plotting.tidy(axes)
     axes.set(xlabel="optimisation, s", ylabel=quantities()[metric].label)

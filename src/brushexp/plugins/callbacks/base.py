@@ -1,4 +1,4 @@
-"""What every callback receives and returns."""
+"""The contract of callbacks."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 
 class Callback(ABC):
-    """Something that happens beside the steps of a fit, of a painting or of a network: a callback of Lightning.
+    """A callback of Lightning, beside the steps of a painting or of the training of a network.
 
-    Every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html may be used. The module has
+    It may use every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
     ``progress`` (0 to 1), ``state_line()`` and ``global_step``; a painter also has ``painter.latest()``, the picture.
 
     >>> class Steps(Callback):
@@ -24,4 +24,4 @@ class Callback(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> L.Callback:
-        """The callback of a run; what it writes belongs into the run's folder."""
+        """Make the callback of a run, which writes into the run's folder only."""

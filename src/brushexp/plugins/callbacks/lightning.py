@@ -38,7 +38,7 @@ class StopOnPlateau(Callback):
     Args:
         monitor: the value, as the curves call it: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
         mode: max where more is better, min where less is.
-        min_delta: less than this is no gain.
+        min_delta: least gain that counts.
         patience: epochs without a gain before the end, in painting of 100 steps each.
     """
 

@@ -1,4 +1,4 @@
-"""Strokes where the picture needs them."""
+"""Add strokes where the error is largest, and remove those that matter least."""
 
 import logging
 import math
@@ -15,14 +15,14 @@ from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 CHANNELS = 3
-SMALLEST_SHARE = 1e-3  # of the strokes to begin with: none would be nothing to begin with
-SMALLEST_PITCHES = 1e-3  # size of a new stroke
-STEPS_BETWEEN_ROUNDS = 8  # at least: strokes must have found their place before they are judged
-BLUR = 0.45  # of the error, in sizes of a new stroke
-SPACING = 2.5  # sizes of a new stroke between two of them at least, roughly
-LENGTH, THICKNESS = 1.4, 0.8  # of a new stroke, in its size: as the initialisers lay them
+MIN_SHARE = 1e-3  # least share of the strokes to begin with
+MIN_PITCHES = 1e-3  # least size of a new stroke
+STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
+BLUR = 0.45  # blur of the error, in sizes of a new stroke
+SPACING = 2.5  # least distance of new strokes, roughly, in their sizes
+LENGTH, THICKNESS = 1.4, 0.8  # of a new stroke, in its size, as the initialisers have it
 OPACITY = 0.95
-STRUCTURE = 1.5  # pixels over which the picture's direction is read
+STRUCTURE = 1.5  # pixels over which the picture's direction is measured
 
 log = logging.getLogger(__name__)
 
@@ -32,34 +32,31 @@ log = logging.getLogger(__name__)
 class Adaptive(Density):
     """Start with fewer strokes, add small ones where the error is, move there those that matter least.
 
-    In each of some rounds the strokes without which the picture would lose least are taken away, and new ones are laid
-    at the worst places, in the picture's colour and along its edges. Strokes of no importance (hidden ones, for
-    instance) go in any case. So flat regions keep few large strokes, and detail gets many small ones.
+    Each round removes the strokes without which the squared error grows least, and hidden ones in any case, and adds
+    new ones at the worst places, in the picture's colour and along its edges.
 
-    Like GaussianImage++ (2025) it adds at the worst pixels, and like the densification of 3D Gaussian splatting (Kerbl
-    et al., 2023) it adds and removes in turns. It differs from both in what it removes: the importance of a stroke
-    is how much the squared error would grow without it, and not its opacity; and in that it goes on replacing strokes
-    when their full number is reached.
+    Source: GaussianImage++ (2025), which adds at the worst pixels, and 3D Gaussian splatting (Kerbl et al., 2023),
+    which adds and removes in turns. Differs from both: it removes by importance, not by opacity, and goes on replacing
+    strokes when there are as many as there may be.
 
     Args:
         start: share of the strokes to begin with, above 0 to 1.
-        rounds: times at which strokes are added and removed; fewer if there would be less than 8 steps between them.
+        rounds: times at which strokes are added and removed, with 8 steps at least between them.
         until: share of the steps after which the strokes stay.
-        moved: share of the strokes that is taken away in each round and laid elsewhere, 0 to 0.5.
+        moved: share of the strokes that each round lays elsewhere, 0 to 0.5.
         size: of new strokes, in pitches (mean distances between strokes).
-        tolerance: places whose error (root mean square over a stroke, 0 to 1) is below this need no more strokes, so
-            that a simple picture ends with fewer than it may have.
+        tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
         psnr: dB from which no more strokes are added; null for none.
     """
 
-    start: Annotated[float, between(SMALLEST_SHARE, 1)] = 0.7
+    start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
     rounds: Annotated[int, at_least(1)] = 12
     until: Annotated[float, between(0, 1)] = 0.75
     moved: Annotated[float, between(0, 0.5)] = 0.1
-    size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25
+    size: Annotated[float, between(MIN_PITCHES, 10)] = 0.25
     tolerance: Annotated[float, between(0, 1)] = 0.004
     psnr: Annotated[float | None, at_least(0)] = None
-    _round: int = field(default=0, init=False)  # of those that are over
+    _round: int = field(default=0, init=False)  # number of the last one
     _first: int = field(default=0, init=False)  # strokes at the beginning
     uses_importance = True
 
@@ -83,9 +80,9 @@ class Adaptive(Density):
         keep = importance > CHANNELS * self.tolerance**2  # the others gain less than a pixel that is good enough
         if n:
             keep[importance.argmax()] = True
-        kept = int(keep.sum())
-        wanted = self._first + max(0, state.budget - self._first) * current // rounds
-        missing, moved = max(0, wanted - kept), max(0, min(round(self.moved * n), kept - 1))
+        rest = int(keep.sum())
+        goal = self._first + max(0, state.budget - self._first) * current // rounds
+        missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
         weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
         new = new_strokes(state, missing + moved, self.size, self.tolerance)
         keep[weakest[: max(0, len(new) - missing)]] = False
@@ -100,10 +97,9 @@ class Adaptive(Density):
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
-    """Strokes at the ``n`` worst places, or fewer, the worst first: in the target's colour, along its edges.
+    """Make strokes at the ``n`` worst places, or fewer, the worst first, one in a cell of a lattice at most.
 
-    There is at most one in each cell of a lattice, where its error is largest. ``size`` (in pitches) and ``tolerance``
-    are those of `Adaptive`.
+    They have the target's colour and lie along its edges; ``size`` and ``tolerance`` are those of `Adaptive`.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 

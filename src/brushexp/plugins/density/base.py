@@ -1,4 +1,4 @@
-"""What every density policy receives and returns."""
+"""The contract of density policies."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -14,30 +14,30 @@ from brushexp.strokes.catalogue import Strokes
 class DensificationState:
     """The whole painting after a step.
 
-    ``importance()`` is (N,) by how much the squared error, summed over pixels and channels and weighted by the focus,
-    would grow without each stroke. It takes about as long as five steps.
+    ``importance()`` measures by how much the squared error, summed over pixels and channels and weighted by the focus,
+    would grow without each stroke (N,). It takes about as long as five steps.
     """
 
-    image: Tensor  # (3, H, W) as the steps last saw it, display-referred RGB in [0, 1]
-    target: Tensor  # (3, H, W) what it should look like
+    image: Tensor  # (3, H, W) as it was last painted, display-referred RGB in [0, 1]
+    target: Tensor  # (3, H, W)
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
     strokes: Strokes  # the N strokes, without gradient
     budget: int  # strokes that the painting may have
     step: int  # steps that are done, 1 or more
-    steps: int  # in all, as far as that is known: a run with a limit of seconds corrects it
+    steps: int  # in all; a run with a limit of seconds corrects it
     importance: Callable[[], Tensor]
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which of the present ones stay (N,), bool, and strokes to add."""
+    """A change of the set of strokes: which of the present ones to keep (N,), bool, and new ones."""
 
     keep: Tensor
     new: Strokes
 
 
 class Density(ABC):
-    """Adds strokes where they are needed and removes those that are not (densification and pruning).
+    """Adds strokes where the picture needs them and removes others (densification and pruning).
 
     >>> import torch
     >>> class Halve(Density):
@@ -49,27 +49,26 @@ class Density(ABC):
     tensor([ True, False])
     """
 
-    # Whether `revise` asks for the importance of strokes; what computes it is then compiled before the first step.
-    uses_importance: bool = False
+    uses_importance: bool = False  # whether `revise` asks for the importance of strokes, which is then compiled before
 
     @classmethod
     def facts(cls) -> dict[str, str]:
         return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last seen"}
 
     def first(self, budget: int, steps: int) -> int:
-        """Strokes to begin with, 1 to ``budget``: the most that a painting of so many steps may have in the end."""
+        """Return the number of strokes to begin with, 1 to ``budget``, in a painting of so many steps."""
         return budget
 
     def due(self, step: int, steps: int) -> bool:
-        """Whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
+        """Tell whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
         return True
 
     @abstractmethod
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        """Look at the painting after a step and say what changes; None for no change."""
+        """Return the change of the strokes after a step; None for no change."""
 
     def state_dict(self) -> dict[str, Any]:
-        """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""
+        """Return the tensors and numbers that a resumed run needs."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027

@@ -1,4 +1,4 @@
-"""The strokes of the initialiser, no more and no fewer."""
+"""A constant set of strokes."""
 
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register

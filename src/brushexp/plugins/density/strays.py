@@ -1,4 +1,4 @@
-"""Strokes that a painter would wipe out: hairlines, and those that cross everything around them."""
+"""Remove hairlines, and strokes that cross everything around them."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,16 +14,16 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import area_of, direction_of, mean_direction, neighbours_of
 
 CHANNELS = 3
-ORDERED = 0.5  # mean direction of neighbours from which they have one; ten in disorder have about 0.28
+MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in disorder have about 0.28
 
 
 @register("density", "strays")
 @dataclass(kw_only=True)
 class Strays(Density):
-    """Wipe out hairlines, and strokes against all around them, if the picture hardly misses them.
+    """Remove hairlines, and strokes against all around them, if the picture hardly misses them.
 
-    Once, before the last steps, which then close what was under them. How much the picture misses a stroke is by how
-    much the squared error would grow without it, over the stroke's own area.
+    It does so once, before the last steps, which then close the gaps. The picture misses a stroke by the growth of the
+    squared error without it, over the stroke's own area.
 
     Args:
         after: share of the steps after which they go.
@@ -48,9 +48,8 @@ class Strays(Density):
         direction = direction_of(shape)
         around = mean_direction(direction, neighbours_of(strokes, shape))
         strength = around.norm(dim=1)
-        # Cosine of twice the angle between.
-        alike = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)
-        crossing = (strength > ORDERED) & (alike < math.cos(math.radians(2 * self.askew)))
+        cosine = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)  # of twice the angle
+        crossing = (strength > MIN_COHERENCE) & (cosine < math.cos(math.radians(2 * self.askew)))
         stray = (width < self.thin) | crossing
         if not stray.any():
             return None

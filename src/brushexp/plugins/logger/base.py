@@ -1,4 +1,4 @@
-"""What every logger receives."""
+"""The contract of loggers."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """What is known of a run: at its beginning its place and its settings, at its end everything."""
+    """The description of a run: its place and settings at its beginning, and everything at its end."""
 
-    folder: Path  # its own; what a logger writes belongs below it
-    name: str = ""  # of a job of a sweep: its number
-    group: str = ""  # name of the sweep that it belongs to; empty for a single run
-    chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line, which tells runs apart
+    folder: Path  # in which a logger writes
+    name: str = ""  # number of a job of a sweep
+    group: str = ""  # name of the sweep, empty for a single run
+    chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line
     settings: Mapping[str, Any] = field(default_factory=dict)  # the config of the whole run, resolved
     status: str = "running"  # or completed, interrupted, failed
     metrics: Mapping[str, Any] = field(default_factory=dict)  # what metrics.json holds; empty if the run failed
-    pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in the order in which they are shown
-    frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture on the way, a few of them
-    files: Mapping[str, Path] = field(default_factory=dict)  # name -> what the run was made for, the catalogue say
+    pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in the order of display
+    frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture at some steps
+    files: Mapping[str, Path] = field(default_factory=dict)  # name -> result of the run, such as the catalogue
 
     @property
     def step(self) -> int:
-        """The last one; 0 if it is not known."""
+        """The last one; 0 if there is none."""
         return int(self.metrics.get("steps") or 0)
 
     @property
@@ -47,7 +47,7 @@ class Run:
 class Logger(ABC):
     """Takes the curves of a run, and at its end its pictures, numbers and files.
 
-    Whatever it raises stops the logger and never the run: the first error is logged, and no more curves come.
+    An error stops the logger and never the run: the first one is logged, and no more curves come.
 
     >>> class Last(Logger):
     ...     def open(self, run: Run) -> LightningLogger:
@@ -61,7 +61,7 @@ class Logger(ABC):
 
     @abstractmethod
     def open(self, run: Run) -> LightningLogger:
-        """Begin, and return the Lightning logger that takes the curves; it is finalised after `finish`."""
+        """Return the Lightning logger that takes the curves; it is finalised after `finish`."""
 
     def finish(self, run: Run) -> None:  # noqa: B027
-        """Take what else there is of the run. Called once, however it ended, also when `open` or a curve failed."""
+        """Take the results of the run; called once, however it ended, also when `open` or a curve failed."""

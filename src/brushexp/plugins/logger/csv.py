@@ -1,4 +1,4 @@
-"""Curves as a table."""
+"""Write curves as a table."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class CsvCurves(Logger):
         before = rows_of(Path(resumed, "curves", "metrics.csv")) if resumed else []
 
         class Continued(CSVLogger):
-            """Has the rows of before, up to the step at which it goes on."""
+            """Keeps the rows of the run before, up to the step at which it was resumed."""
 
             def begin(self, rows: list[Any]) -> None:
                 table.unlink(missing_ok=True)  # Lightning would, with a warning
@@ -44,5 +44,5 @@ class CsvCurves(Logger):
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """The rows of a table if it is there; one that was cut off when its writing was killed is left out."""
+    """Read the rows of a table, if there is one, without a last one that a kill cut off."""
     return [row for row in read_table(path) if None not in row.values() and re.fullmatch(r"\d{1,15}", row["step"])]

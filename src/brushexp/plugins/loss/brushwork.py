@@ -1,4 +1,4 @@
-"""A loss that asks for the brushwork of another painting."""
+"""Brushwork transfer as a loss."""
 
 from pathlib import Path
 
@@ -14,19 +14,16 @@ from brushexp.system.precision import at_least_single
 class BrushworkTransfer(Loss):
     """Optimal transport of lengths, widths, curvatures and directional coherence to those of a painting's catalogue.
 
-    Brushwork transfer: the sum over these four measures, which `task=analyse` reports (``strokes.measures``), of the
-    squared 2-Wasserstein distance between their distributions in both paintings, each in units of its variance in the
-    reference: 0 for the same distributions, and about 1 for a measure that is off by one standard deviation. The
-    numbers of strokes need not be equal. It looks at all strokes at every step, also where a step looks at a part of
-    the canvas. Strokes too faint or too thin to be seen do not count and have no gradient. ``style.brushwork`` adds
-    this loss and starts from strokes drawn accordingly.
+    It is the sum over these four measures (``strokes.measures``, which `task=analyse` reports) of the squared
+    2-Wasserstein distance between their distributions in both paintings, in units of the variance in the reference. It
+    looks at all strokes at every step; strokes too faint or too thin to be seen do not count and have no gradient.
+    ``style.brushwork`` adds this loss and draws the first strokes accordingly.
 
     Args:
-        option: what sets the catalogue, for messages.
         weight: factor in the sum of losses. For a reference of long, nearly straight strokes, ``style.brushwork`` with
             the default brought distances of 1.4 (length), 0.3 (width), 1.8 (curvature) and 0.7 (coherence) standard
             deviations down to 0.06 and less; the PSNR was 0.9 dB lower.
-        catalogue: catalogue.h5 of the painting whose brushwork is wanted; null: none is, and the loss is 0.
+        catalogue: catalogue.h5 of the painting with the brushwork to take over; null for a loss of 0.
     """
 
     weight = 0.001

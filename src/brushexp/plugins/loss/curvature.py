@@ -1,4 +1,4 @@
-"""A loss that asks strokes to be straight."""
+"""Curvature as a loss."""
 
 from torch import Tensor
 
@@ -14,9 +14,8 @@ class Curvature(Loss):
     """Mean curvature of the strokes: by how much each turns from end to end, in radians; 0 if all are straight.
 
     Source: Kotovenko et al., 2021, arXiv:2103.17185, who penalise |(s - c) + (e - c)| / |e - s|. Differs: this is the
-    total curvature that `task=analyse` reports (`strokes.measures.curvature_of`). It is twice the arc tangent of the
-    source's for symmetric strokes, about twice for weak bends and at most pi for hairpins, for which the source's has
-    no bound; a control point off the middle of a straight line does not count.
+    total curvature that `task=analyse` reports (`strokes.measures.curvature_of`), twice the arc tangent of the source's
+    for symmetric strokes; it is at most pi, and ignores a control point off the middle of a straight line.
 
     Args:
         weight: factor in the sum of losses; the source's 4 is for other units. On a portrait ``mse`` alone left a mean

@@ -1,4 +1,4 @@
-"""A loss that asks neighbouring strokes to be parallel."""
+"""Alignment of neighbouring strokes as a loss."""
 
 from typing import Annotated, Any
 
@@ -18,15 +18,14 @@ class Direction(Loss):
     """Mean squared difference between the directions of each stroke and its nearest ones: they flow together.
 
     Source: Kotovenko et al., 2021, arXiv:2103.17185, who compare (dx^2, dy^2, dx dy) of d = e - s. Differs: the
-    direction is (cos 2 theta, sin 2 theta) of the principal axis of the curve, as `task=analyse` measures it
-    (`strokes.measures.direction_of`), so that lengths do not matter. 4 sin^2 of the angle between two strokes, averaged
-    over all pairs of a stroke and one of its nearest: 0 if all are parallel, 2 in disorder.
+    direction is (cos 2 theta, sin 2 theta) of the principal axis (`strokes.measures.direction_of`), so that lengths do
+    not matter. It is the mean of 4 sin^2 of the angle between neighbours: 0 if all are parallel, 2 in disorder.
 
     Args:
         weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait ``mse`` alone left
             1.32, with the default of this loss 0.79 at a cost of 0.1 dB; 0.0001 left 1.04 (less than 0.1 dB).
         k: neighbours of a stroke; of fewer strokes, all others.
-        every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
+        every: calls after which neighbours are searched again, as when the number of strokes has changed.
     """
 
     weight = 0.0003

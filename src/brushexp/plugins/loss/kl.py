@@ -1,4 +1,4 @@
-"""A loss that compares the bends of all strokes with those of valid ones."""
+"""Kullback-Leibler divergence of bends as a loss."""
 
 from torch import Tensor
 
@@ -7,7 +7,7 @@ from brushexp.registry import register
 from brushexp.strokes.prior import SPREAD, bend_of
 from brushexp.system.precision import at_least_single
 
-SHRINK = 1e-3  # share of the wanted covariance that is mixed into the measured one
+SHRINK = 1e-3  # share of the prior's covariance that is mixed into the measured one
 
 
 @register("loss", "kl")
@@ -16,9 +16,8 @@ class KullbackLeibler(Loss):
 
     The control point of each stroke, along and across s - e, from the middle between s and e, in units of |s - e|, has
     mean mu and covariance S over the strokes; the loss is KL(N(mu, S) || N(0, T)), T = diag(1/200, 1/25). Differs from
-    the source: S is (1 - 1/1000) of the measured covariance and 1/1000 of T, which keeps the loss (below 7 for strokes
-    that are all straight) and its gradient finite where S is singular, for one stroke or equal ones, and leaves the
-    minimum, 0 at mu = 0 and S = T, where it is. Its print has S and T exchanged in the KL.
+    the source: S is (1 - 1/1000) of the measured covariance and 1/1000 of T, so that loss and gradient are finite for
+    one stroke or equal ones; the minimum stays at mu = 0 and S = T. The source's print has S and T exchanged.
 
     Args:
         weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, with the default of

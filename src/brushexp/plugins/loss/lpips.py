@@ -1,4 +1,4 @@
-"""A loss that is a calibrated distance of features: LPIPS."""
+"""The perceptual distance LPIPS as a loss."""
 
 from typing import Annotated
 
@@ -14,9 +14,8 @@ from brushexp.registry import register
 class Lpips(Loss):
     """LPIPS perceptual distance (Zhang et al.) between painting and target, in the features of a network.
 
-    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it is that distance, with its published
-    weights, and logs call it lpips-alexnet and so on. Differs from it by default: ``effl0``, the network that is always
-    there, has one weight for all channels of an activation; logs call it effl0.
+    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it has the published weights, and logs
+    call it lpips-alexnet and so on. Differs by default: ``effl0`` has one weight for all channels of an activation.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -42,6 +41,5 @@ class Lpips(Loss):
         self.context, self.grid = self.distance.network.context, self.distance.network.grid
 
     def forward(self, view: PaintedView) -> Tensor:
-        wanted = self.of_target(view.target, self.distance.look)
-        seen = self.distance.look(view.image)
-        return self.distance.compare(seen, wanted, [view.weights(value) for value in seen])
+        theirs, ours = self.of_target(view.target, self.distance.look), self.distance.look(view.image)
+        return self.distance.compare(ours, theirs, [view.weights(value) for value in ours])

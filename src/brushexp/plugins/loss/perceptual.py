@@ -1,4 +1,4 @@
-"""A loss that compares the features of a network."""
+"""The difference of features of a network as a loss."""
 
 import math
 from typing import Annotated
@@ -13,18 +13,16 @@ from brushexp.features.base import mean_squares
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 
-# Four shifts (x, y) in pixels in which each column and each row appears once, taken modulo jitter + 1.
-SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))
+SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))  # (x, y) in pixels, modulo jitter + 1: each column and row once
 
 
 @register("loss", "perceptual")
 class Perceptual(Loss):
     """Perceptual loss (Johnson et al.): mean squared difference of the features of a network.
 
-    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16. Differs from it: the default network is the
-    small one that is always there (``effl0``); several taps count alike; and the picture is jittered, because a
-    network whose first step is two pixels wide lets errors of that period pass unseen (alone, 3 pixels of jitter gave
-    a PSNR 1.5 dB higher than none, on two pictures).
+    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16. Differs: the default network is the bundled
+    ``effl0``; several taps count alike; and the picture is jittered, because a network with a stride of two pixels is
+    blind to errors of that period (3 pixels of jitter alone gave 1.5 dB more PSNR, on two pictures).
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -32,9 +30,8 @@ class Perceptual(Loss):
         backbone: feature network: effl0, or vgg16, alexnet, squeeze (need ``weights``).
         weights: file with the network's weights; null takes those of its package.
         taps: activations to compare; null or [] takes the network's own choice, b3.expand or relu4_3.
-        jitter: largest shift in pixels, 0 (none) to 3, that painting and target take together. It goes through at most
-            four fixed shifts, one per call, so that the target's features are computed once for each. The value then
-            depends on the call: set 0 for an optimiser with a line search.
+        jitter: largest shift of both pictures in pixels, 0 to 3. It goes through four fixed shifts at most, one per
+            call; set 0 for an optimiser with a line search, because the value depends on the call.
     """
 
     weight = 0.0015
@@ -62,19 +59,16 @@ class Perceptual(Loss):
     def forward(self, view: PaintedView) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
-        wanted = self.of_target(view.target, lambda target: self._features(target, shift), key=shift)
-        terms = [
-            mean_squares(ours, theirs, view.weights(ours)).mean()
-            for ours, theirs in zip(self._features(view.image, shift), wanted, strict=True)
-        ]
-        return torch.stack(terms).mean() * (self._enlarged(view.image) / self._enlarged(view.whole_target))
+        theirs = self.of_target(view.target, lambda target: self._features(target, shift), key=shift)
+        pairs = zip(self._features(view.image, shift), theirs, strict=True)
+        terms = [mean_squares(a, b, view.weights(a)).mean() for a, b in pairs]
+        return torch.stack(terms).mean() * (self._enlargement(view.image) / self._enlargement(view.whole_target))
 
-    def _enlarged(self, picture: Tensor) -> float:
-        """By how much the margin for the shifts makes a picture larger, so that a part counts by its own pixels."""
+    def _enlargement(self, picture: Tensor) -> float:
+        """Ratio of areas with and without the margin for the shifts."""
         return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:
-        """Features of a picture (3, H, W) moved by ``shift``; its border is repeated, its size the same for all."""
         padding = (shift[0], self.jitter - shift[0], shift[1], self.jitter - shift[1])
-        found = self.network(functional.pad(picture[None], padding, mode="replicate"), self.taps)
-        return [found[tap] for tap in self.taps]
+        features = self.network(functional.pad(picture[None], padding, mode="replicate"), self.taps)
+        return [features[tap] for tap in self.taps]

@@ -1,4 +1,4 @@
-"""A loss that asks strokes to be longer than they are wide."""
+"""The ratio of thickness and length as a loss."""
 
 from torch import Tensor
 
@@ -12,10 +12,9 @@ from brushexp.system.precision import at_least_single
 class Width(Loss):
     """Mean of max(0, 1.4 w - |s - e|): strokes at least as long as valid ones of their width (thesis 2020, eq. 6.24).
 
-    Thickness and length are fractions of the window's side. ``start`` and ``end`` are in half-windows, so |s - e| here
-    is half of their distance; a stroke of thickness 0.2 needs ends 0.56 half-windows apart. Differs from the source,
-    which asks for 2 w: the ends of valid strokes are 2 w apart before their points (and not their widths) are shrunk by
-    ``prior.INSET`` = 0.7, as all parameters here are. So no valid stroke is penalised. The slope of the length is 0
+    Thickness and length are fractions of the window's side; ``start`` and ``end`` are in half-windows, so |s - e| is
+    half of their distance. Differs from the source, which asks for 2 w: the points of valid strokes (and not their
+    widths) are shrunk by ``prior.INSET`` = 0.7, so that no valid stroke is penalised. The slope of the length is 0
     where the ends coincide.
 
     Args:

@@ -1,4 +1,4 @@
-"""What every metric receives and returns."""
+"""The contract of metrics."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -17,16 +17,16 @@ class Comparison:
     """A finished painting beside its target."""
 
     image: Tensor  # (3, H, W) the painting as it is saved: display-referred RGB in [0, 1], in steps of 1/255
-    target: Tensor  # (3, H, W) likewise, what it should look like
-    focus: Tensor | None = None  # (H, W) how much each pixel counts; None if all count alike
-    strokes: Strokes | None = None  # of the painting; None if nobody knows them, as of a picture from elsewhere
+    target: Tensor  # (3, H, W) likewise
+    focus: Tensor | None = None  # (H, W) weights of the pixels; None for equal ones
+    strokes: Strokes | None = None  # of the painting; None for a picture from elsewhere
 
 
 class Metric(ABC):
-    """One number that says how good a finished painting is; nothing is optimised by it.
+    """Measures how good a finished painting is.
 
-    Tables, plots and pages show it as its class attributes say, after those of `STANDARD`. The first line of the
-    docstring explains it in report.html.
+    Tables, plots and pages show it by its class attributes, after those of `STANDARD`; report.html explains it by the
+    first line of its docstring.
 
     >>> import torch
     >>> class Brightness(Metric):
@@ -38,19 +38,19 @@ class Metric(ABC):
     1.0
     """
 
-    title: ClassVar[str]  # its name for people
+    title: ClassVar[str]  # its name in tables and plots
     variants: ClassVar[Mapping[str, str]] = {}  # label -> title, of a metric that has several
     unit: ClassVar[str] = ""
     digits: ClassVar[int] = 4  # after the point
     higher_is_better: ClassVar[bool]
-    matters: ClassVar[float] = 0.0  # two settings that differ by less are alike in it
-    needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which it is left out
-    remarks: ClassVar[Mapping[str, str]] = {}  # what metrics.json says about it besides
-    label: str = ""  # what metrics.json calls it; "" for the name it was chosen by
+    matters: ClassVar[float] = 0.0  # least difference of two settings that counts
+    needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which it is omitted
+    remarks: ClassVar[Mapping[str, str]] = {}  # further entries of metrics.json
+    label: str = ""  # its name in metrics.json, if not that of the plugin
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:
-        """The number, at its best for two equal pictures; None if pictures of this kind have none."""
+        """Compute the number, best for two equal pictures; None if pictures of this kind have none."""
 
     @classmethod
     def facts(cls) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What every optimiser receives and returns."""
+"""The contract of optimisers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -24,8 +24,8 @@ class Optimizer(ABC):
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
-        """The PyTorch optimiser of these parameters."""
+        """Make the PyTorch optimiser of these parameters."""
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Share of the full learning rate when ``progress`` (0 to below 1) of a stage's steps is done."""
+        """Return the share of the full learning rate at the ``progress`` (0 to below 1) of a stage."""

@@ -16,18 +16,15 @@ from brushexp.registry import register
 
 # A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
-
-
-LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # and the modules that have them
+LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # name -> module
 
 
 @register("optimizer", "torch")
 class TorchOptim(Optimizer):
     """Any class of torch.optim by name, with a unit per field and a schedule; the presets name the usual ones.
 
-    Classes that need second derivatives of the picture (AdaHessian, SophiaH) find none: the compiled blend has only
-    first ones. A field of N strokes is a tensor (N, 2), (N, 3) or (N,): what keeps a matrix per side must be told by
-    ``options`` to leave out the side of N.
+    The compiled blend has no second derivatives (for AdaHessian, SophiaH). A field of N strokes is a tensor (N, 2),
+    (N, 3) or (N,): set ``options`` so that classes with a matrix per side leave out the side of N.
 
     Args:
         name: class in the library, e.g. Adam, NAdam, Adagrad.
@@ -63,13 +60,11 @@ class TorchOptim(Optimizer):
         try:
             optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
-            cure = (
-                f"optimizer.options are {self.options}; optimizer=torch optimizer.name={self.name} begins without any"
-            )
-            raise UserError(f"{error}; {cure}") from error
+            cure = f"optimizer=torch optimizer.name={self.name} begins without any"
+            raise UserError(f"{error}; optimizer.options are {self.options}; {cure}") from error
         if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
-                group.setdefault("step", 0)  # what it counts from, but missing until the first step
+                group.setdefault("step", 0)  # its count, which is missing before the first step
         return optimizer
 
     def share(self, progress: float) -> float:
@@ -80,42 +75,39 @@ class TorchOptim(Optimizer):
 
 
 class Lbfgs(optim.LBFGS):
-    """That of PyTorch for strokes that come and go, and whose gradients are parts of one tensor.
-
-    It holds on to its first parameters, and wants each gradient in one piece.
-    """
+    """L-BFGS of PyTorch, which keeps its first parameters, for other strokes and gradients that are views."""
 
     def step(self, closure: Any = None) -> Any:
         self._params = self.param_groups[0]["params"]
         self._numel_cache = None
 
-        def in_one_piece() -> Any:
+        def contiguous() -> Any:
             loss = closure()
             for parameter in self._params:
                 if parameter.grad is not None:
                     parameter.grad = parameter.grad.contiguous()
             return loss
 
-        return super().step(in_one_piece)
+        return super().step(contiguous)
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """The class ``name`` of a library; refuses options that the library would drop without a word."""
+    """Find the class ``name`` of a library; refuse (UserError) options that the library would ignore."""
     try:
-        found = vars(importlib.import_module(LIBRARIES[library]))
+        module = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:
         cure = "pip install 'brushexp[optimizers]'"
         raise UserError(f"this optimizer needs the library pytorch-optimizer; {cure}") from error
-    kinds = {key: kind for key, kind in found.items() if isinstance(kind, type) and issubclass(kind, optim.Optimizer)}
+    kinds = {key: kind for key, kind in module.items() if isinstance(kind, type) and issubclass(kind, optim.Optimizer)}
     kinds.pop("Optimizer", None)  # the base class
     if name not in kinds:
         choices = ", ".join(sorted(kinds))
         raise UserError(f"{LIBRARIES[library]} has no optimiser {name!r}; set optimizer.name to one of {choices}")
     kind = kinds[name]
-    if library == "pytorch_optimizer":  # it drops what it does not know
-        known = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
-        unknown = [key for key in options if key not in known]
+    if library == "pytorch_optimizer":  # it ignores other options
+        parameters = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
+        unknown = [key for key in options if key not in parameters]
         if unknown:
-            choices = ", ".join(known)
+            choices = ", ".join(parameters)
             raise UserError(f"optimizer.options has {unknown[0]!r}, which {name} does not take; it takes {choices}")
     return Lbfgs if kind is optim.LBFGS else kind

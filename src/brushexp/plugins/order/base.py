@@ -1,4 +1,4 @@
-"""What every order receives and returns."""
+"""The contract of orders."""
 
 from abc import ABC, abstractmethod
 
@@ -11,17 +11,17 @@ UNTIL = 0.5  # share of a stage's steps after which the order stays, by default
 
 
 class Order(ABC):
-    """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
+    """Decides which stroke lies on top. Depth is no parameter: it is computed and has no gradient.
 
-    After the share ``until`` of a stage's steps the order stays: strokes that change places are wrong for a while, and
-    when the learning rate has begun to fall they no longer recover (up to 1.4 dB lost in a run of 60 steps).
+    After the share ``until`` of a stage's steps the order stays: strokes that change places late do not recover (up to
+    1.4 dB lost in a run of 60 steps).
 
     >>> class Brightest(Order):
-    ...     every, until = 10, 1.0
+    ...     every, until = 10, 0.5
     ...     def depth(self, strokes, accuracy):
     ...         return strokes.color.mean(1)
-    >>> [step for step in range(25) if Brightest().due(step, 25)]
-    [0, 10, 20]
+    >>> [step for step in range(60) if Brightest().due(step, 60)], Brightest().due(0, 1)
+    ([0, 10, 20], True)
     """
 
     every: int  # steps between two computations, as long as `due` allows any
@@ -34,17 +34,17 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Height (N,) of each stroke: the higher lies on top; of two equal ones, the later.
+        """Compute the height (N,) of each stroke: the higher lies on top; of two equal ones, the later.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
-        stroke's own, hidden or not, and |.|^2 sums over RGB; None before the first step, or if it is not needed.
+        stroke's own, hidden or not; None before the first step, or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Whether the depth is computed anew when ``done`` of a stage's ``steps`` have been taken; always at none."""
+        """Tell whether the depth is computed anew after ``done`` of a stage's ``steps``; always after none."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
-    """Indices (N,) of strokes, the uppermost first; of two of equal depth the later lies on top."""
+    """Sort strokes by depth: indices (N,), the uppermost first; of two of equal depth the later."""
     return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

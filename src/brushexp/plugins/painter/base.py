@@ -1,4 +1,4 @@
-"""What every painter receives and yields."""
+"""The contract of painters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintRequest:
-    """What a painter is asked for."""
+    """The order that a painter carries out."""
 
     target: Tensor  # (3, H, W) in [0, 1], display-referred RGB
     n: int  # strokes that the painting may have, 1 to H * W
@@ -35,24 +35,24 @@ class PaintRequest:
 
 
 class PaintState:
-    """Where a painting stands after ``step`` of ``steps``; the painter says what a step is (a stroke, an iteration).
+    """The strokes so far, the lowest first, after ``step`` of ``steps`` (of strokes, or iterations).
 
-    ``steps`` may change on the way; in the last state it is ``step``. ``strokes`` are those so far, the lowest first.
+    ``steps`` may change on the way; in the last state it is ``step``.
     """
 
     def __init__(self, strokes: Strokes, step: int, steps: int) -> None:
         self.strokes, self.step, self.steps = strokes, step, steps
 
     def to(self, device: Any) -> PaintState:
-        """The same with its strokes on a device: Lightning moves every batch."""
+        """Move the strokes to a device, as Lightning does with every batch."""
         return PaintState(self.strokes.map(lambda value: value.to(device)), self.step, self.steps)
 
 
 class Painter(ABC):
-    """How a painting comes to be, from the bare canvas to the last stroke.
+    """Paints a picture, from the bare canvas to the last stroke.
 
-    The program shows, films, measures and saves what a painter yields. It also ends it, by Ctrl-C, ``seconds=``,
-    ``psnr=`` or a signal, between two states. So a state is due every few hundredths of the work.
+    The program shows, films, measures and saves its states, and ends the run only between two of them (by Ctrl-C,
+    ``seconds=``, ``psnr=`` or a signal). So yield a state every few hundredths of the work.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> class Careless(Painter):

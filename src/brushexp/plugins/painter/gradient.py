@@ -1,15 +1,14 @@
-"""Gradient descent, the program's own way."""
+"""Painting by gradient descent."""
 
 from brushexp.registry import register
 
 
 @register("painter", "gradient")
 class GradientDescent:
-    """All strokes at once, moved by gradient descent from where ``init`` puts them: what the other families are for.
+    """Move all strokes at once by gradient descent from where ``init`` puts them.
 
-    Source: Heimbrecht, 2020 (master thesis, Heidelberg), chapter 6. The keys ``init``, ``loss``, ``order``,
-    ``density``, ``sampler``, ``optimizer``, ``steps`` and those around them speak of it alone. It is the absence of a
-    `Painter`.
+    Source: Heimbrecht, 2020 (master thesis, Heidelberg), chapter 6. Only this painter reads the keys ``init``,
+    ``loss``, ``order``, ``density``, ``sampler``, ``optimizer`` and ``steps``. It is no `Painter`.
     """
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What every sampler receives and returns."""
+"""The contract of samplers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from brushexp.strokes.catalogue import Strokes
 class View:
     """What one step looks at: the batch of a painting.
 
-    Args:
-        region: the part of the canvas that the step renders and compares; all of it if ``active`` is None.
-        active: (A,) int64 numbers of the strokes that it moves, without repetition; None for all.
-        ring: (R,) int64 numbers of strokes around those, which are drawn and stay; None for none.
-        coarse: whether the step looks at the canvas at half its size; only for views of the whole.
+    ``region`` is the part of the canvas that the step renders and compares; all of it if ``active`` is None. The step
+    moves the strokes number ``active`` (A,), int64, or all for None, draws those number ``ring`` (R,) as well, and
+    looks at the whole canvas at half its size if it is ``coarse``.
     """
 
     def __init__(
@@ -28,7 +26,7 @@ class View:
         self.region, self.active, self.ring, self.coarse = region, active, ring, coarse
 
     def to(self, device: Any) -> View:
-        """The same with its numbers on a device: Lightning moves every batch."""
+        """Move the numbers to a device, as Lightning does with every batch."""
         active, ring = (None if numbers is None else numbers.to(device) for numbers in (self.active, self.ring))
         return View(self.region, active, ring, coarse=self.coarse)
 
@@ -57,17 +55,17 @@ class Sampler(ABC):
 
     @abstractmethod
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
-        """Where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
+        """Choose where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
 
-        ``strokes`` are as they are now, without gradient; ``generator`` is that of everything random.
+        ``strokes`` have no gradient; ``generator`` is that of everything random.
         """
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
-        """Steps in which each of the strokes, on a canvas of ``size`` (H, W), is moved about once."""
+        """Count the steps that move each of the strokes about once, on a canvas of ``size`` (H, W)."""
         return 1
 
     def state_dict(self) -> dict[str, Any]:
-        """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""
+        """Return the tensors and numbers that a resumed run needs."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027

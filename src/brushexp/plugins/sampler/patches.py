@@ -1,4 +1,4 @@
-"""Partial updates: a step moves the strokes of one place and looks at a patch around them."""
+"""Partial updates: each step moves the strokes of one place and looks at a patch around them."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-SAMPLED_POINTS = 200  # random points by which it is estimated how many strokes are active at one
+SAMPLED_POINTS = 200  # random points that estimate how many strokes are active at one
 
 
 @register("sampler", "patches")
@@ -22,14 +22,12 @@ SAMPLED_POINTS = 200  # random points by which it is estimated how many strokes 
 class Patches(Sampler):
     """A few hundred strokes of one place per step, with a ring around them that stays as it is (thesis 2020, 6.3).
 
-    Time and memory of a step do not depend on the size of the canvas. A patch larger than the canvas is the canvas; at
-    most all strokes are active.
+    Time and memory of a step do not depend on the size of the canvas.
 
     Args:
         n_active: strokes that a step moves, at most.
-        n_ring: the nearest ones around those; they are drawn and stay. 0 for none.
-        patch: side in pixels of the square that is painted and compared. Strokes whose middle lies outside it are
-            not moved.
+        n_ring: the nearest ones around those, which it draws and does not move.
+        patch: side in pixels of the square that it paints and compares; it moves no strokes whose middle lies outside.
         steps_per_patch: steps in a row at one place.
         coverage: fair: in each round every stroke is active at exactly one place; random: the nearest strokes to a
             random point (the thesis's), which visits the strokes at the border less often.
@@ -57,7 +55,7 @@ class Patches(Sampler):
         else:
             if begins or self._point is None:
                 point = torch.rand(2, generator=generator) * torch.tensor([size[1], size[0]])
-                if not inside(position, self._patch_at(point, size)).any():  # the next stroke is farther away
+                if not inside(position, self._patch_at(point, size)).any():  # take the nearest stroke
                     point = position[(position - point.to(position)).square().sum(1).argmin()].cpu()
                 self._point = point
             low = high = self._point.to(position)
@@ -83,7 +81,7 @@ class Patches(Sampler):
         self._round, self._turn, self._point = state["round"], state["turn"], state["point"]
 
     def _turn_of(self, position: Tensor, generator: torch.Generator, begins: bool) -> Tensor:
-        """Strokes of the present place; when the last place of a round is done, or N has changed, a round begins."""
+        """Return the strokes of the next place, in a new round after the last place or when N has changed."""
         self._turn += begins
         if len(self._round) != len(position) or self._turn > int(self._round.max()):
             self._round = places(position.cpu(), self.n_active, self.patch, generator)
@@ -91,11 +89,9 @@ class Patches(Sampler):
         return (self._round == self._turn).nonzero()[:, 0].to(position.device)
 
     def _active_at(self, point: Tensor, position: Tensor, size: tuple[int, int]) -> Tensor:
-        """The strokes nearest to a point, of those in the patch around it."""
         return nearest_to_box(position, inside(position, self._patch_at(point, size)), point, point, self.n_active)
 
     def _patch_at(self, point: Tensor, size: tuple[int, int]) -> Region:
-        """The patch around a point, shifted so that it lies on the canvas."""
         height, width = (min(self.patch, side) for side in size)
         left, top = (int(x) for x in point.tolist())
         top = min(max(top - height // 2, 0), size[0] - height)
@@ -104,49 +100,45 @@ class Patches(Sampler):
 
 
 def places(position: Tensor, most: int, side: float, generator: torch.Generator) -> Tensor:
-    """Number (N,) of each stroke's place: places of at most ``most`` strokes, not wider or higher than ``side`` pixels.
+    """Divide strokes into places of at most ``most`` strokes and ``side`` pixels; number (N,) them in random order.
 
-    The strokes, at ``position`` (N, 2), are cut in two across the longer side of their box, again and again, in
-    proportion to the numbers of places on either side; these are drawn, so that the borders differ from round to round.
-    Places are numbered in random order.
+    The strokes, at ``position`` (N, 2), are cut in two across the longer side of their box, again and again, in random
+    proportions, so that the borders differ from round to round.
     """
-    found, waiting = [], [(torch.arange(len(position)), math.ceil(len(position) / most))]
-    while waiting:
-        group, pieces = waiting.pop()
+    groups, queue = [], [(torch.arange(len(position)), math.ceil(len(position) / most))]
+    while queue:
+        group, pieces = queue.pop()
         low, high = position[group].aminmax(dim=0)
         extent = high - low
         if pieces == 1 and bool((extent <= side).all()):
-            found.append(group)
+            groups.append(group)
             continue
         pieces = max(pieces, 2)
         least, largest = math.ceil(pieces / 3), pieces - math.ceil(pieces / 3)
         first = int(torch.randint(least, largest + 1, (), generator=generator))
         order = position[group, int(extent.argmax())].argsort(stable=True)
         cut = round(len(group) * first / pieces)
-        waiting += [(group[order[:cut]], first), (group[order[cut:]], pieces - first)]
+        queue += [(group[order[:cut]], first), (group[order[cut:]], pieces - first)]
     number = torch.empty(len(position), dtype=torch.long)
-    for turn, which in enumerate(torch.randperm(len(found), generator=generator).tolist()):
-        number[found[which]] = turn
+    for turn, which in enumerate(torch.randperm(len(groups), generator=generator).tolist()):
+        number[groups[which]] = turn
     return number
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """Numbers, ascending, of the ``n`` strokes nearest to a box, or fewer if ``among`` (N,) is true for fewer.
-
-    The corners ``low`` and ``high`` (2,) of the box may be the same point.
-    """
+    """Find the ``n`` strokes (ascending) ``among`` (N,), bool, nearest to a box with corners ``low`` and ``high``."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values
 
 
 def on_canvas(position: Tensor, size: tuple[int, int]) -> Tensor:
-    """Positions (N, 2), those beyond a canvas of ``size`` (H, W) moved to its edge."""
+    """Clamp positions (N, 2) to a canvas of ``size`` (H, W)."""
     return torch.minimum(position.clamp_min(0), position.new_tensor([size[1], size[0]]))
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Which positions (N, 2) lie in a region."""
+    """Tell which positions (N, 2) lie in a region."""
     low = position.new_tensor([region.left, region.top])
     high = low + position.new_tensor([region.width, region.height])
     return ((position >= low) & (position <= high)).all(1)
