@@ -17,7 +17,7 @@ from brushexp.registry import register
 
 
 @register("blend", "tiled")
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Tiled(Blend):
     """Per tile of 8 x 8 pixels the strokes that touch it, front to back, in one fused kernel; exact but for ``opaque``.
 

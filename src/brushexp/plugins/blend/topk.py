@@ -16,7 +16,7 @@ from brushexp.registry import register
 
 
 @register("blend", "topk")
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class TopK(Blend):
     """The k uppermost strokes that are not empty at a pixel, in plain PyTorch (thesis 2020, eq. 6.8 to 6.21).
 

@@ -22,7 +22,7 @@ SOFT = 0.06  # half widths over which the outline rises
 
 
 @register("engine", "wash")
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Wash(Engine):
     """A flat wash with a dark rim and the grain of paper; thin paint all over, so it has no height.
 

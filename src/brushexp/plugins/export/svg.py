@@ -35,7 +35,7 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @register("to", "svg")
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Svg(Exporter):
     """``strokes.svg``: one path per stroke, bottom first, that browsers and Inkscape show like the painting.
 
