@@ -45,10 +45,18 @@ class StrokeOptimizer(PaintingModule):
     >>> catalogue = Catalogue(strokes, components.optimizer.units)
     >>> painter = StrokeOptimizer(catalogue, components, target, torch.ones(3), seed=0)
     >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
-    >>> trainer = L.Trainer(max_epochs=-1, enable_model_summary=False, **quiet)
+    >>> trainer = L.Trainer(max_steps=3, enable_model_summary=False, **quiet)
     >>> trainer.fit(painter)
     >>> trainer.global_step, painter.drawn().shape
     (3, torch.Size([3, 24, 32]))
+
+    The same without a Trainer, by an optimiser of one's own:
+
+    >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
+    >>> for i, view in zip(range(3), painter.train_dataloader()):
+    ...     optimizer.zero_grad()
+    ...     painter.training_step(view, i).backward()
+    ...     optimizer.step()
     """
 
     resumable = True
