@@ -137,7 +137,7 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
         brushexp.paint(picture, **SMALL, output=run)
     painting.save(tmp_path / "b")
     assert f" image={tmp_path}/b/.hydra/image.tif " in command_of(tmp_path / "b")
-    assert not [held for held in run_folder._held if str(run) in held.lock_file], "a refusal keeps nobody out"
+    assert not [held for held in run_folder._locks if str(run) in held.lock_file], "a refusal keeps nobody out"
     brushexp.paint(picture, **SMALL, output=run, overwrite=True)
     lock(run)  # nobody keeps it
 

@@ -60,7 +60,7 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
-from brushexp.tasks.view import finished_in
+from brushexp.tasks.view import read_painting
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
@@ -161,7 +161,7 @@ def part(name: str) -> Callable[[Path], Path]:
 
 def read_run(path: Path) -> None:
     folder = next(folder for folder in path.parents if folder.name == "0")
-    page_in(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
+    page_in(folder, read_painting(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def read_sweep(path: Path) -> None:

@@ -36,7 +36,7 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
 from brushexp.tasks.paint import try_to_write_page
-from brushexp.tasks.view import finished_in
+from brushexp.tasks.view import read_painting
 
 SIZE = (120, 160)
 COUNT = 300
@@ -68,7 +68,7 @@ def page_of(saved: Saved, metrics: dict | None = None, command: str | None = Non
 
 def page_from(folder: Path) -> Path:
     """Write the page of a run from its folder."""
-    return write_run_page(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
+    return write_run_page(folder, read_painting(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...] = ("steps=30",)) -> Path:

@@ -47,6 +47,17 @@ class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
     A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go.
+
+    >>> import torch
+    >>> level = Strokes(
+    ...     position=torch.tensor([[20.0, 10.0]]), scale=torch.tensor([16.0]), start=torch.tensor([[-0.5, 0.0]]),
+    ...     control=torch.zeros(1, 2), end=torch.tensor([[0.5, 0.0]]), width=torch.tensor([0.25]),
+    ...     color=torch.tensor([[1.0, 0.0, 0.0]]), opacity=torch.ones(1),
+    ... )
+    >>> check_strokes(level)
+    >>> both = Strokes.join(level, level.moved(zoom=2.0))
+    >>> len(both), (both.width * both.scale).tolist()  # thickness in pixels
+    (2, [4.0, 8.0])
     """
 
     position: Tensor  # (N, 2)

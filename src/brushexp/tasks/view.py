@@ -46,7 +46,7 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
         name = path.parent.name if path.stem == "catalogue" else path.stem
         write_text(page, run_page(_draw(_reopen(cfg, source)), name=name or path.stem))
     elif (source / "catalogue.h5").is_file():
-        painting = _read_painting(source, _reopen(cfg, source / "catalogue.h5"))
+        painting = read_painting(source, _reopen(cfg, source / "catalogue.h5"))
         write_text(page, page_in(source, painting))  # the folder of the run stays as it is
     elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
@@ -75,7 +75,7 @@ def _draw(job: ExportJob) -> Finished:
     return Finished(job, pictures, dict)
 
 
-def _read_painting(folder: Path, job: ExportJob) -> Finished:
+def read_painting(folder: Path, job: ExportJob) -> Finished:
     """Read the pictures and figures of a run; a damaged picture is omitted, with a warning."""
     pictures = dict[str, np.ndarray]()
     for name in PICTURES:
