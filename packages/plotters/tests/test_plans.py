@@ -205,7 +205,9 @@ def test_layers_of_the_picture_begin_with_a_number_of_their_own_as_axidraw_wants
     names = re.findall('inkscape:label="([^"]*)"', plan.svg())
     numbers = [int(re.match("([0-9]+) - ", name)[1]) for name in names]
     assert numbers == sorted(set(numbers))
-    assert [re.search("#[0-9a-f]{6}", name)[0] for name in names] == [plan.tools[tool - 1] for _, tool, _ in plan.runs()]
+    assert [re.search("#[0-9a-f]{6}", name)[0] for name in names] == [
+        plan.tools[tool - 1] for _, tool, _ in plan.runs()
+    ]
 
 
 def test_what_is_hidden_is_left_out():

@@ -6,9 +6,10 @@ import html
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from torch import Tensor
@@ -32,17 +33,24 @@ if TYPE_CHECKING:
     import lightning as L
     from PIL import Image
 
-    Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor
+    Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor | bytes | IO[bytes]
 
 FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Painting:
-    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved."""
+    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved.
+
+    It can be pickled, and so come from another process.
+    """
 
     finished: Finished
     settings: Settings
+
+    def __getstate__(self) -> dict[str, Any]:
+        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # figures, not what has them
+        return {"finished": finished, "settings": self.settings}
 
     @property
     def strokes(self) -> Strokes:
@@ -153,8 +161,9 @@ def paint(
     """Paint a picture out of brush strokes by gradient descent, as ``task=paint`` does.
 
     Args:
-        image: a path, the name of a sample of scikit-image, a PIL image, an array (H, W, 3) or (H, W), or a tensor
-            (3, H, W); uint8, or floats in [0, 1].
+        image: a path, the name of a sample of scikit-image, a PIL image, the bytes of a file, an open file, an array
+            (H, W, 3), (H, W, 4) with alpha, which lies over white, or (H, W), or a tensor (3, H, W); uint8, bool, or
+            floats in [0, 1].
         look: how it is painted: oil (the default), watercolour, ...
         strokes: how many; None for as many as the look has for a picture of this size.
         seconds: of optimisation; None for the steps of the look.
