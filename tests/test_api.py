@@ -17,14 +17,17 @@ from films import pixels_of
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
+from scenes import random_strokes
 from torch.testing import assert_close
 
 import brushexp
 from brushexp.pictures.held import hold
 from brushexp.pictures.load import load_picture, samples
+from brushexp.plugins.blend.tiled import tell_slow
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
 from brushexp.runs.run_folder import lock
+from brushexp.system.files import to_bytes
 from brushexp.tasks import paint as task
 
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
@@ -193,11 +196,15 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert [path.name for path in painting.export("svg", tmp_path / "new", digits=1)] == ["strokes.svg"]
     with pytest.raises(brushexp.UserError, match="to=sgv is not among the plugins here"):
         painting.export("sgv", tmp_path)
-    for size in (0, float("nan"), 10**9):
+    for size in (0, float("nan"), 10**9, (64, 32), "64"):
         with pytest.raises(brushexp.UserError, match=r"size=.* is not 1 to 65536; try size=32"):
             painting.render(size)
-    for wrong in ({"size": (0, 9)}, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
-        with pytest.raises(brushexp.UserError, match=r"no pixels|has shape"):
+    drawn = brushexp.render(painting.strokes, (21, 32), depth=painting.depth, background=painting.background)
+    assert np.abs(to_bytes(drawn).astype(int) - painting.render(light=False)).max() <= 1
+    assert brushexp.render(painting.strokes, 9).shape == brushexp.render(painting.strokes, np.array([9, 9])).shape
+    wrong_sizes = ({"size": size} for size in ((0, 9), (9,), (9.5, 9), "9", 0, 9.0))
+    for wrong in (*wrong_sizes, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
+        with pytest.raises(brushexp.UserError, match=r"is no canvas; give height and width|has shape"):
             brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
     with pytest.raises(brushexp.UserError, match="soft would be options of a renderer that is made already"):
         brushexp.render(painting.strokes, (9, 9), renderer=brushexp.create("renderer", "analytic"), soft=2.0)
@@ -207,6 +214,28 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert "timelapse.mp4" not in files
     assert painting._repr_html_().startswith("<iframe")
     assert "20 strokes on 32 x 21 pixels" in repr(painting)
+
+
+def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(caplog):
+    strokes = random_strokes(5, (20, 30))
+    tell_slow.cache_clear()
+    frozen = brushexp.create("renderer", "textured")
+    assert not any(value.requires_grad for value in frozen.parameters())
+    assert_close(
+        brushexp.render(strokes, (20, 30), renderer="textured"), brushexp.render(strokes, (20, 30), renderer=frozen)
+    )
+    assert not caplog.messages
+    picture = brushexp.render(strokes, (20, 30), renderer=frozen.requires_grad_())
+    picture.mean().backward()
+    assert frozen.textures.grad.abs().sum() > 0
+    brushexp.render(strokes, (20, 30), renderer=frozen)
+    brushexp.render(strokes.map(torch.Tensor.double), (20, 30))
+    slow = "strokes are drawn by PyTorch, many times slower than by compiled kernels: "
+    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, and kernels take float32"]
+    assert len(caplog.messages) == 2
+    for message, reason in zip(caplog.messages, reasons, strict=True):
+        assert message.startswith(slow)
+        assert reason in message
 
 
 def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tmp_path):

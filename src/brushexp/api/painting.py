@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -61,6 +62,11 @@ class Painting:
     def depth(self) -> Tensor:
         """(N,) int32 ranks of the strokes; 0 is the bottom one."""
         return self.finished.job.saved.depth
+
+    @property
+    def background(self) -> Tensor:
+        """(3,) RGB in [0, 1] of the bare canvas."""
+        return self.finished.job.saved.background
 
     @property
     def image(self) -> np.ndarray:
@@ -144,7 +150,7 @@ def _sized(job: ExportJob, size: int | None) -> ExportJob:
     """Scale a painting to ``size`` pixels on the longer side; None leaves it as it is."""
     if size is None:
         return job
-    if not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
+    if not isinstance(size, Real) or not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
         raise UserError(f"size={size} is not 1 to {LARGEST_SIDE_PIXELS}; try size={max(job.size)}")
     return job.scaled(size / max(job.size))
 
