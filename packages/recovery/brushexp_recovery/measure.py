@@ -36,20 +36,30 @@ class Kind:
     name: str
     unit: str = ""
     power: int = 0  # of pixels in it
+    mm_unit: str = ""  # with a scale
+    times: tuple[float, float] = (1.0, 1.0)  # pixels^power, or mm^power, in those units
     axial: bool = False  # whether it is a direction
+
+    def factor(self, mm: float | None) -> float:
+        """Return what a number in pixels is multiplied by; ``mm`` are millimetres of a pixel."""
+        return self.times[0] if mm is None else self.times[1] * mm**self.power
+
+    def unit_in(self, mm: float | None) -> str:
+        """Return the unit that `factor` leads to."""
+        return self.unit if mm is None else self.mm_unit or self.unit
 
 
 KINDS = {
     "strokes": Kind("strokes"),
-    "density": Kind("strokes per area", "1/px^2", -2),
+    "density": Kind("strokes per area", "per 1000 px^2", -2, "per cm^2", (1000.0, 100.0)),
     "covered": Kind("share covered by strokes"),
-    "length": Kind("length, median", "px", 1),
-    "length_q25": Kind("length, 25 %", "px", 1),
-    "length_q75": Kind("length, 75 %", "px", 1),
-    "width": Kind("width, median", "px", 1),
-    "width_q25": Kind("width, 25 %", "px", 1),
-    "width_q75": Kind("width, 75 %", "px", 1),
-    "area": Kind("area, median", "px^2", 2),
+    "length": Kind("length, median", "px", 1, "mm"),
+    "length_q25": Kind("length, 25 %", "px", 1, "mm"),
+    "length_q75": Kind("length, 75 %", "px", 1, "mm"),
+    "width": Kind("width, median", "px", 1, "mm"),
+    "width_q25": Kind("width, 25 %", "px", 1, "mm"),
+    "width_q75": Kind("width, 75 %", "px", 1, "mm"),
+    "area": Kind("area, median", "px^2", 2, "mm^2"),
     "elongatedness": Kind("elongatedness, median"),
     "straightness": Kind("straightness, median"),
     "curvature": Kind("curvature, median", "°"),
@@ -160,8 +170,7 @@ def intervals_of(draws: Array, mm: float | None = None) -> dict[str, Interval]:
     """Sum up draws (views, draws, `KINDS`), in pixels, or in millimetres if ``mm`` are those of a pixel."""
     intervals = {}
     for number, (name, kind) in enumerate(KINDS.items()):
-        values = draws[..., number] * (1 if mm is None else mm**kind.power)
-        intervals[name] = _interval(values, kind.axial)
+        intervals[name] = _interval(draws[..., number] * kind.factor(mm), kind.axial)
     return intervals
 
 
@@ -186,7 +195,7 @@ def compare(one: Array, other: Array, mm: tuple[float | None, float | None], see
     known = None not in mm
     for number, (name, kind) in enumerate(KINDS.items()):
         a, b = (
-            draws[..., number].ravel() * (scale**kind.power if known and scale else 1)
+            draws[..., number].ravel() * kind.factor(scale if known else None)
             for draws, scale in zip((one, other), mm, strict=True)
         )
         gap = random.choice(a, PAIRS) - random.choice(b, PAIRS)
@@ -197,8 +206,3 @@ def compare(one: Array, other: Array, mm: tuple[float | None, float | None], see
 def is_apart(difference: Interval) -> bool:
     """Tell whether an interval of a difference leaves out 0."""
     return difference.low > 0 or difference.high < 0
-
-
-def unit_of(kind: Kind, mm: float | None) -> str:
-    """Return the unit of a figure, of millimetres if there is a scale."""
-    return kind.unit if mm is None else kind.unit.replace("px", "mm")
