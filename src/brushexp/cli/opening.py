@@ -18,7 +18,7 @@ PAINTED = ("", "paint", "film")  # tasks whose line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and end; else say on a terminal what begins, and return the words, ``help`` as ``--help``."""
+    """Answer ``--version`` and end; else say on a terminal what begins. Returns the words, ``help`` as ``--help``."""
     if "--version" in words:
         print(f"brushexp {version('brushexp')}")
         sys.exit()

@@ -38,14 +38,8 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
     """Translate a message of Hydra or OmegaConf for a task; None for an unknown message."""
-    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
-        return quoting(match[1]) if match[1] else several(match[2])
-    if match := re.search(r"Could not delete '([\w/@]+)'", text):
-        empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
-        return f"~{match[1]} deletes nothing; type {empty}"
-    if match := re.search(r"Interpolation key '(\w+)' not found", text):
-        cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
-        return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
+    if message := of_grammar(text):
+        return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
         names = choices(match[1], folders)
         more = LIGHTNINGS if match[1] == "callbacks" else ""
@@ -59,6 +53,19 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
         return unknown_key(match[1], task)
     return wrong_type(text, task)
+
+
+def of_grammar(text: str) -> str | None:
+    """Translate what Hydra and OmegaConf say of a word that they cannot read; None for another message."""
+    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        return quoting(match[1]) if match[1] else several(match[2])
+    if match := re.search(r"Could not delete '([\w/@]+)'", text):
+        empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
+        return f"~{match[1]} deletes nothing; type {empty}"
+    if match := re.search(r"Interpolation key '(\w+)' not found", text):
+        cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
+        return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
+    return None
 
 
 def quoting(word: str) -> str:

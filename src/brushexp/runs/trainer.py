@@ -46,7 +46,12 @@ def make_trainer(
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     path = None if folder is None or not checkpoints else folder / CHECKPOINT
-    own = [RunRecord(cfg, folder), ProgressBar(), ProfileFile(folder), TimedCheckpoint(path, cfg.get("checkpoint_every"))]
+    own = [
+        RunRecord(cfg, folder),
+        ProgressBar(),
+        ProfileFile(folder),
+        TimedCheckpoint(path, cfg.get("checkpoint_every")),
+    ]
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
