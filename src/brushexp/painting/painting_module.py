@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-import lightning as L
 import torch
 from torch import Tensor, nn
 from torch.utils._pytree import tree_map_only
 
-from brushexp.compat.lightning import publish_values
+from brushexp.compat.lightning import QuickModule, publish_values
 from brushexp.painting.components import Components
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Pair, Schedule, add_pair
@@ -59,7 +58,7 @@ class Epoch:
         pass
 
 
-class PaintingModule(L.LightningModule):
+class PaintingModule(QuickModule):
     """A picture that approaches its target step by step, as goals, bar, film, curves and page read it."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint

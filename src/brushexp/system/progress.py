@@ -7,9 +7,6 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
-
 LOG_LINES = 5  # for a whole piece of work, without a terminal
 
 log = logging.getLogger(__name__)
@@ -23,6 +20,15 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
     ``done`` is the share at first, and ``what`` the work, "simulating strokes". Figures behind a comma of the state are
     for the log: "step 6 of 30, 24.80 dB".
     """
+    from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     console = Console(stderr=True)
     columns = ("{task.description}", BarColumn(), TaskProgressColumn(), "{task.fields[state]}")
     times = (TimeElapsedColumn(), "left", TimeRemainingColumn())
