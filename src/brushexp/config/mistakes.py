@@ -75,13 +75,15 @@ def wrong_type(text: str, task: str) -> str | None:
         return None
     annotation, default, meaning = declared
     value = re.search(r"override [\w.@/]+=(.*?): (?=[A-Z])|Value '(.*?)' ", text)
+    example = "..." if default is MISSING else as_typed(default)
     if re.search(r"is not Optional|Incompatible value 'None'", text):
         wrong = f"{path}=null, but {path} must have a value"
     else:
-        wrong = f"{path}={(value[1] or value[2]) if value else '...'} is not {in_words(annotation)}"
-    return f"{wrong}; try {path}={'...' if default is MISSING else as_typed(default)}" + (
-        f" ({meaning})" * bool(meaning)
-    )
+        given = (value[1] or value[2]) if value else "..."
+        wrong = f"{path}={given} is not {in_words(annotation)}"
+        if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
+            wrong, example = f"{wrong}: several are not taken", first[1]
+    return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
@@ -72,6 +72,9 @@ class Textured(Renderer):
         self.textures = nn.Parameter(random_bristles(variants, rows, columns))
         self._ready: tuple[object, Sheets] | None = None
         self.restore(checkpoint, variants=variants, rows=rows, columns=columns)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_ready": None}  # ten times as large as the textures that it is made of
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
         curve, half = curve_of(strokes), half_width_of(strokes)
