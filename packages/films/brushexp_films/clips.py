@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.pictures.video import FAST_START
 from brushexp.system.files import replacing
 from brushexp.system.reading import check_file, in_short

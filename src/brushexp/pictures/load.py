@@ -19,7 +19,8 @@ from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, decode_image, picture_size, read_picture
+from brushexp.pictures.decode import decode_image, picture_size, read_picture
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.system.files import replacing, write_picture
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
@@ -34,7 +35,7 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     side in pixels, None that of the file; ``key`` is what the user types before the path, for messages. UserError if
     there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
-    return planes_of(_pixels_of(image, key), resolution)
+    return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
@@ -60,18 +61,18 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
         height, width = held.shape[:2]
     else:
         path = _path_of(image, key, also)
-        height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
+        height, width = _size_of_file(path, key, resolution, path.stat().st_mtime_ns)
     return size_at(resolution, height, width)
 
 
-def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
+def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
     held = pixels_of(image)
-    return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop) if held is None else held
+    return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop, side=side) if held is None else held
 
 
 @cache
-def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
-    return picture_size(path, key=key)  # of a PNG it may take as long as decoding
+def _size_of_file(path: Path, key: str, side: int | None, changed: int) -> tuple[int, int]:
+    return picture_size(path, key=key, side=side)  # of a PNG it may take as long as decoding
 
 
 PICTURE = Rule(size_of_picture)
@@ -83,7 +84,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
     ``also`` is what else the key takes, for messages: "auto, " for instance. UserError if its sides have another ratio.
     """
-    picture = _pixels_of(image, key, also, backdrop=0.0)
+    picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
     scale = 255 if picture.dtype == np.uint8 else 1
     grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
