@@ -18,7 +18,7 @@ from brushexp.errors import UserError
 from brushexp.pictures import kinds
 from brushexp.pictures.decode import decode_image, picture_size, read_picture
 from brushexp.pictures.folders import left_out, pictures_in
-from brushexp.pictures.limits import check_size, halvings, size_of_jxl
+from brushexp.pictures.limits import check_pixels, halvings, size_of_jxl
 from brushexp.pictures.load import load_picture, size_of_picture
 
 HEIGHT, WIDTH = 6, 8
@@ -300,8 +300,8 @@ def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
     assert halvings(9000, 9000, 16, 3) == 0, "no picture of up to 100 megapixels changes"
     for kind in ("PNG", "WEBP"):
         with pytest.raises(UserError, match="at most 100 megapixels"):
-            check_size(10_001, 10_000, kind, 64)
-    check_size(31_000, 31_000, "JPEG", 64)
+            check_pixels(10_001, 10_000, kind, 64)
+    check_pixels(31_000, 31_000, "JPEG", 64)
 
 
 @pytest.mark.parametrize("progressive", [True, False])

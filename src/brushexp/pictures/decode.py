@@ -31,7 +31,7 @@ from brushexp.pictures.kinds import (
     is_raw,
     what_it_is,
 )
-from brushexp.pictures.limits import check_size, check_whole, halvings, size_of_jxl
+from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, read_tiff
 from brushexp.system.reading import check_file, explaining
@@ -111,7 +111,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     """Open a picture of a run, not decoded yet; whatever is wrong with it is a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), Image.open(path, formats=WRITTEN) as picture:
-        check_size(*picture.size, "", None)
+        check_pixels(*picture.size, "", None)
         yield picture
 
 
@@ -119,7 +119,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 def _silence() -> Iterator[None]:
     """Keep the remarks of decoders from the terminal: what matters of them ends as an error.
 
-    Pillow's own limit of pixels makes way for that of `check_size`.
+    Pillow's own limit of pixels makes way for that of `check_pixels`.
     """
     with _alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
         stderr, level, most = os.dup(2), logging.root.manager.disable, Image.MAX_IMAGE_PIXELS
@@ -156,7 +156,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
         check_not_raw(picture, head)
         page = main_page(path, picture)
         with nullcontext(picture) if page is None else Image.open(page) as main:
-            check_size(*main.size, main.format or "", side)
+            check_pixels(*main.size, main.format or "", side)
             yield page or path, main
 
 
@@ -167,7 +167,7 @@ def _load_codec(head: bytes) -> None:
         name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]
         raise UserError(f"is a picture of the format {name}, which needs a decoder; pip install 'brushexp[{extra}]'")
     if extra == "jxl":  # it decodes as it opens
-        check_size(*size_of_jxl(head), "JXL", None)
+        check_pixels(*size_of_jxl(head), "JXL", None)
 
 
 def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
@@ -185,7 +185,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
                 raise
     with again, lenient():
         colors = colors_of(again)
-        shrink(again, side)
+        draft(again, side)
         again.load()
         remark = check_missing(again)
         return _to_srgb(again, colors, backdrop), remark
@@ -199,11 +199,11 @@ def _decoded(file: Path | IO[bytes], picture: ImageFile, backdrop: float, side: 
     if isinstance(file, Path) and (bits := bits_of(picture)):
         deep = floats_to_srgb(*read_jp2(file, picture, bits, side), colors, backdrop)
         return upright(deep, orientation_of(picture))
-    shrink(picture, side)
+    draft(picture, side)
     return _to_srgb(picture, colors, backdrop)
 
 
-def shrink(picture: ImageFile, side: int | None) -> None:
+def draft(picture: ImageFile, side: int | None) -> None:
     """Let a picture of more than 100 megapixels be decoded with fewer, at least ``side`` on its longer side."""
     width, height = picture.size
     if isinstance(picture, JpegImageFile):

@@ -11,7 +11,7 @@ IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that decode a part of 
 EXAMPLE = 4096  # pixels of a side that is proposed
 
 
-def check_size(width: int, height: int, kind: str, side: int | None) -> None:
+def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
     """Refuse (UserError) a picture of a format that is larger than can be read with ``side`` pixels, None: with all."""
     pixels, size = width * height, f"has {width} x {height} pixels; at most {MAX_PIXELS // 10**6} megapixels are read"
     if pixels <= MAX_PIXELS:

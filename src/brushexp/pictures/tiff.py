@@ -13,7 +13,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from brushexp.errors import UserError
 from brushexp.pictures.carriers import Colors
 from brushexp.pictures.kinds import CURE, PHOTOMETRIC, RAW, REDUCED, SENSOR, SUB_IFDS, SUBFILE
-from brushexp.pictures.limits import MAX_PIXELS, check_size
+from brushexp.pictures.limits import MAX_PIXELS, check_pixels
 from brushexp.pictures.srgb import ORIENTATION, floats_to_srgb, unit_range, upright
 
 WIDTH, LENGTH, BITS, COMPRESSION, PLANES, PROFILE = 256, 257, 258, 259, 284, 34675  # TIFF tags
@@ -72,7 +72,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
     with TiffFile(file) as tiff:
         page = tiff.pages[0]
         assert isinstance(page, TiffPage)
-        check_size(page.imagewidth, page.imagelength, "TIFF", side)
+        check_pixels(page.imagewidth, page.imagelength, "TIFF", side)
         n_colors = _colors_in(page)
         if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
             raise UserError(f"is damaged or cannot be decoded (rows are missing); {CURE}")
