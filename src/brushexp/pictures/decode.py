@@ -22,9 +22,11 @@ from brushexp.pictures.cut_short import check_missing, lenient, looks_whole, res
 from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
 from brushexp.pictures.kinds import (
     CURE,
+    FORMATS,
     HEAD,
     RAW,
     TIFF_MAGIC,
+    WITH_CODECS,
     check_not_raw,
     codec_for,
     has_codec,
@@ -37,9 +39,6 @@ from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffil
 from brushexp.system.reading import check_file, explaining
 
 log = logging.getLogger(__name__)
-# Raster formats only: for EPS, Pillow would start another program.
-FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
-WITH_CODECS = {"HEIF": "heic", "JXL": "jxl"}  # formats that need an extra
 WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
 MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one another in time
 MOVES = "moves, and its first picture is taken; to paint all of it as a film, type: brushexp {}"

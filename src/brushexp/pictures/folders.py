@@ -6,11 +6,8 @@ from collections import Counter
 from functools import cache
 from pathlib import Path
 
-from PIL import Image
-
 from brushexp.errors import UserError
-from brushexp.pictures.decode import FORMATS, WITH_CODECS
-from brushexp.pictures.kinds import FILM_SUFFIXES, RAW_SUFFIXES, has_codec
+from brushexp.pictures.kinds import FILM_SUFFIXES, FORMATS, RAW_SUFFIXES, WITH_CODECS, has_codec
 
 CODEC_SUFFIXES = {".heic": "heic", ".heics": "heic", ".heif": "heic", ".heifs": "heic", ".hif": "heic", ".jxl": "jxl"}
 VECTORS = (".svg", ".svgz", ".pdf", ".eps", ".ps", ".ai")
@@ -21,6 +18,8 @@ NAMED = 3  # files of a kind that a line names
 @cache
 def picture_suffixes() -> frozenset[str]:
     """List the endings, in small letters, of the files that are read."""
+    from PIL import Image  # noqa: PLC0415  (the first words of the program do not need it)
+
     Image.init()
     codecs = {kind for kind, extra in WITH_CODECS.items() if has_codec(extra)}
     return frozenset(suffix for suffix, kind in Image.registered_extensions().items() if kind in {*FORMATS, *codecs})

@@ -4,12 +4,13 @@ import importlib
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-
-from PIL import Image
-from PIL.TiffImagePlugin import TiffImageFile
+from typing import Any
 
 from brushexp.errors import UserError
 
+# Raster formats only: for EPS, Pillow would start another program.
+FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
+WITH_CODECS = {"HEIF": "heic", "JXL": "jxl"}  # formats that need an extra
 CURE = "convert it to a PNG or a JPEG"
 HEAD = 4096  # bytes that tell a kind
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -105,9 +106,9 @@ def has_codec(extra: str) -> bool:
     return False
 
 
-def check_not_raw(picture: Image.Image, head: bytes = b"") -> None:
-    """Refuse (UserError) a raw photograph, of which Pillow sees a thumbnail."""
-    if not isinstance(picture, TiffImageFile):
+def check_not_raw(picture: Any, head: bytes = b"") -> None:
+    """Refuse (UserError) an image of Pillow that is a thumbnail of a raw photograph."""
+    if picture.format != "TIFF":
         return
     tags = picture.tag_v2
     named = is_raw(str(picture.filename)) or head[8:10] == CANON
