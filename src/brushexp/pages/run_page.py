@@ -14,15 +14,15 @@ from PIL import Image
 
 from brushexp.pages import drawings
 from brushexp.pages.html import embed, page, readable_number
-from brushexp.pages.replay import config_of, replay_of
+from brushexp.pages.replay import replay_of
 from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import command_of, read_curves
-from brushexp.results.stroke_table import StrokeTable, measure_strokes
+from brushexp.results.stroke_table import SIZES, StrokeTable, measure_strokes, sizes_set_by
 from brushexp.shading.light import overlay
-from brushexp.strokes.storage import Saved
+from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
 
 PAGE_NAME = "report.html"
@@ -116,6 +116,7 @@ def run_page(
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
+        sizes_by=sizes_set_by(saved),
         light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
         settings=list_settings(config, shlex.split(command or "")[1:]),
         line=line_of(config),
@@ -179,6 +180,10 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
         ("Visible share", 100 * measures.visible, "% of a stroke's paint"),
     ]
     charts = [drawings.histogram_chart(*histogram) for histogram in histograms]
+    if setter := sizes_set_by(saved):
+        for chart in charts:
+            if chart and chart["title"].lower() in SIZES:
+                chart["note"] = f"Set by {setter}: no measure of the picture's own brushwork."
     charts.append(drawings.rose_chart("Direction", measures.orientation, measures.length))
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())
