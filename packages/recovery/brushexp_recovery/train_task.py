@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import torch
+from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
 from brushexp.pictures.folders import pictures_in
-from brushexp.runs.network_fitting import NetworkJob, train_network, training_recipe
 from brushexp.system.progress import showing
 from brushexp_recovery.judging import fit_confidence, fit_judges
 from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel
