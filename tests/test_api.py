@@ -4,6 +4,7 @@ import gc
 import io
 import json
 import math
+import pickle
 import subprocess
 import sys
 import threading
@@ -16,13 +17,17 @@ from films import pixels_of
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
+from scenes import random_strokes
 from torch.testing import assert_close
 
 import brushexp
+from brushexp.pictures.held import hold
 from brushexp.pictures.load import load_picture, samples
+from brushexp.plugins.blend.tiled import tell_slow
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
 from brushexp.runs.run_folder import lock
+from brushexp.system.files import to_bytes
 from brushexp.tasks import paint as task
 
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
@@ -36,7 +41,12 @@ def painters() -> list[threading.Thread]:
 def test_importing_the_package_loads_nothing_slow():
     code = "import sys, brushexp; dir(brushexp); assert not {'torch', 'hydra', 'numpy'} & {*sys.modules}"
     subprocess.run([sys.executable, "-c", code], check=True)
-    assert {name for name in dir(brushexp) if getattr(brushexp, name)} == {*brushexp.__all__, "analyse"}
+    assert {name for name in dir(brushexp) if getattr(brushexp, name)} == {
+        *brushexp.__all__,
+        "analyse",
+        "simulate",
+        "train_renderer",
+    }
     with pytest.raises(AttributeError, match="no attribute 'pain'"):
         brushexp.pain  # noqa: B018
 
@@ -56,10 +66,17 @@ def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task,
 def kinds_of_picture() -> dict[str, object]:
     pixels = load_picture("chelsea", 32)
     eight_bit = (pixels * 255).round().byte()
+    array = eight_bit.permute(1, 2, 0).numpy()
+    Image.fromarray(array).save(file := io.BytesIO(), "PNG")
     return {
         "tensor": eight_bit,
-        "array": eight_bit.permute(1, 2, 0).numpy(),
-        "pillow": Image.fromarray(eight_bit.permute(1, 2, 0).numpy()),
+        "array": array,
+        "with alpha": np.dstack([array, np.full_like(array[..., 0], 255)]),
+        "blue first": array[..., ::-1].copy()[..., ::-1],
+        "batch": eight_bit[None],
+        "pillow": Image.fromarray(array),
+        "bytes": file.getvalue(),
+        "file": file,
         "floats": eight_bit.permute(1, 2, 0).numpy() / 255,
         "float tensor": (eight_bit / 255).requires_grad_(),
     }
@@ -75,6 +92,33 @@ def test_a_picture_may_be_of_any_kind():
     grey = brushexp.paint(ramp, **small, style=Image.fromarray(np.uint8(255 * ramp.T)))
     assert grey.image.shape == (70, 64, 3)
     assert "style_poly" in grey.metrics
+
+
+def test_transparent_pixels_lie_over_white_and_count_nothing_in_a_mask_and_true_is_bright():
+    color, alpha = np.full((4, 5, 3), 51, np.uint8), np.array([[0, 255, 255, 255, 102]] * 4, np.uint8)
+    rgba = np.dstack([color, alpha])
+    expected = {1.0: [255, 51, 51, 51, 173], 0.0: [0, 51, 51, 51, 20]}  # 51 * 0.4 and 0.6 of the backdrop
+    for backdrop, row in expected.items():
+        for picture in (rgba, rgba / 255, torch.from_numpy(rgba).permute(2, 0, 1), Image.fromarray(rgba)):
+            pixels = hold(picture, "focus", backdrop).pixels
+            assert_close(pixels[0, :, 0] * (1 if pixels.dtype == np.uint8 else 255), np.array(row), atol=1, rtol=0,
+                         check_dtype=False)  # fmt: skip
+    assert np.array_equal(hold(alpha > 102).pixels[0, :, 2], [0, 255, 255, 255, 0])
+
+
+def test_a_painting_and_a_state_come_back_from_another_process(tmp_path):
+    picture = np.random.default_rng(0).random((20, 32, 3))
+    *_, state = brushexp.iterate(picture, **SMALL | {"look": "oil"}, frames=2)
+    again = pickle.loads(pickle.dumps(state)).painting
+    assert np.array_equal(again.image, state.image)
+    assert np.array_equal(again.render(64), state.painting.render(64))
+    assert again.metrics == state.painting.metrics
+    assert again.save(tmp_path).is_file()
+    code = "import pickle, sys; painting = pickle.load(sys.stdin.buffer); print(painting.metrics['psnr'])"
+    there = subprocess.run(
+        [sys.executable, "-c", code], input=pickle.dumps(again), capture_output=True, check=True, cwd=tmp_path
+    )
+    assert float(there.stdout) == again.metrics["psnr"]
 
 
 def closed_picture() -> Image.Image:
@@ -96,11 +140,18 @@ def closed_picture() -> Image.Image:
         (np.full((4, 4), np.nan), {}, "image is an array of float64 from nan to nan; give"),
         (np.array([["a"]]), {}, "image is an array of <U1; give"),
         (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
-        (torch.rand(4, 5, 3), {}, "image is a tensor of shape"),
+        (torch.rand(2, 5, 6), {}, "image is a tensor of shape"),
         (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
         (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse or without numbers"),
         (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
         (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
+        (torch.rand(5, 6, 3), {}, r"permute\(2, 0, 1\) puts the channels first"),
+        (np.zeros((3, 4, 6)), {}, r"transpose\(1, 2, 0\) puts the channels last"),
+        (b"no picture" * 1000, {}, "^image, 10000 bytes, is not a picture of a known format; .{1,60}$"),
+        (io.StringIO("x"), {}, 'image is a file that was opened as text; open it with "rb"'),
+        (["a.jpg", "b.jpg"], {}, "image takes one picture, and this is a list of 2; paint each"),
+        ("astronaut", {"style": [np.zeros((4, 4))] * 2}, "style takes one picture, .* list of 2; give one of them"),
+        ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
         (closed_picture(), {}, "image is closed or damaged .*; give"),
         ({}, {}, "image={} says nothing; leave it out"),
         ("astronaut", {"focus": np.ones((3, 9))}, "focus=.* has 9 x 3 pixels"),
@@ -150,11 +201,15 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert [path.name for path in painting.export("svg", tmp_path / "new", digits=1)] == ["strokes.svg"]
     with pytest.raises(brushexp.UserError, match="to=sgv is not among the plugins here"):
         painting.export("sgv", tmp_path)
-    for size in (0, float("nan"), 10**9):
+    for size in (0, float("nan"), 10**9, (64, 32), "64"):
         with pytest.raises(brushexp.UserError, match=r"size=.* is not 1 to 65536; try size=32"):
             painting.render(size)
-    for wrong in ({"size": (0, 9)}, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
-        with pytest.raises(brushexp.UserError, match=r"no pixels|has shape"):
+    drawn = brushexp.render(painting.strokes, (21, 32), depth=painting.depth, background=painting.background)
+    assert np.abs(to_bytes(drawn).astype(int) - painting.render(light=False)).max() <= 1
+    assert brushexp.render(painting.strokes, 9).shape == brushexp.render(painting.strokes, np.array([9, 9])).shape
+    wrong_sizes = ({"size": size} for size in ((0, 9), (9,), (9.5, 9), "9", 0, 9.0))
+    for wrong in (*wrong_sizes, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
+        with pytest.raises(brushexp.UserError, match=r"is no canvas; give height and width|has shape"):
             brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
     with pytest.raises(brushexp.UserError, match="soft would be options of a renderer that is made already"):
         brushexp.render(painting.strokes, (9, 9), renderer=brushexp.create("renderer", "analytic"), soft=2.0)
@@ -164,6 +219,28 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert "timelapse.mp4" not in files
     assert painting._repr_html_().startswith("<iframe")
     assert "20 strokes on 32 x 21 pixels" in repr(painting)
+
+
+def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(caplog):
+    strokes = random_strokes(5, (20, 30))
+    tell_slow.cache_clear()
+    frozen = brushexp.create("renderer", "textured")
+    assert not any(value.requires_grad for value in frozen.parameters())
+    assert_close(
+        brushexp.render(strokes, (20, 30), renderer="textured"), brushexp.render(strokes, (20, 30), renderer=frozen)
+    )
+    assert not caplog.messages
+    picture = brushexp.render(strokes, (20, 30), renderer=frozen.requires_grad_())
+    picture.mean().backward()
+    assert frozen.textures.grad.abs().sum() > 0
+    brushexp.render(strokes, (20, 30), renderer=frozen)
+    brushexp.render(strokes.map(torch.Tensor.double), (20, 30))
+    slow = "strokes are drawn by PyTorch, many times slower than by compiled kernels: "
+    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, and kernels take float32"]
+    assert len(caplog.messages) == 2
+    for message, reason in zip(caplog.messages, reasons, strict=True):
+        assert message.startswith(slow)
+        assert reason in message
 
 
 def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tmp_path):

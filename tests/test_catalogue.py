@@ -1,5 +1,7 @@
 """The catalogue owns the strokes, keeps them in range, adds and removes them."""
 
+import math
+
 import pytest
 import torch
 from scenes import random_strokes
@@ -58,6 +60,20 @@ def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
     strokes.control[2, 1] = torch.nan
     with pytest.raises(UserError, match=r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]"):
         Catalogue(strokes, UNITS)
+
+
+def test_strokes_of_a_loop_of_ones_own_are_brought_back_where_they_are():
+    strokes = random_strokes(3, (20, 30)).map(lambda value: value.requires_grad_())
+    with torch.no_grad():
+        strokes.color[0] = torch.tensor([-0.5, 0.25, 1.5])
+        strokes.opacity[1], strokes.width[2], strokes.scale[0] = math.nan, -1.0, -math.inf
+    leaf = strokes.color
+    assert strokes.clamp() is strokes
+    check_strokes(strokes)
+    assert strokes.color is leaf
+    assert leaf.is_leaf
+    assert leaf[0].tolist() == [0.0, 0.25, 1.0]
+    assert (strokes.opacity[1].item(), strokes.width[2].item()) == (0.0, 0.0)
 
 
 def test_strokes_that_stay_keep_their_optimiser_state():

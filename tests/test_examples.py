@@ -24,3 +24,7 @@ def test_examples_in_docstrings_run(path):
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_the_loop_on_the_page_about_python_runs():
+    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0

@@ -23,7 +23,7 @@ from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.structure import worst_of_cells
 from brushexp.plugins.painter.base import Painter, PaintState
-from brushexp.registry import build_named, plugins
+from brushexp.registry import build, build_named, plugins
 from brushexp.strokes.bezier import point_at
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.prior import sample_prior
@@ -61,7 +61,7 @@ def test_all_states_are_shown_filmed_and_counted():
     assert painter.schedule.step == painter.schedule.steps == 30
     assert painter.trainer.global_step == 10
     assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
-    assert_close(painter.latest(), painter.drawn())
+    assert_close(painter.latest(), painter.draw())
     assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
 
@@ -129,7 +129,7 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
     assert len(drawn) > 3
     check_strokes(painters[0].strokes())
     monkeypatch.undo()
-    assert painters[0].drawn().isfinite().all()
+    assert painters[0].draw().isfinite().all()
 
 
 @pytest.mark.parametrize(("broken", "message"), [
@@ -166,6 +166,22 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
     assert metrics["psnr"] > 8
     for file in ("painting.png", "catalogue.h5", "strokes.svg", "report.html", "timelapse.mp4"):
         assert (tmp_path / file).is_file(), file
+
+
+@pytest.mark.parametrize(
+    ("style", "radii", "f_c", "opacity", "f_g", "lengths", "rgb", "hsv"),
+    [  # Hertzmann (1998), section 3
+        ("impressionist", (8, 4, 2), 1, 1, 1, (4, 16), 0, (0, 0, 0)),
+        ("expressionist", (8, 4, 2), 0.25, 0.7, 1, (10, 16), 0, (0, 0, 0.5)),
+        ("wash", (8, 4, 2), 1, 0.5, 1, (4, 16), 0.3, (0, 0, 0)),
+        ("pointillist", (4, 2), 1, 1, 0.5, (0, 0), 0, (0.3, 0, 1)),
+    ],
+)
+def test_presets_of_hertzmann_have_the_styles_of_the_paper(config, style, radii, f_c, opacity, f_g, lengths, rgb, hsv):
+    painter = build(config(f"painter=hertzmann_{style}", "image=astronaut").painter)
+    assert (tuple(painter.radii), painter.curvature, painter.opacity, painter.grid) == (radii, f_c, opacity, f_g)
+    assert ((painter.min_length, painter.max_length), painter.blur) == (lengths, 0.5)
+    assert (painter.jitter_rgb, tuple(painter.jitter_hsv)) == (rgb, hsv)
 
 
 def test_curves_follow_their_lines_within_the_tolerance():

@@ -87,7 +87,8 @@ def _document(
     for (layer, tool), lines in sorted(runs.items()):
         number, color = layer * len(tools) + tool + 1, tools[tool]
         document.add(vpype.LineCollection([MM * line for line in lines]), number)
-        name, properties = f"layer {layer + 1}, tool {tool + 1}, {color}", {"tool": tool + 1, "color": color}
+        name = f"{number} - {color}" + f", layer {layer + 1}" * (machine.layers > 1)  # AxiDraw takes layers by number
+        properties = {"tool": tool + 1, "color": color}
         properties |= {"vp_color": color, "vp_name": name, "vp_pen_width": MM * machine.pen_mm}
         for key, value in properties.items():
             document.layers[number].set_property(key, value)

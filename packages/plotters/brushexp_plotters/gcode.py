@@ -1,9 +1,10 @@
 """Write stroke plans as G-code, the language of most homemade machines."""
 
 import io
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
@@ -27,8 +28,8 @@ class Gcode(PenExporter):
         travel: mm per minute between strokes, for the estimate: how fast G0 is, is the machine's own business.
         up: lifts the pen.
         down: sets it down.
-        change: takes another tool; {tool} stands for its number and {color} for its colour. Machines without M6 may
-            want 'M0'.
+        change: takes another tool; {tool} stands for its number and {color} for its colour. A plan of one pen has no
+            change: it begins in its holder. GRBL, which has no M6, wants 'M0'.
     """
 
     feed: Speed = 1500.0
@@ -63,12 +64,13 @@ class Gcode(PenExporter):
         from vpype_gcode.gwrite import gwrite  # noqa: PLC0415
 
         head = [*plan.report(*self.speeds), "millimetres from the lower left corner of the paper, y up"]
+        document = self._with_changes(plan)
         up, down = (text.replace("{", "{{").replace("}", "}}") for text in (self.up, self.down))
         vpype.config_manager.config.setdefault("gwrite", {})["brushexp"] = {
             "unit": "mm",
             "vertical_flip": True,
             "document_start": "".join(f"; {row}\n" for row in head) + f"G21\nG90\n{up}\n",
-            "layer_start": f"; {{vp_name}}\n{self.change}\n{up}\n",
+            "layer_start": f"; {{vp_name}}\n{{change}}{up}\n",
             "segment_first": f"G0 X{{x:.3f}} Y{{y:.3f}}\n{down}\nG1 F{self.feed:.10g}\n",
             "segment": "G1 X{x:.3f} Y{y:.3f}\n",
             "line_end": f"{up}\n",
@@ -76,5 +78,15 @@ class Gcode(PenExporter):
         }
         text = io.StringIO()
         text.name = "painting.gcode"
-        gwrite.callback(output=text, profile="brushexp", default=())(State(plan.document))
+        gwrite.callback(output=text, profile="brushexp", default=())(State(document))
         return {"painting.gcode": text.getvalue()}
+
+    def _with_changes(self, plan: PenPlan) -> Any:
+        """Copy the document of a plan, whose layers tell how their tool is taken where it is not held already."""
+        document = deepcopy(plan.document)
+        held = 1 if len(plan.tools) == 1 else None
+        for (_, tool, _), number in zip(plan.runs(), sorted(document.ids()), strict=True):
+            change = self.change.format(tool=tool, color=plan.tools[tool - 1]) + "\n"
+            document.layers[number].set_property("change", "" if tool == held else change)
+            held = tool
+        return document

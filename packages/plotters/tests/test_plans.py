@@ -20,7 +20,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, half_width_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-vpype = pytest.importorskip("vpype", reason="needs pip install -e '.[plot]'")
+vpype = pytest.importorskip("vpype", reason="needs pip install 'brushexp[plot]'")
 
 SIZE = (60, 90)  # not square: on A4 across with margins of 10 mm, 277 / 90 mm per pixel
 GRID = 0.025 / 2 * 2**0.5  # mm by which HPGL rounds at most
@@ -50,7 +50,8 @@ def curves_on_paper(strokes: Strokes, exporter: Gcode | Hpgl, size=SIZE) -> tupl
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
     """Tool and points of every line that is drawn; refuses what no machine should be told."""
-    lines, tool, down, place = [], 0, False, 0j
+    lines, down, place = [], False, 0j
+    tool = 0 if "M6" in text else 1  # which a plan of one pen begins with
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
     assert blocks[:2] == ["G21", "G90"]
     assert blocks[-1] == "M2"
@@ -186,6 +187,27 @@ def test_tools_are_taken_once_in_each_layer_from_light_to_dark(tmp_path, kind):
     assert 2 <= len(light) <= 5
     assert light[0] > light[-1]
     assert sum(plan.strokes) + plan.left_out == 80
+
+
+@pytest.mark.parametrize("layers", [1, 3])
+def test_a_pen_that_is_held_is_not_taken_again(tmp_path, layers):
+    job = job_of(random_strokes(80, SIZE, seed=4))
+    for options in ({"pens": ["black"]}, {"pens": ["#101010", "white"]}, {"colors": 3}):
+        machine = Gcode(layers=layers, hidden="skip", **options)
+        plan, text = pen_plan(job, machine), machine.write(job, tmp_path)[0].read_text()
+        tools = [tool for tool, _ in groupby(tool for _, tool, _ in plan.runs())]
+        assert re.findall("^M6 T(.*)$", text, re.M) == [str(tool) for tool in tools if len(plan.tools) > 1]
+
+
+@pytest.mark.parametrize("layers", [1, 3])
+def test_layers_of_the_picture_begin_with_a_number_of_their_own_as_axidraw_wants(tmp_path, layers):
+    plan = plan_by(job_of(random_strokes(80, SIZE, seed=4)), layers=layers, colors=3)
+    names = re.findall('inkscape:label="([^"]*)"', plan.svg())
+    numbers = [int(re.match("([0-9]+) - ", name)[1]) for name in names]
+    assert numbers == sorted(set(numbers))
+    assert [re.search("#[0-9a-f]{6}", name)[0] for name in names] == [
+        plan.tools[tool - 1] for _, tool, _ in plan.runs()
+    ]
 
 
 def test_what_is_hidden_is_left_out():
@@ -328,5 +350,5 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
     with pytest.raises(UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; "):
         Hpgl().write(job_of(inside(5)), tmp_path)
     monkeypatch.setitem(sys.modules, "vpype", None)
-    with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
+    with pytest.raises(UserError, match=re.escape("pip install 'brushexp[plot]'")):
         Gcode()

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import torch
+from brushexp_training.network_fitting import NetworkJob, train_network
 from omegaconf import DictConfig
 
 from brushexp.pictures.folders import pictures_in
-from brushexp.runs.network_fitting import NetworkJob, train_network
 from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES
 from brushexp_recovery.training import RecoveryData, RecoveryModule

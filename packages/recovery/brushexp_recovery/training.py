@@ -9,13 +9,13 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
+from brushexp_training.datamodule import EPOCH_STEPS, StrokeLoader
+from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, optim
 from torch.nn.functional import binary_cross_entropy_with_logits as logistic
 
 from brushexp.errors import UserError
-from brushexp.training.datamodule import EPOCH_STEPS, StrokeLoader
-from brushexp.training.network_module import NetworkModule
 from brushexp_recovery import network as maps
 from brushexp_recovery.network import AFFINE, GEOMETRY, OFFSETS, OVER, StrokeNetwork
 from brushexp_recovery.synthesis_crops import CROP, Crops, batch_of, crop

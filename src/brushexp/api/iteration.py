@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 STOPPED = "stopped"  # status of a painting that `State.stop` has ended
 
 
+def _stay() -> None:
+    """Do nothing: the painting has ended, or is in another process."""
+
+
 @dataclass(frozen=True)
 class State:
     """Where a painting stands."""
@@ -42,7 +46,10 @@ class State:
     strokes: Strokes  # N, as they are now
     psnr: float  # dB, of what the steps last saw
     painting: Painting | None = field(default=None, repr=False)  # of the last state
-    stop: Callable[[], None] = field(default=lambda: None, repr=False)  # end now: the next state is the last
+    stop: Callable[[], None] = field(default=_stay, repr=False)  # end now: the next state is the last
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "stop": _stay}  # another process cannot end the painting
 
 
 class Handover(L.Callback):

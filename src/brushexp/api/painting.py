@@ -6,9 +6,11 @@ import html
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from torch import Tensor
@@ -32,17 +34,24 @@ if TYPE_CHECKING:
     import lightning as L
     from PIL import Image
 
-    Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor
+    Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor | bytes | IO[bytes]
 
 FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Painting:
-    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved."""
+    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved.
+
+    It can be pickled, and so come from another process.
+    """
 
     finished: Finished
     settings: Settings
+
+    def __getstate__(self) -> dict[str, Any]:
+        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # figures, not what has them
+        return {"finished": finished, "settings": self.settings}
 
     @property
     def strokes(self) -> Strokes:
@@ -53,6 +62,11 @@ class Painting:
     def depth(self) -> Tensor:
         """(N,) int32 ranks of the strokes; 0 is the bottom one."""
         return self.finished.job.saved.depth
+
+    @property
+    def background(self) -> Tensor:
+        """(3,) RGB in [0, 1] of the bare canvas."""
+        return self.finished.job.saved.background
 
     @property
     def image(self) -> np.ndarray:
@@ -136,7 +150,7 @@ def _sized(job: ExportJob, size: int | None) -> ExportJob:
     """Scale a painting to ``size`` pixels on the longer side; None leaves it as it is."""
     if size is None:
         return job
-    if not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
+    if not isinstance(size, Real) or not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
         raise UserError(f"size={size} is not 1 to {LARGEST_SIDE_PIXELS}; try size={max(job.size)}")
     return job.scaled(size / max(job.size))
 
@@ -153,8 +167,9 @@ def paint(
     """Paint a picture out of brush strokes by gradient descent, as ``task=paint`` does.
 
     Args:
-        image: a path, the name of a sample of scikit-image, a PIL image, an array (H, W, 3) or (H, W), or a tensor
-            (3, H, W); uint8, or floats in [0, 1].
+        image: a path, the name of a sample of scikit-image, a PIL image, the bytes of a file, an open file, an array
+            (H, W, 3), (H, W, 4) with alpha, which lies over white, or (H, W), or a tensor (3, H, W); uint8, bool, or
+            floats in [0, 1].
         look: how it is painted: oil (the default), watercolour, ...
         strokes: how many; None for as many as the look has for a picture of this size.
         seconds: of optimisation; None for the steps of the look.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -31,6 +33,8 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
 def create(family: str, name: str, **options: Any) -> Any:
     """Build one plugin with options as its keys have them: a loss, a renderer, an exporter.
 
+    The weights of a renderer are frozen, and so it draws fast; ``.requires_grad_()`` on it is for training them.
+
     Raises:
         UserError: which option does not fit, or which names there are.
 
@@ -38,12 +42,13 @@ def create(family: str, name: str, **options: Any) -> Any:
     2.0
     """
     list_plugins(family)
-    return build_named(family, name, options)
+    built = build_named(family, name, options)
+    return built.requires_grad_(False) if isinstance(built, Renderer) else built
 
 
 def render(
     strokes: Strokes,
-    size: tuple[int, int],
+    size: int | tuple[int, int],
     *,
     depth: Tensor | None = None,
     background: Tensor | None = None,
@@ -56,7 +61,7 @@ def render(
 
     Args:
         strokes: N, in pixels of the canvas; ``strokes.moved(zoom=2)`` are those of one twice as large.
-        size: height and width of the canvas in pixels.
+        size: height and width of the canvas in pixels; one number is both.
         depth: (N,) ranks, 0 for the bottom stroke; None lays them in their order.
         background: (3,) RGB in [0, 1] of the bare canvas; None is white.
         renderer: a name, or a renderer of `create`.
@@ -75,8 +80,7 @@ def render(
     (torch.Size([3, 24, 32]), torch.Size([4, 2]))
     """
     check_strokes(strokes)
-    if min(size) < 1:
-        raise UserError(f"size={size} has no pixels; give height and width of at least 1")
+    canvas = _canvas(size)
     if depth is not None and depth.shape != (len(strokes),):
         raise UserError(f"depth has shape {tuple(depth.shape)}; give a rank for each of the {len(strokes)} strokes")
     if background is not None and background.shape != (3,):
@@ -89,4 +93,14 @@ def render(
     like = strokes.position
     front_to_back = order.to(like.device).argsort(descending=True)
     compositor = Compositor(create("blend", blend), create("color", color))
-    return compositor(chosen.to(like.device)(strokes), front_to_back, size, paper.to(like)).image
+    return compositor(chosen.to(like.device)(strokes), front_to_back, canvas, paper.to(like)).image
+
+
+def _canvas(size: object) -> tuple[int, int]:
+    """Read height and width; one number is both."""
+    sides = (size, size) if isinstance(size, Integral) else size
+    if not isinstance(sides, str) and isinstance(sides, Iterable):
+        match [*sides]:
+            case [Integral() as height, Integral() as width] if min(height, width) >= 1:
+                return int(height), int(width)
+    raise UserError(f"size={size} is no canvas; give height and width in pixels, (128, 256), or 128 for a square")

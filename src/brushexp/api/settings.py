@@ -19,7 +19,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
-from brushexp.pictures.load import HeldPicture, is_picture
+from brushexp.pictures.held import HeldPicture, hold, is_picture
 from brushexp.registry import drop_built
 
 PICTURE = "image="
@@ -42,6 +42,10 @@ class Settings:
     words: list[str]
     held: dict[str, HeldPicture]  # by key
     folder: Path | None  # of the run; None if nothing is written
+
+    def __getstate__(self) -> dict[str, Any]:
+        plain = OmegaConf.to_container(self.cfg, resolve=True)  # its types are made when plugins are loaded
+        return {**vars(self), "cfg": OmegaConf.create(plain)}
 
     @property
     def yaml(self) -> str:
@@ -104,9 +108,12 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
         name = f"{above}{key}"
         if name in RESERVED:
             raise UserError(f"{name}={value} is no option here; {RESERVED[name]}")
+        if isinstance(value, list | tuple) and (name == "image" or any(map(is_picture, value))):
+            cure = "paint each: [brushexp.paint(one) for one in pictures]" if name == "image" else "give one of them"
+            raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
             full = "style.image" if name == "style" else name
-            held[full] = HeldPicture(value, name)
+            held[full] = hold(value, name, backdrop=float(name != "focus"))
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:
             if not value:

@@ -37,6 +37,10 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
+OTHERS = {  # pictures beside the painting
+    "style": "the painting whose style this one has",
+    "focus": "where the painting is most like the picture: the brighter, the more",
+}
 NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
 LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of the largest picture that is a PNG; larger ones are JPEGs
@@ -65,6 +69,7 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if finished.metrics else None,
         files=files_in(folder, film),
+        beside=(folder / "painting.png").is_file(),
     )
 
 
@@ -82,11 +87,12 @@ def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str
 
 def run_page(
     finished: Finished, *, name: str, curves: Mapping[str, Sequence[float]] | None = None, command: str | None = None,
-    files: Iterable[Mapping[str, str]] = (),
+    files: Iterable[Mapping[str, str]] = (), beside: bool = False,
 ) -> str:  # fmt: skip
     """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
 
-    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`.
+    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`, and ``beside`` says
+    that painting.png lies beside the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -103,6 +109,8 @@ def run_page(
         flat=images.pop("flat", None),
         overlay=_overlay(pictures),
         others=images,
+        beside=beside,
+        about=OTHERS,
         renderer=saved.renderer,
         replay=None if measures is None else replay_of(job, measures),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),

@@ -40,6 +40,9 @@ class Timelapse(L.Callback):
         self.frames: dict[int, bytes] = {}  # step -> JPEG
         self._step = -1  # the last one that was looked at
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if not callable(value)}  # Lightning adds methods
+
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
         self._step = painter.schedule.step - 1
         self.on_train_batch_end(trainer, painter)

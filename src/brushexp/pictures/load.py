@@ -3,13 +3,12 @@
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from functools import cache
 from importlib.util import find_spec
-from itertools import count
 from pathlib import Path
-from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 import torch
@@ -19,18 +18,18 @@ from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, decode_image, picture_size, read_picture
-from brushexp.system.files import replacing, write_picture
+from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
+from brushexp.pictures.folders import PICTURES
+from brushexp.pictures.held import pixels_of
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
-KINDS = "a path, a PIL image, an array (H, W, 3) or (H, W), or a tensor (3, H, W); uint8, or floats from 0 to 1"
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
-    ``image`` is the path of a file, one of ``samples()``, or the name of a `HeldPicture`; ``resolution`` is the longer
+    ``image`` is the path of a file, one of ``samples()``, or the name of a held one; ``resolution`` is the longer
     side in pixels, None that of the file; ``key`` is what the user types before the path, for messages. UserError if
     there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
@@ -135,8 +134,18 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     if image in shipped:
         return shipped[image]
     state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(shipped))}"
-    raise UserError(f"{key}={image} is {state}; give {choices}")
+    near = nearest_files(image, shipped)
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    raise UserError(f"{key}={image} is {state}; {meant}give {also}the path of a picture, or a sample such as coffee")
+
+
+def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
+    """List the three pictures of a folder, and ``others``, whose names are most like a path; none if no one is."""
+    folder, name = os.path.split(image)
+    with suppress(OSError):
+        beside = [file for file in os.listdir(os.path.expanduser(folder) or ".") if file.lower().endswith(PICTURES)]
+        others = [*beside, *(() if folder else others)]
+    return [os.path.join(folder, file) for file in get_close_matches(name, [*others], 3)]
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
@@ -163,76 +172,3 @@ def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
     channels = [Image.fromarray(picture[..., c]).resize((width, height), Image.Resampling.LANCZOS) for c in range(3)]
     return np.stack([np.asarray(channel) for channel in channels], 2).clip(0, 1)  # Lanczos overshoots at edges
-
-
-class HeldPicture:
-    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
-
-    def __init__(self, picture: Any, key: str = "image") -> None:
-        self.pixels = _pixels(picture, key)
-        self.name = f"picture {next(_numbers)} in memory"
-        _pictures[self.name] = self
-
-    def write(self, folder: Path, stem: str) -> Path:
-        """Write exactly these pixels to a file: PNG, or TIFF of floats."""
-        if self.pixels.dtype == np.uint8:
-            write_picture(path := folder / f"{stem}.png", self.pixels)
-            return path
-        from tifffile import imwrite  # noqa: PLC0415  (rarely needed)
-
-        with replacing(path := folder / f"{stem}.tif") as temporary:
-            imwrite(temporary, self.pixels, photometric="rgb")
-        return path
-
-
-_pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
-_numbers = count(1)
-
-
-def pixels_of(name: str) -> np.ndarray | None:
-    """Look up the picture (H, W, 3) of this name; None if none is held."""
-    return getattr(_pictures.get(name), "pixels", None)
-
-
-def is_picture(value: Any) -> bool:
-    """Test whether a value is of a kind that can be held."""
-    return isinstance(value, Image.Image | np.ndarray | torch.Tensor)
-
-
-def _pixels(picture: Any, key: str) -> np.ndarray:
-    if isinstance(picture, Image.Image):
-        return _pixels_of_pillow(picture, key)
-    if isinstance(picture, torch.Tensor):
-        if picture.layout != torch.strided or picture.is_meta:
-            raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
-        if picture.ndim != 3 or len(picture) != 3:
-            raise UserError(f"{key} is a tensor of shape {tuple(picture.shape)}; give {KINDS}")
-        picture = picture.detach().movedim(0, 2).cpu()
-        picture = (picture.float() if picture.is_floating_point() else picture).numpy()
-    if not isinstance(picture, np.ndarray):
-        raise UserError(f"{key} is a {type(picture).__name__}; give {KINDS}")
-    picture = np.asarray(picture)  # no subclass, whose methods may be others
-    picture = np.stack([picture] * 3, 2) if picture.ndim == 2 else picture
-    if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
-        raise UserError(f"{key} is an array of shape {picture.shape}; give {KINDS}")
-    if picture.shape[0] * picture.shape[1] > MAX_PIXELS:
-        raise UserError(f"{key} has {picture.shape[1]} x {picture.shape[0]} pixels; give {MAX_PIXELS} or fewer")
-    if picture.dtype == np.uint8:
-        return picture.copy()
-    if picture.dtype.kind not in "biuf":
-        raise UserError(f"{key} is an array of {picture.dtype}; give {KINDS}")
-    if picture.dtype.kind != "f" or not (picture.min() >= 0 and picture.max() <= 1):  # false of NaN
-        reach = f"{picture.dtype} from {picture.min():g} to {picture.max():g}"
-        raise UserError(f"{key} is an array of {reach}; give {KINDS}")
-    return picture.astype(np.float32)
-
-
-def _pixels_of_pillow(picture: Image.Image, key: str) -> np.ndarray:
-    if not all(picture.size):
-        raise UserError(f"{key} is a picture without pixels; give {KINDS}")
-    try:
-        return np.ascontiguousarray(decode_image(picture))
-    except UserError as error:
-        raise UserError(f"{key} {error}") from error
-    except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
-        raise UserError(f"{key} is closed or damaged ({error}); give {KINDS}") from error

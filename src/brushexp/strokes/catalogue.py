@@ -25,6 +25,10 @@ class Field:
     def shape(self, n: int) -> tuple[int, ...]:
         return (n, self.size) if self.size else (n,)
 
+    def nearest(self, value: Tensor) -> Tensor:
+        """Compute the nearest values in range; a NaN becomes 0 (or the nearest bound)."""
+        return value.nan_to_num(0.0).clamp_(self.low, self.high)
+
 
 PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
 FARTHEST = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
@@ -88,6 +92,23 @@ class Strokes:
         """Apply a function to each field, which may change dtype and device, but not N."""
         changed = {name: function(value) for name, value in self.items()}
         return Strokes(**changed, brush=self.brush.to(changed["position"].device))
+
+    @torch.no_grad()
+    def clamp(self) -> Strokes:
+        """Bring every number into its range, in place, as after a step of an optimiser; a NaN becomes 0 or a bound.
+
+        >>> import torch
+        >>> from brushexp.strokes.prior import sample_prior
+        >>> strokes = sample_prior(2).map(lambda value: value.requires_grad_())
+        >>> (strokes.color.sum() + strokes.width.sum()).backward()
+        >>> torch.optim.SGD([value for _, value in strokes.items()], lr=9.0).step()
+        >>> strokes.clamp().color.tolist(), strokes.width.tolist()
+        ([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [0.0, 0.0])
+        """
+        for name, field in FIELDS.items():
+            value = getattr(self, name)
+            value.copy_(field.nearest(value))
+        return self
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
         """Enlarge by ``zoom``, and then move by ``shift`` (x, y) pixels."""
@@ -192,7 +213,7 @@ class Catalogue(nn.Module):
         for name, field in FIELDS.items():
             if self.units[name]:
                 value, unit = getattr(self, name), self._unit(name)
-                value.copy_((value * unit).nan_to_num_(0.0).clamp_(field.low, field.high) / unit)
+                value.copy_(field.nearest(value * unit) / unit)
 
     @torch.no_grad()
     def replace(self, strokes: Strokes) -> None:

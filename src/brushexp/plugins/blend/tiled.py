@@ -1,6 +1,8 @@
 """Blend, tile by tile, the strokes that touch the tile and can be seen; this is the default."""
 
+import logging
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated
 
 import torch
@@ -14,6 +16,8 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
+
+log = logging.getLogger(__name__)
 
 
 @register("blend", "tiled")
@@ -62,4 +66,14 @@ class Tiled(Blend):
         inputs = layers.compiled() if able and self.kernel != "torch" else None
         if inputs is None and self.kernel == "numba":
             raise UserError("blend.kernel=numba draws in float32 on the CPU, not all layers; use blend.kernel=auto")
+        if inputs is None and self.kernel == "auto" and layers.color.device.type == "cpu":
+            tell_slow(layers.color.dtype)
         return inputs
+
+
+@cache
+def tell_slow(dtype: torch.dtype) -> None:
+    """Log, once, why strokes are not drawn by compiled kernels."""
+    reason = "their renderer has no kernel, or weights to train, which renderer.requires_grad_(False) freezes"
+    reason = reason if dtype == torch.float32 else f"they are {dtype}, and kernels take float32"
+    log.warning("strokes are drawn by PyTorch, many times slower than by compiled kernels: %s", reason)

@@ -27,6 +27,7 @@ CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
 PIXEL = 1 / 12  # square pixels of variance of an edge that programs draw by the covered share of each pixel
 BISECTIONS = 40  # halvings of the interval in which the width of an outline is searched
 LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
+NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
 SIDE_POINTS = 24  # points on each long side of a tapered stroke
 TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
@@ -78,9 +79,9 @@ class Svg(Exporter):
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
-        yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
+        yield f'<?xml version="1.0" encoding="UTF-8"?>\n<svg version="1.1" {NAMESPACES} '
         yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}" '
-        yield 'style="max-width:100%;max-height:100vh;height:auto">\n'
+        yield 'style="max-width:100%;max-height:100vh">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.saved.background[None])[0]}"/>\n'
@@ -125,8 +126,8 @@ class Svg(Exporter):
 
 
 def _href(pixels: np.ndarray) -> str:
-    """Embed a picture (H, W, 4) uint8 in the attribute of the element that shows it."""
-    return f'href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
+    """Embed a picture (H, W, 4) uint8 in the attribute that shows it: SVG 1.1 knows no ``href`` but that of XLink."""
+    return f'xlink:href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
 
 
 @torch.no_grad()

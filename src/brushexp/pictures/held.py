@@ -1,0 +1,152 @@
+"""Pictures in memory have names, which stand in place of a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+import torch
+from PIL import Image
+
+from brushexp.errors import UserError
+from brushexp.pictures.decode import MAX_PIXELS, decode_image, read_picture
+from brushexp.system.files import replacing, write_picture
+
+KINDS = (
+    "a path, a PIL image, the bytes of a file, an open file, an array (H, W, 3), (H, W, 4) or (H, W), or a tensor "
+    "(3, H, W); uint8, bool, or floats from 0 to 1"
+)
+CHANNELS = (1, 3, 4)  # grey, RGB, RGB and straight alpha
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPicture:
+    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
+
+    pixels: np.ndarray
+    name: str
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return hold, (self.pixels,)  # in another process, too, it is found by its name
+
+    def write(self, folder: Path, stem: str) -> Path:
+        """Write exactly these pixels to a file: PNG, or TIFF of floats."""
+        if self.pixels.dtype == np.uint8:
+            write_picture(path := folder / f"{stem}.png", self.pixels)
+            return path
+        from tifffile import imwrite  # noqa: PLC0415  (rarely needed)
+
+        with replacing(path := folder / f"{stem}.tif") as temporary:
+            imwrite(temporary, self.pixels, photometric="rgb")
+        return path
+
+
+_pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
+
+
+def hold(picture: Any, key: str = "image", backdrop: float = 1.0) -> HeldPicture:
+    """Give a picture a name, the same one for the same pixels; a UserError with its ``key`` says what does not fit.
+
+    It is laid over a ``backdrop`` of white (1) or black (0) where it is transparent.
+    """
+    pixels = _pixels(picture, key, backdrop)
+    digest = sha256(f"{pixels.shape} {pixels.dtype}".encode() + pixels.tobytes()).hexdigest()
+    name = f"picture {digest[:12]} in memory"
+    held = _pictures.get(name) or HeldPicture(pixels, name)
+    _pictures[name] = held
+    return held
+
+
+def pixels_of(name: str) -> np.ndarray | None:
+    """Look up the picture (H, W, 3) of this name; None if none is held."""
+    return getattr(_pictures.get(name), "pixels", None)
+
+
+def is_picture(value: Any) -> bool:
+    """Test whether a value is of a kind that can be held."""
+    kinds = Image.Image | np.ndarray | torch.Tensor | bytes | bytearray | memoryview
+    return isinstance(value, kinds) or hasattr(value, "read")
+
+
+def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
+    if hasattr(picture, "read") or isinstance(picture, bytes | bytearray | memoryview):
+        return _pixels_of_file(picture, key, backdrop)
+    if not isinstance(picture, Image.Image):
+        samples = _channels_last(picture, key) if isinstance(picture, torch.Tensor) else np.asarray(picture)
+        picture = _checked(samples, key)
+        if picture.dtype != np.uint8:
+            return _over(picture.astype(np.float32), backdrop)
+        picture = Image.fromarray(picture)
+    if not all(picture.size):
+        raise UserError(f"{key} is a picture without pixels; give {KINDS}")
+    try:
+        return np.ascontiguousarray(decode_image(picture, backdrop))
+    except UserError as error:
+        raise UserError(f"{key} {error}") from error
+    except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
+        raise UserError(f"{key} is closed or damaged ({error}); give {KINDS}") from error
+
+
+def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
+    """Decode the bytes of a picture, or an open file from its beginning, as a file on disk is decoded."""
+    try:
+        if hasattr(file, "seek"):
+            file.seek(0)
+        data = file.read() if hasattr(file, "read") else file
+    except (ValueError, OSError) as error:
+        raise UserError(f"{key} is a file that cannot be read ({error}); give {KINDS}") from error
+    if isinstance(data, str):
+        raise UserError(f'{key} is a file that was opened as text; open it with "rb"')
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "picture")
+        path.write_bytes(data)
+        try:
+            return read_picture(path, key=key, backdrop=backdrop)
+        except UserError as error:
+            raise UserError(str(error).replace(f"{key}={path}", f"{key}, {len(data)} bytes,")) from error
+
+
+def _channels_last(picture: torch.Tensor, key: str) -> np.ndarray:
+    """Convert a tensor (C, H, W), (1, C, H, W) or (H, W) to an array (H, W, C)."""
+    if picture.layout != torch.strided or picture.is_meta:
+        raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
+    planes = picture.detach().cpu()
+    planes = planes[0] if planes.ndim == 4 and len(planes) == 1 else planes
+    planes = planes[None] if planes.ndim == 2 else planes
+    if planes.ndim != 3 or len(planes) not in CHANNELS:
+        cure = "; .permute(2, 0, 1) puts the channels first" if planes.ndim == 3 and planes.shape[2] in CHANNELS else ""
+        raise UserError(f"{key} is a tensor of shape {tuple(picture.shape)}; give {KINDS}{cure}")
+    return (planes.float() if planes.is_floating_point() else planes).movedim(0, 2).numpy()
+
+
+def _checked(picture: np.ndarray, key: str) -> np.ndarray:
+    """Return samples (H, W, 3 or 4), uint8 or floats in [0, 1], of an array (H, W), (H, W, C) or (1, H, W, C)."""
+    shape, samples = picture.shape, picture
+    samples = samples[0] if samples.ndim == 4 and len(samples) == 1 else samples
+    samples = samples[..., None] if samples.ndim == 2 else samples
+    if samples.ndim != 3 or samples.shape[2] not in CHANNELS or not samples.size:
+        cure = "; .transpose(1, 2, 0) puts the channels last" if samples.ndim == 3 and len(samples) in CHANNELS else ""
+        raise UserError(f"{key} is an array of shape {shape}; give {KINDS}{cure}")
+    if samples.shape[0] * samples.shape[1] > MAX_PIXELS:
+        raise UserError(f"{key} has {samples.shape[1]} x {samples.shape[0]} pixels; give {MAX_PIXELS} or fewer")
+    samples = np.repeat(samples, 3, axis=2) if samples.shape[2] == 1 else samples
+    if samples.dtype == np.bool_:
+        return samples.astype(np.uint8) * np.uint8(255)
+    if samples.dtype == np.uint8:
+        return np.ascontiguousarray(samples)
+    if samples.dtype.kind not in "iuf":
+        raise UserError(f"{key} is an array of {samples.dtype}; give {KINDS}")
+    if samples.dtype.kind != "f" or not (samples.min() >= 0 and samples.max() <= 1):  # false of NaN
+        reach = f"{samples.dtype} from {samples.min():g} to {samples.max():g}"
+        raise UserError(f"{key} is an array of {reach}; give {KINDS}")
+    return samples
+
+
+def _over(picture: np.ndarray, backdrop: float) -> np.ndarray:
+    color, alpha = picture[..., :3], picture[..., 3:]
+    return color.copy() if alpha.shape[2] == 0 else color * alpha + backdrop * (1 - alpha)
