@@ -20,7 +20,7 @@ BREADTH = (0.05, 1.0)  # width / length
 FILLED = (0.5, 2.0)  # area / (length x width)
 COLORS = 12  # of k-means
 SAMPLE = 4000  # pixels from which the colours are learned
-GIVEN_BACK = 3  # pixels that a stroke may grow into edges
+GIVEN_BACK = 2  # pixels that a stroke may grow into edges
 
 
 def edges_and_test(image: Array) -> Array:
