@@ -43,6 +43,7 @@ class NetworkJob(ABC):
     pictures: Mapping[str, Path] = MappingProxyType({})  # for the trackers, by name
     weights: Path  # the file that `finish` writes
     use: str  # the command that paints with these weights
+    blank = False  # whether the network has learned nothing, set by `finish`
 
     @abstractmethod
     def finish(self) -> dict[str, object]:
@@ -78,10 +79,11 @@ def train_network(
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
     conclude(module, folder, cfg, failure, module.global_step)
     figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in LOGGED_FIGURES if key in metrics)
-    log.info(
-        "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",
-        *(job.weights, figures, module.global_step, module.seconds, job.use),
-    )
+    log.info("%s: %s on held-out strokes, %d steps in %.1f s", job.weights, figures, module.global_step, module.seconds)
+    if job.blank:
+        log.warning("it has learned nothing yet: it draws all strokes alike; train longer (minutes=60), or set lr=2e-4")
+    else:
+        log.info("paint with it: %s", job.use)
     return metrics
 
 

@@ -206,10 +206,13 @@ def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
 
 
 class FreshStart(L.Callback):
-    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``."""
+    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``.
 
-    def __init__(self, fresh: Callable[[], nn.Module]) -> None:
-        self.fresh, self.restarts, self.lives = fresh, 0, False
+    It does so ``most`` times at most.
+    """
+
+    def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
+        self.fresh, self.most, self.restarts, self.lives = fresh, most, 0, False
 
     def state_dict(self) -> dict[str, Any]:
         return {"restarts": self.restarts, "lives": self.lives}
@@ -218,13 +221,12 @@ class FreshStart(L.Callback):
         self.restarts, self.lives = state_dict["restarts"], state_dict["lives"]
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int) -> None:
-        if self.lives or self.restarts == MOST_STARTS or pl_module.global_step < START_STEPS * (self.restarts + 1):
+        if self.lives or self.restarts >= self.most or pl_module.global_step < START_STEPS * (self.restarts + 1):
             return
-        if not (true := variance_of(batch.images)):
-            return  # a single stroke
         with torch.no_grad():
             drawn = window_pictures(pl_module.renderer, batch.parameters, pl_module.window, batch.number)
-        share = variance_of(drawn) / true
+        if (share := share_drawn(drawn, batch.images)) is None:
+            return  # a single stroke
         self.lives = share >= ALIVE
         if not self.lives:
             self.restarts += 1
@@ -233,9 +235,14 @@ class FreshStart(L.Callback):
                 optimizer.state.clear()
             log.warning(
                 "step %d: the network draws all strokes alike (%.2g %% of the variance of the true ones); "
-                "begun anew with other weights, %d of %d times",
-                *(pl_module.global_step, 100 * share, self.restarts, MOST_STARTS),
+                "begun anew with other weights, %d of %d times; fresh_starts=0 lets it go on",
+                *(pl_module.global_step, 100 * share, self.restarts, self.most),
             )
+
+
+def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
+    """Return the variance among drawn strokes (n, 4, S, S), as a share of that of the true ones; None of one stroke."""
+    return variance_of(drawn) / variance if (variance := variance_of(true)) else None
 
 
 def variance_of(pictures: Tensor) -> float:

@@ -54,6 +54,7 @@ class TrainTask(Task):
     lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
+    fresh_starts: int = key(3, "times that a network which draws all strokes alike is begun anew", between(0, 100))
     detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
     tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
     critic: bool = key(False, "add a RaSGAN loss to L2: a critic scores the pictures")

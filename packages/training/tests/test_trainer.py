@@ -273,6 +273,10 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
         fit(module, None, restart, max_epochs=2)
         assert (restart.restarts, restart.lives) == (int(dead), True)
         assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
+    module = SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=9)
+    never = renderer_module.FreshStart(Small, most=0)
+    never.on_train_batch_end(None, module, None, strokes(8), 0)
+    assert never.restarts == 0, "fresh_starts=0"
 
 
 def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
@@ -408,14 +412,23 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert weights_hash(loaded) == metrics["renderer_hash"]
 
 
-def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog):
+def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog, monkeypatch):
     caplog.set_level(logging.INFO)
+    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.5)
     words = ["renderer=inverse_vgg", "renderer.width=4", "renderer.widest=8", "renderer.coordconv=none"]
     trained("epochs=0", "fid=0", "renderer.dense=[6,5]", "renderer.tint=false", *words)
     command = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
     weights = f"renderer.checkpoint={tmp_path / 'inverse_vgg.safetensors'}"
     assert set(command) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
     assert build(config(*command).renderer).weights_hash
+
+
+def test_a_network_that_draws_all_strokes_alike_is_not_said_to_paint(trained, monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.001)
+    trained("epochs=0", "fid=0", *TINY)
+    assert "it has learned nothing yet" in caplog.text
+    assert "paint with it" not in caplog.text
 
 
 def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):

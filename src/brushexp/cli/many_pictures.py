@@ -11,6 +11,7 @@ from itertools import chain, count
 from pathlib import Path
 
 from brushexp.config.compose import files_of, quote
+from brushexp.config.words import verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.pictures.load import samples
@@ -77,7 +78,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     return [
         *([] if is_sweep else ["--multirun"]),
         *others,
-        *([] if typed else [f"output={output}"]),
+        *([] if typed else [f"output={verbatim(output)}"]),
         f"hydra.sweeper.pictures=[{texts}]",
         "hydra.sweeper.lenient=true",
         *(["hydra.sweeper.resume=true"] if goes_on else []),

@@ -21,6 +21,11 @@ STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
 }
+OF_TRAINING = {  # options of the Trainer that a painting has no use for, and what to type instead
+    **dict.fromkeys(("max_epochs", "min_epochs", "min_steps", "limit_train_batches"), "type steps=100"),
+    **dict.fromkeys(("limit_val_batches", "val_check_interval", "check_val_every_n_epoch"), "drop it"),
+    "accumulate_grad_batches": "type sampler=whole, whose gradient is that of all strokes",
+}
 BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 AUTO = "auto"  # focus by saliency, and the warm-up renderer that the chosen one names
@@ -53,6 +58,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
+    check_trainer(cfg)
     warn_of_unused_keys(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
@@ -74,6 +80,14 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
+
+
+def check_trainer(cfg: DictConfig) -> None:
+    """Refuse (UserError) options of Lightning's Trainer that count epochs and validations: painting has none."""
+    for name, cure in OF_TRAINING.items():
+        if (value := cfg.trainer.get(name)) not in (None, -1):
+            reason = f"trainer.{name}={value} is for training networks, and painting has steps only"
+            raise UserError(f"{reason}; {cure}")
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -114,3 +128,11 @@ def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
         if node.get("save_top_k", 1) > 1 and node.monitor is None:
             some = f"callbacks.{name}.save_top_k={node.save_top_k}"
             raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
+
+
+def check_view(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check that there is something to look at."""
+    from brushexp.results.runs import newest_run  # noqa: PLC0415
+
+    if cfg.catalogue is None:
+        newest_run()

@@ -16,6 +16,7 @@ from brushexp.shading.light import BOUNDS, Light
 
 PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
+BY_TIME = "outputs/${now:%Y-%m-%d_%H-%M-%S}"  # the folder of a run for which none is typed
 RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
 
@@ -53,7 +54,9 @@ class OtherLamp:
 class TrainerOptions:
     """Keys below ``trainer``: options of Lightning's Trainer, as its manual has them; what is null is left to it."""
 
-    profiler: str | None = key(None, "log at the end where the time was spent; null = no", one_of("simple", "advanced"))
+    profiler: str | None = key(
+        None, "write where the time was spent into profile.txt; null = no", one_of("simple", "advanced")
+    )
     precision: str = key("32-true", "precision; bf16-mixed = networks compute in 16 bits", one_of(*PRECISIONS))
     max_epochs: int | None = key(-1, "epochs at most; -1 = no limit (a task has limits of its own)", at_least(-1))
     min_epochs: int | None = key(None, "epochs at least", at_least(0))
@@ -85,6 +88,7 @@ class Task:
     presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
     module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
+    alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
     instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
 
     @staticmethod
@@ -104,7 +108,7 @@ class Task:
     seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED))
     device: str = key("auto", "device to compute on: auto, cpu, cuda, cuda:1, ...", DEVICE)
     threads: int | None = key(None, "processor cores to use; null = all, shared by the jobs of a sweep", at_least(1))
-    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run, or of all runs of a sweep")
+    output: str = key(BY_TIME, "folder of the run, or of all runs of a sweep")
     overwrite: bool = key(False, "delete the files of the run or sweep in output, and replace it")
     objective: str | None = key(None, "the metric of metrics.json that Optuna optimises, such as psnr; null = none")
 
@@ -114,6 +118,7 @@ class PaintTask(Task):
     """Optimise a catalogue of strokes until it looks like the picture."""
 
     module = "brushexp.tasks.paint"
+    alone = "image"
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
@@ -145,7 +150,7 @@ class PaintTask(Task):
     wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", at_least(0))
+    seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", above(0))
     psnr: float | None = key(None, "stop when the painting reaches this PSNR, in dB; null = never", at_least(0))
     early_stop: float | None = key(None, "stop when 100 evaluations gain less, in dB; null = never", at_least(0))
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
@@ -168,10 +173,11 @@ class ExportTask(Task):
     """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
 
     module = "brushexp.tasks.export"
+    alone = "catalogue"
     check = staticmethod(rules.check_export)
     groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote", CATALOGUE)
+    catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
     light: OtherLamp = field(default_factory=OtherLamp)
 
@@ -181,6 +187,7 @@ class CompareTask(Task):
     """Compare finished runs: which are worth their time, and which was ahead when."""
 
     module = "brushexp.tasks.compare"
+    alone = "runs"
     runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
 
 
@@ -189,8 +196,13 @@ class ViewTask(Task):
     """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 
     module = "brushexp.tasks.view"
+    check = staticmethod(rules.check_view)
+    alone = "catalogue"
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep", PAGE)
+    catalogue: str | None = key(
+        None, "folder of a run or sweep, or a catalogue (.h5, .json); null = the newest in outputs/", PAGE
+    )
+    output: str = key("${scratch:}", "folder that keeps the page; by default none does")
     port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
     open: bool = key(True, "open the page in the browser; false = only print the address")

@@ -19,8 +19,12 @@ from brushexp.registry import plugins, take_built
 from brushexp.runs.resume import RunRecord
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
+from brushexp.system.files import write_text
 from brushexp.system.reading import in_short
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.system.terminal import as_shown
+
+PROFILE = "profile.txt"  # of trainer.profiler=simple
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +55,12 @@ def make_trainer(
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     path = None if folder is None or not checkpoints else folder / CHECKPOINT
-    own = [RunRecord(cfg, folder), ProgressBar(), TimedCheckpoint(path, cfg.get("checkpoint_every"))]
+    own = [
+        RunRecord(cfg, folder),
+        ProgressBar(),
+        ProfileFile(folder),
+        TimedCheckpoint(path, cfg.get("checkpoint_every")),
+    ]
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
@@ -66,6 +75,19 @@ def make_trainer(
         )
     except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
+
+
+class ProfileFile(L.Callback):
+    """Write ``profile.txt``, the table of the Trainer's profiler, which Lightning only logs."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+
+    def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        table = trainer.profiler.summary()  # type: ignore[attr-defined]
+        if table and self.folder is not None:
+            write_text(self.folder / PROFILE, table)
+            log.info("%s  where the time was spent", as_shown(self.folder / PROFILE))
 
 
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:

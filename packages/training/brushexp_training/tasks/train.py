@@ -13,15 +13,16 @@ from brushexp.bounds import Bounds
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plugin_of, plugins
-from brushexp_training.benchmark import evaluate
+from brushexp_training.benchmark import draw_batch, evaluate
 from brushexp_training.datamodule import StrokeData
 from brushexp_training.dataset import Origin, Split
 from brushexp_training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp_training.network_fitting import NetworkJob, renderer_settings, save_renderer, train_network
-from brushexp_training.renderer_module import FreshStart, RendererModule
+from brushexp_training.renderer_module import ALIVE, FreshStart, RendererModule, share_drawn
 from brushexp_training.stroke_data import stroke_data
 
 DISTILLED = {"window": 1024, "supersample": 1}  # options of the engine that a renderer is distilled from
+LOOKED_AT = 64  # held-out strokes by which a network is judged to have learned anything
 TEST_STROKES = 2500  # most strokes that the figures at the end are measured on
 
 
@@ -42,7 +43,7 @@ class RendererJob(NetworkJob):
         self.module = RendererModule(first_renderer(cfg, self.data), self.data.origin.window, renderer_settings(cfg))
         self.callbacks: list[L.Callback] = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
         if cfg.renderer.get("checkpoint") is None:
-            self.callbacks.append(FreshStart(partial(build, cfg.renderer)))
+            self.callbacks.append(FreshStart(partial(build, cfg.renderer), cfg.fresh_starts))
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
         self.use = f"brushexp renderer={self.name} {renderer_words(cfg.renderer, self.weights)}"
@@ -54,6 +55,8 @@ class RendererJob(NetworkJob):
         renderer = module.renderer.eval().to(self.device)  # at the end of a fit it is on the processor
         tested = evaluate(renderer, self.data.first(Split.TEST, n), n, module.window, [effl0_distance(self.device)])
         figures["test"] = tested
+        share = share_drawn(*draw_batch(renderer, self.data.first_batch(Split.TEST, LOOKED_AT), module.window))
+        self.blank = share is not None and share < ALIVE
         return {
             **tested,
             "renderer": self.name,
