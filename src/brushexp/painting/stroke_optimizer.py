@@ -91,7 +91,7 @@ class StrokeOptimizer(PaintingModule):
     @property
     def is_coarse(self) -> bool:
         done, steps = self.schedule.stage_progress
-        return self.schedule.stage == 0 and done < self.coarse * steps
+        return done < self.coarse * steps and self.schedule.stage == 0
 
     @property
     def title(self) -> str:
