@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.registry import build_named
+from brushexp import create
 from brushexp.strokes.bezier import strokes_along
 from brushexp_recovery.curves import Fitted
 
@@ -39,7 +39,7 @@ def refine(fitted: Fitted, labels: Array, order: Array, *, show: Progress, steps
     regions = torch.as_tensor(labels.astype(np.int64)) + 1
     weight = _weights(regions, count)
     top_first = torch.as_tensor(order[::-1].copy())
-    renderer, blend = build_named("renderer", "analytic", {"soft": 1.5}), build_named("blend", "tiled", {})
+    renderer, blend = create("renderer", "analytic", soft=1.5), create("blend", "tiled")
     optimizer = torch.optim.Adam([moved, wider], RATE, betas=(0.8, 0.98))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, RATE * FINAL)
     for step in range(steps):
