@@ -53,7 +53,8 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 
     The name is the moment of the run, which every job of a sweep reads again: it becomes that moment.
     """
-    if OmegaConf.to_container(cfg, resolve=False)["output"] != BY_TIME:  # type: ignore[call-overload, index]
+    plain: Any = OmegaConf.to_container(cfg, resolve=False)
+    if plain["output"] != BY_TIME or folder != Path(cfg.output):
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     for number in count(1):
