@@ -45,7 +45,9 @@ class RunFolder(Callback):
             check(config, words)
             take(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
-            raise SystemExit(f"brushexp: {explanation(error, folders_in(config), words)}") from error
+            is_theirs = isinstance(error, OmegaConfBaseException)
+            message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
+            raise SystemExit(f"brushexp: {message}") from error
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:
