@@ -20,7 +20,7 @@ from films import decoded, pixels_of
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
-from PIL import Image
+from PIL import Image, ImageCms
 from program import run
 from scenes import random_strokes, straight
 
@@ -340,6 +340,24 @@ def test_a_print_has_its_size_on_paper_and_the_same_pixels(name, tmp_path):
         assert (rows[:, 0] == 2).all()
         read = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8).reshape(79, 114, 3)
     np.testing.assert_array_equal(read, large.picture())
+
+
+def test_a_jpeg_is_near_the_painting_and_says_what_its_colours_are(tmp_path):
+    large = job_of(some()).scaled(114 / 52)
+    sizes = []
+    for quality, least in ((95, 40), (30, 25)):
+        (path,) = build_named("to", "jpg", {"size_cm": "6x2.5", "dpi": 80, "quality": quality}).write(
+            job_of(some()), tmp_path
+        )
+        with Image.open(path) as image:
+            assert (image.format, image.info["dpi"]) == ("JPEG", (80, 80))
+            profile = ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"]))
+            assert "sRGB" in ImageCms.getProfileDescription(profile)
+            assert psnr(np.asarray(image), large.picture()) > least
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < 0.7 * sizes[0]
+    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels a side, .* has 65536; .* or to=png"):
+        build_named("to", "jpg", {}).write(job_of(some(1)).scaled(65536 / 52), tmp_path)
 
 
 @pytest.mark.parametrize("options", [{"size_cm": "60"}, {"size_cm": "600x400", "dpi": 9000}, {"size_cm": "0x0"}])

@@ -227,7 +227,7 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
 
 
 def test_a_plain_name_is_one_that_comes_with_the_program(stored, monkeypatch):
-    elsewhere = replace(RENDERERS, shipped=stored.parent)
+    elsewhere = replace(RENDERERS, folders=lambda: [stored.parent])
     for module in (base, inverse_vgg):
         monkeypatch.setattr(module, "RENDERERS", elsewhere)
     assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]

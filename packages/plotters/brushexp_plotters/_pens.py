@@ -193,7 +193,7 @@ def load_vpype() -> ModuleType:
             import vpype  # noqa: PLC0415
             import vpype_cli  # noqa: F401, PLC0415
     except ImportError as error:
-        raise UserError("to=hpgl and to=gcode need vpype, which is not here; pip install -e '.[plot]'") from error
+        raise UserError("to=hpgl and to=gcode need vpype, which is not here; pip install 'brushexp[plot]'") from error
     return vpype
 
 

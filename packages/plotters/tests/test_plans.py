@@ -20,7 +20,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, half_width_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-vpype = pytest.importorskip("vpype", reason="needs pip install -e '.[plot]'")
+vpype = pytest.importorskip("vpype", reason="needs pip install 'brushexp[plot]'")
 
 SIZE = (60, 90)  # not square: on A4 across with margins of 10 mm, 277 / 90 mm per pixel
 GRID = 0.025 / 2 * 2**0.5  # mm by which HPGL rounds at most
@@ -350,5 +350,5 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
     with pytest.raises(UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; "):
         Hpgl().write(job_of(inside(5)), tmp_path)
     monkeypatch.setitem(sys.modules, "vpype", None)
-    with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
+    with pytest.raises(UserError, match=re.escape("pip install 'brushexp[plot]'")):
         Gcode()

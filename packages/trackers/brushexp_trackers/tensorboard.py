@@ -30,7 +30,7 @@ class TensorBoard(Logger):
 
     def __init__(self) -> None:
         if find_spec("tensorboard") is None:
-            raise UserError("logger=tensorboard needs the package tensorboard; pip install -e '.[tensorboard]'")
+            raise UserError("logger=tensorboard needs the package tensorboard; pip install 'brushexp[tensorboard]'")
         self._curves: TensorBoardLogger | None = None
 
     def open(self, run: Run) -> LightningLogger:

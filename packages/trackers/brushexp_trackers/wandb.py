@@ -60,7 +60,7 @@ class WeightsAndBiases(Logger):
         tags: list[str] = [],  # noqa: B006
     ) -> None:
         if find_spec("wandb") is None:
-            raise UserError("logger=wandb needs the package wandb; pip install -e '.[wandb]'")
+            raise UserError("logger=wandb needs the package wandb; pip install 'brushexp[wandb]'")
         for key, value in DEFAULTS.items():
             os.environ.setdefault(key, value)
         if mode == "online" and not is_logged_in():

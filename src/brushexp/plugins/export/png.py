@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, PrintExporter, chunk, header
+from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
 
@@ -17,7 +17,12 @@ class Png(PrintExporter):
 
     It is painted and packed in bands, so that memory does not grow with the picture. For print:
     ``to.png.size_cm=60x40``.
+
+    Args:
+        compression: 1 is fast, 9 small.
     """
+
+    compression: Compression = 6
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         job = self.scale_to_paper(job)
@@ -28,6 +33,6 @@ class Png(PrintExporter):
             if self.density:
                 metre = round(100 * self.density / CM)
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
-            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job) if piece)
+            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job, self.compression) if piece)
             file.write(chunk(b"IEND", b""))
         return [path]

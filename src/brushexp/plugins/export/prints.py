@@ -17,6 +17,7 @@ from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS
 from brushexp.shading.light import normals_of, shade_picture
 from brushexp.system.files import to_bytes
 
+Compression = Annotated[int, between(1, 9)]
 CM = 2.54  # centimetres in an inch
 DPI = 300.0  # pixels per inch of a size on paper, by default
 THREADS_PER_CM = 14  # threads of painters' linen
@@ -35,13 +36,11 @@ class PrintExporter(Exporter):
             pixels as ``resolution`` says.
         dpi: pixels per inch, written into the file; null = 300 where there is a size on paper.
         weave: how much the threads of the canvas show under the light, 0 (not) to 1.
-        compression: 1 is fast, 9 small.
     """
 
     size_cm: str | None = None
     dpi: Annotated[float, between(1, 10_000)] | None = None
     weave: Annotated[float, between(0, 1)] = 0.0
-    compression: Annotated[int, between(1, 9)] = 6
 
     def __post_init__(self) -> None:
         if self.size_cm is not None and not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", self.size_cm):
@@ -63,12 +62,17 @@ class PrintExporter(Exporter):
             raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
         return job.scaled(pixels / max(job.size))
 
-    def pack_rows(self, job: ExportJob) -> Iterator[bytes]:
+    def rows(self, job: ExportJob) -> Iterator[np.ndarray]:
+        """Paint the picture from top to bottom, in bands (h, W, 3) uint8."""
+        for top, band in job.bands():
+            yield to_bytes(self.add_weave(band, top, job))
+
+    def pack_rows(self, job: ExportJob, compression: int) -> Iterator[bytes]:
         """Pack the picture as PNG (ISO/IEC 15948) and PDF store it: filtered rows, as pieces of a zlib stream."""
         width = job.size[1]
-        packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
-        for top, band in job.bands():
-            rows = to_bytes(self.add_weave(band, top, job)).reshape(-1, 3 * width)
+        packer, above = zlib.compressobj(compression), np.zeros((1, 3 * width), dtype=np.uint8)
+        for band in self.rows(job):
+            rows = band.reshape(-1, 3 * width)
             filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
             np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
             yield packer.compress(filtered.data)
