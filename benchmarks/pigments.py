@@ -9,10 +9,9 @@ and that spectra and matrix are smooth. The wanted colours are what painters exp
 """
 
 import torch
+from brushexp_colors.decoding import linear_of, shown_of
+from brushexp_colors.pigment import DEEPEST, PURE, paints
 from torch import Tensor
-
-from brushexp.plugins.color._decoding import linear_of, shown_of
-from brushexp.plugins.color.pigment import DEEPEST, PURE, paints
 
 BANDS, STEPS, RATE = 7, 4000, 0.02
 MIXTURES = {  # two colours in equal parts, and what they make

@@ -167,6 +167,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
 
     from brushexp.painting.stroke_optimizer import StrokeOptimizer  # noqa: PLC0415
     from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
+    from brushexp.runs.trainer import NoProfiler  # noqa: PLC0415
     from brushexp.system.callbacks import ProgressBar, TimedCheckpoint  # noqa: PLC0415
 
     target, strokes = torch.rand(3, 512, 512), scene(2621, 512)
@@ -200,9 +201,8 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
         callbacks = [Alternate(), Timelapse(60, 360), ProgressBar(), TimedCheckpoint(path / "it", 60)]
         options: dict[str, Any] = {"enable_progress_bar": False, "enable_model_summary": False, "log_every_n_steps": 1}
         logger = L.pytorch.loggers.CSVLogger(path)
-        L.Trainer(max_steps=blocks * steps, logger=logger, callbacks=callbacks, accelerator="cpu", **options).fit(
-            painter
-        )
+        options |= {"logger": logger, "callbacks": callbacks, "profiler": NoProfiler()}
+        L.Trainer(max_steps=blocks * steps, accelerator="cpu", **options).fit(painter)
     each = {name: 1e3 * statistics.median(values) / steps for name, values in times.items()}
     print("\n512 x 512 px, 2,621 strokes: time of the processor, medians of alternated blocks\n")
     print("| | ms per step | times bare |\n|---|---|---|")

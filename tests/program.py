@@ -19,12 +19,18 @@ from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 from urllib.parse import urlsplit
 
+import brushexp_training
+
 import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
 THEIRS = ["av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "skimage.data"]
 THEIRS += ["skimage.segmentation.slic_superpixels", "torchmetrics.functional.image"]
-OURS = [module.name for module in pkgutil.walk_packages(brushexp.__path__, "brushexp.")]
+OURS = [
+    module.name
+    for it in (brushexp, brushexp_training)
+    for module in pkgutil.walk_packages(it.__path__, f"{it.__name__}.")
+]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*THEIRS, *OURS])
 Kill = tuple[str, int, bool]
@@ -35,7 +41,7 @@ class Program:
 
     The program gets the signal ``sent`` when it moves a file to its place: ``kill`` is the end of the file's path, a
     count of such files, and whether the signal comes after the move. ``patched`` are constants of
-    `brushexp.training.writer`.
+    `brushexp_training.writer`.
     """
 
     def __init__(
@@ -132,7 +138,7 @@ def _main(
         signal.signal(number, signal.SIG_DFL)
     warnings.simplefilter("ignore", FutureWarning)
     for name, value in patched.items():
-        setattr(importlib.import_module("brushexp.training.writer"), name, value)
+        setattr(importlib.import_module("brushexp_training.writer"), name, value)
     if disturbed:
         _kill_at(*disturbed)
     sys.argv = words

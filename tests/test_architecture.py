@@ -6,10 +6,11 @@ import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import brushexp_training
 import pytest
 from skimage import data, io
 
-from brushexp import painting, training
+from brushexp import painting
 from brushexp.config.tasks import TASKS
 from brushexp.registry import FAMILIES, PACKAGES
 
@@ -114,7 +115,7 @@ def test_the_tutorial_says_what_a_plugin_may_import():
         assert f"`brushexp.{package}`" in text, package
 
 
-@pytest.mark.parametrize("path", [painting, training], ids=lambda path: path.__name__)
+@pytest.mark.parametrize("path", [painting, brushexp_training], ids=lambda path: path.__name__)
 def test_the_map_names_every_module_of_the_path(path):
     line = " ".join(path.__doc__.splitlines()[2:])
     steps = {step.strip() for step in line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")} - {

@@ -27,7 +27,7 @@ from brushexp.strokes.brushwork import (
     distances,
     is_visible,
     load_brushwork,
-    matched_measures,
+    measures_to_match,
     pitch_of,
     transport_cost,
     with_brushwork,
@@ -82,7 +82,7 @@ def test_what_is_matched_is_what_is_analysed():
     made = visible(25)
     table = measure_strokes(made, torch.arange(25), SIZE)
     pitch = pitch_of(made, SIZE)
-    measured = matched_measures(made, pitch)
+    measured = measures_to_match(made, pitch)
     for row, name in zip(measured, MATCHED, strict=True):
         value = torch.from_numpy(getattr(table, name))
         assert_close(row, (value / pitch + 0.1).log() if name in ("length", "width") else value, rtol=1e-4, atol=1e-4)

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from brushexp_training.dataset import Origin
+from brushexp_training.writer import simulate_set
 from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
@@ -41,8 +43,6 @@ from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
 from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint
-from brushexp.training.dataset import Origin
-from brushexp.training.writer import simulate_set
 
 
 @pytest.fixture

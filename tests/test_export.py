@@ -500,7 +500,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
         {
             "stroke": 1, "start_x_px": 5, "start_y_px": 30, "control_x_px": 5, "control_y_px": 20, "end_x_px": 5,
             "end_y_px": 10, "width_px": 1, "red": 0, "green": 0.5, "blue": 1, "opacity": 0.25, "length_px": 20,
-            "direction_deg": 90,
+            "direction_deg": -90,
         }
     )  # fmt: skip
     assert (second["stroke"], second["direction_deg"], second["length_px"]) == ("0", "0", "20")

@@ -2,8 +2,9 @@
 
 import pytest
 import torch
+from brushexp_training.tasks import train
 
-from brushexp.tasks import paint, train
+from brushexp.tasks import paint
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")]
 

@@ -129,10 +129,11 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     names += ["a\\"]
     for name in names:
         (tmp_path / name).write_text("")
-        (word,) = expand_arguments([f"{key}={name}"])
+        word = expand_arguments([f"{key}={name}"])[0]
         assert OmegaConf.create({"is": parse_value(word.partition("=")[2])})["is"] == name, word
     swept = expand_arguments(["-m", f"{key}=photo (1).png,2024"])[1]
-    assert swept.endswith('="photo (1).png","2024"')
+    whole = "a sweep has one folder"
+    assert swept.endswith('="photo (1).png,2024"' if key == "output" else '="photo (1).png","2024"'), whole
     for name in ("a, b", "a=b", "[1]", "{2}.png", "~3", "e#f.png"):  # files and folders alone, and in lists
         (tmp_path / name).mkdir(exist_ok=True)
         (word,) = expand_arguments([f"data={name}"])

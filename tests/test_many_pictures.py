@@ -19,6 +19,7 @@ from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import SUBFOLDER, override_value
 from brushexp.system import device, runtime
+from brushexp.system.reading import digest_of
 
 pytestmark = pytest.mark.slow
 QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
@@ -153,6 +154,11 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     assert pictures_named("conf/pictures/mine.yaml", [SHIPPED]) == ["camera", "conf/pictures/red.png"]
     assert [Path(one).name for one in pictures_named("p", folders)] == ["a b,c.png", "broken.jpg", "second.jpg"]
     assert all_pictures(["mine", "camera", "coffee"], folders) == ["camera", str(own / "red.png"), "coffee"]
+    (own / "sealed.yaml").write_text(f"- conf/pictures/red.png: {digest_of(own / 'red.png')}\n- camera\n")
+    assert pictures_named("sealed", folders) == ["conf/pictures/red.png", "camera"]  # from the current folder
+    Image.new("RGB", (9, 17)).save(own / "red.png")
+    with pytest.raises(UserError, match=r"pictures=sealed: conf/pictures/red.png is not the file that .*SHA-256 is"):
+        pictures_named("sealed", folders)
     (own / "empty.yaml").write_text("[]")
     for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
         with pytest.raises(UserError, match=message):

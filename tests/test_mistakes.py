@@ -20,8 +20,24 @@ from brushexp.errors import UserError
 ROOT = Path(__file__).parents[1]
 MISTAKES = {
     # words, keys and choices
-    "outputs/x/catalogue.h5": "to look at a painting, run or sweep: task=view catalogue=outputs/x/catalogue.h5",
+    "outputs/x/catalogue.h5": "look at it with brushexp view outputs/x/catalogue.h5, or write it anew with brushexp ex",
     "nonsense": "--help lists the keys",
+    "watercolur": "is no file, no task and no key=value; did you mean watercolour",
+    "looks": "type look= and one of gouache, impasto, ink, oil, ",
+    "train src": "task=train takes no file or folder alone; type its key before it, KEY=src",
+    "view a.h5 b.h5": "catalogue= takes one path, not 2: a.h5, b.h5",
+    "--look=ink": "--look=ink is no flag; type look=ink, without dashes",
+    "time=60": "time is no key of task=paint; nearest first: seconds, ",
+    "stroke=100": "nearest first: strokes, max_strokes, steps_per_stroke (all: --help)",
+    "strokes=1,000": "is read as several values; type strokes=1000",
+    "strokes=many": "try strokes=100 (number of strokes",
+    "seconds=-1": "seconds=-1 is not above 0; try seconds=1",
+    "~logger": "~logger deletes nothing; type logger=[]",
+    "trainer.accelerator=cpu": "this program has a key for it: type device=cpu",
+    "trainer.fast_dev_run=true": "this program has a key for it: type steps=3",
+    "logger.offline=true": "options stand below one, logger.<name>.offline=...",
+    "logger.tags=[a]": "it is an option of one logger; type logger.wandb.tags",
+    "callbacks=rich_progress_bar": "a file of plugins wraps any other one of Lightning",
     "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
     "n=3": "It is one of task=simulate, task=evaluate, task=prune",
     "experiment=renderer_noise steps=3": "steps is no key of task=train",
@@ -64,14 +80,14 @@ MISTAKES = {
     "loss=[perceptual] loss.perceptual.taps=[a]": "loss.perceptual.taps: 'a' names no activation",
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
     "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",
-    "task=export": "task=export needs catalogue: catalogue.h5 of a run",
+    "task=export": "task=export needs catalogue: folder of a run, its catalogue.h5",
     "image=a'b.jpg strokes='": "must stand in quotes",
     # names and files
     "device=tpu": "device=tpu, but PyTorch finds ",
     "device=cuda:7": "CUDA devices; use device=cpu",
     "optimizer.name=Adm": "set optimizer.name to one of ASGD, ",
     "background=notacolor": "background=notacolor is not a colour; use background=mean, white",
-    "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture or one of the samples astronaut, ",
+    "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture, or a sample such as coffee",
     "focus=nope.jpg": "focus=nope.jpg is not there; give auto, the path",
     "catalogue=nope.h5": "there is no file nope.h5; give the catalogue.h5 of a finished run, catalogue=...",
     "resume=nope": "resume=nope: there is no checkpoint.ckpt; give the folder of an interrupted run",
@@ -119,10 +135,21 @@ def test_a_message_says_what_to_type_instead(config, overrides, monkeypatch):
     ("light=315,45", "light={azimuth:315,elevation:45}"),
     ("light=[-20.5,45]", "light={azimuth:-20.5,elevation:45}"),
     ("style=a.jpg", "style.image=a.jpg"),
+    ("watercolor", "look=watercolour"),
+    ("look=watercolor", "look=watercolour"),
+    ("colour=rgb", "color=rgb"),
+    ("finer", "detail=2"),
+    ("best", "quality=best"),
+    ("timelapse=none", "frames=0"),
+    ("resume=a,b", "resume=a,b output=\"a,b\""),
+    ("export a.h5 to=svg", "task=export catalogue=a.h5 to=[svg]"),
+    ("view tests", "task=view catalogue=tests"),
+    ("compare src tests", "task=compare runs=[src,tests]"),
     ("--config-dir mine steps=3", "--config-dir mine steps=3"),
 ])  # fmt: skip
 def test_short_forms_are_written_out(typed, meant):
-    words = [text.split(" ") if typed.startswith("-") else [text] for text in (typed, meant)]
+    several = typed.startswith(("-", "resume", "export", "view", "compare"))
+    words = [text.split(" ") if several else [text] for text in (typed, meant)]
     assert expand_arguments(words[0]) == words[1]
 
 

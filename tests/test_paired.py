@@ -101,6 +101,10 @@ def test_one_setting_or_one_picture_is_no_study(tmp_path, psnr, units):
     ((1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends"),
     ((1.0, 1.1, 1.2, 1.0, 0.9, 1.0, 1.1, -0.2, -0.2, -0.2), "depends"),  # though the mean is better
     ((0.05, 0.05, 0.05, -0.05, -0.05, -0.05), "same"),  # by less than matters
+    ((0.05, 0.06, 0.04, 0.05), "same"),  # for sure, but too little to matter
+    ((0.11, 0.12, 0.13, 0.12), "better"),
+    ((*(17 * (1.0,)), *(3 * (-1.0,))), "better"),  # 3 of 20 are too few for an answer that depends on the picture
+    ((*(16 * (1.0,)), *(4 * (-1.0,))), "depends"),
     ((0.5, 0.6), "not decided"),  # too few
     ((0.5,), "not decided"),
 ])  # fmt: skip
@@ -119,8 +123,8 @@ def test_a_verdict_is_told_with_its_numbers():
     odd = gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0)
     assert odd.sentence.startswith("depends on the picture: better on a, b, c; worse on d, e, f; ")
     assert gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0, unit="seed").verdict == "not decided"
-    assert "In this order: a difference *depends on the picture* if at least 3 of them" in rule_for("picture")
-    assert "In this order: a difference is *better* or *worse* if the interval excludes zero" in rule_for("seed")
+    assert "In this order: a difference *depends on the picture* if at least 3, and 20%, of them" in rule_for("picture")
+    assert "In this order: there is *no difference larger than* what the interval allows" in rule_for("seed")
 
 
 def test_tables_and_plot_are_written(tmp_path):

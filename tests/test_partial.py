@@ -9,7 +9,7 @@ from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
 from brushexp.compositing.layers import EDGE
-from brushexp.painting.canvas_memory import PatchCache, touched
+from brushexp.painting.canvas_memory import PatchCache, find_reaching
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.kl import KullbackLeibler
@@ -39,7 +39,7 @@ def test_a_patch_that_covers_the_canvas_paints_the_same_picture_as_the_whole(ren
     take(whole, 12)
     take(part, 12)
     assert_close(dict(whole.strokes().items()), dict(part.strokes().items()), rtol=1e-4, atol=1e-3)
-    assert_close(whole.drawn(), part.drawn(), rtol=0, atol=1e-3)
+    assert_close(whole.draw(), part.draw(), rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -79,7 +79,7 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
 @pytest.mark.parametrize("soft", [2.0, 20.0])
 def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
     painter = painter_of(renderer=Analytic(soft=soft), sampler=few(patch=24))
-    strokes, whole = painter.strokes(), painter.drawn()
+    strokes, whole = painter.strokes(), painter.draw()
     for step in range(6):
         view = painter.components.sampler(strokes, SIZE, step, painter.generator)
         painter.training_step(view, 0)
@@ -121,7 +121,7 @@ def test_the_kept_picture_stays_near_the_truth_and_its_error_is_known(renderer, 
         take(painter, 1, loop)
         error = float((painter.latest() - painter.picture.target).square().mean())
         assert painter.picture.error == pytest.approx(error, rel=1e-5)
-    assert float((painter.latest() - painter.drawn()).abs().mean()) < 0.01
+    assert float((painter.latest() - painter.draw()).abs().mean()) < 0.01
     painter.picture.forget()
     assert painter.picture.error == pytest.approx(error, rel=1e-5), "known when another renderer takes over"
 
@@ -161,7 +161,7 @@ def test_random_coverage_takes_the_nearest_strokes_to_a_point():
 def test_odd_sizes_are_defined(n, options):
     painter = painter_of(sampler=Patches(**options), n=n)
     take(painter, 6)
-    assert painter.drawn().isfinite().all()
+    assert painter.draw().isfinite().all()
     assert painter.visits.sum() > 0, "strokes are found, however few there are"
 
 
@@ -177,13 +177,13 @@ def test_no_strokes_are_looked_at_whole_and_all_at_one_point_still_make_places()
 def test_touched_pixels_are_those_in_the_boxes():
     strokes = random_strokes(12, SIZE)
     region = Region(5, 9, 30, 41)
-    result = touched(strokes, region, EDGE)
+    result = find_reaching(strokes, region, EDGE)
     no_paint = torch.tensor([9.0, 9.0, 9.0])
     painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), SIZE, no_paint).image != 9).any(0))
     assert result.shape == (30, 41)
     assert (result | ~painted).all(), "no painted pixel is missed"
     assert result.float().mean() < 1
-    assert not touched(strokes[:0], region, EDGE).any()
+    assert not find_reaching(strokes[:0], region, EDGE).any()
 
 
 def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_memory():

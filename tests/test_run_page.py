@@ -218,6 +218,13 @@ def test_what_is_not_known_is_left_out():
         assert part in html
 
 
+def test_sizes_that_a_setting_gave_are_marked():
+    html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
+    assert html.count('"note": "Set by init=grid: no measure') == 3
+    assert "<code>init=grid</code>, not by the picture" in html
+    assert "not by the picture" not in page_of(saved_with(5))
+
+
 @pytest.mark.parametrize(("error", "words", "is_bug"), [
     (UserError("no room"), "no report.html of this run: no room", False), (ZeroDivisionError(), "Traceback", True),
 ])  # fmt: skip

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from functools import partial
@@ -40,7 +41,14 @@ def metrics_of(folder: Path) -> dict:
 def painted(tmp_path_factory) -> Path:
     """Folder of a small finished run."""
     folder = tmp_path_factory.mktemp("painted") / "run"
-    assert "painting.png: " in typed(*SMALL, f"output={folder}", cwd=folder.parent).stdout
+    done = typed(*SMALL, f"output={folder}", cwd=folder.parent)
+    log = (folder / "run.log").read_text()
+    last = [line for line in done.stdout.splitlines() if "%" not in line]
+    assert [line.split("  ")[0] for line in last[:3]] == ["writing the page", "run/painting.png", "run/report.html"]
+    assert last[2].endswith("look at it: brushexp view run")
+    assert re.match(r"next: .*: brushexp ", last[3])
+    assert not any(word in line for line in last for word in ("dB", "SSIM", "INFO"))
+    assert re.search(r"\]\[INFO\] - .*painting.png: .* dB.*, SSIM", log), "run.log has the figures"
     return folder
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 import torch
+from brushexp_training.evaluation import squared_error
 from kernels import BACKGROUND, DEGENERATE, DENSE, paint
 from scenes import leaves, random_strokes, straight
 from torch.nn import functional
@@ -19,7 +20,6 @@ from brushexp.plugins.renderer.textured import STRETCH, Textured, close_loop, do
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training.evaluation import squared_error
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
 TILED = Tiled(opaque=0.0)

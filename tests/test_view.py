@@ -34,7 +34,7 @@ def painted_run(folder, **chosen):
 
 def pages(config, catalogue, into, *overrides):
     into.mkdir(exist_ok=True)
-    return pages_of(config("task=view", f"catalogue='{catalogue}'", *overrides), into)
+    return pages_of(config("task=view", f"catalogue='{catalogue}'", *overrides), catalogue, into)
 
 
 def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
@@ -95,7 +95,7 @@ def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, nam
     runs = [painted_run(tmp_path / name / str(k), steps=str(k)) for k in range(2)]
     (runs[1] / "report.html").write_text("page of run 1")
     (tmp_path / "out").mkdir()
-    by_address = pages_of(OmegaConf.create({"catalogue": str(tmp_path / name)}), tmp_path / "out")
+    by_address = pages_of(OmegaConf.create(), tmp_path / name, tmp_path / "out")
     assert f'href="../{path}/1/report.html"' in by_address["/"].read_text()
     with serve(by_address) as address:
         assert ask(address, "/")[0] == 200

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
     from brushexp.api.parts import create, list_plugins, render
-    from brushexp.api.studies import simulate, train_renderer
     from brushexp.errors import UserError
 
 __all__ = [
@@ -21,14 +20,11 @@ __all__ = [
     "list_plugins",
     "paint",
     "render",
-    "simulate",
-    "train_renderer",
 ]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
     "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),
-    "brushexp.api.studies": ("simulate", "train_renderer"),
     "brushexp.errors": ("UserError",),
 }
 FUNCTIONS = "brushexp.functions"  # entry-point group: what installed packages add, by its name here

@@ -20,7 +20,7 @@ from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direc
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
 from brushexp_analysis.summary import OVERALL, Analysis
-from brushexp_analysis.summary_text import overall_texts, relative_unit, strokes_in, three_digits
+from brushexp_analysis.summary_text import overall_texts, relative_unit, setters_of, strokes_in, three_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +38,7 @@ HISTOGRAM_BINS = 32
 RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of directions
 NUMBERS = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
 MUTED = "#6a6a6a"
+SHORT = 44  # letters of the name of an axis
 STROKES_SIDE = 900  # pixels: longer side of the drawn strokes
 LEAST_AROUND = 3  # strokes within the radius of a place from which on it has a coherence
 CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of directions, CIE LCh; more is not in sRGB
@@ -76,7 +77,7 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
         picture.set(xticks=[], yticks=[], anchor="N")
         picture.spines[:].set_color(ink)
     _rose(axes["rose"], analysis, largest)
-    axes["rose"].set_title("directions as they lie; dotted: all equal", fontsize=10)
+    axes["rose"].set_title("directions, clockwise; dotted: all equal", fontsize=10)
     look = {"va": "top", "fontsize": 8.5, "linespacing": 1.5, "in_layout": False}
     axes["numbers"].text(0.1, 1, "\n".join(OVERALL[key].name for key in NUMBERS), color=MUTED, **look)
     axes["numbers"].text(0.75, 1, "\n".join(overall_texts(analysis, NUMBERS)), color=INK, **look)
@@ -131,7 +132,7 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
     compared = len(analyses) > 1
     samples = [one.relative(key) if compared else one.values(key) for one in analyses]
     unit = relative_unit(key) if compared else MEASURES[key].unit
-    label = MEASURES[key].name + f", {unit}" * bool(unit)
+    label, setters = MEASURES[key].name + f", {unit}" * bool(unit), setters_of(key, analyses)
     filled = [
         (values, color, dash) for values, color, dash in zip(samples, COLORS, ("-", "--"), strict=False) if len(values)
     ]
@@ -146,7 +147,8 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
         axes.axvline(median, color=color, linewidth=1.2, linestyle=dash, label=f"median {three_digits(median)}")
     beyond = max(float(((values < low) | (values > high)).mean()) for values, _, _ in filled)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
-    axes.set(xlabel=label + f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005), xlim=(low, high))
+    label += f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005)
+    axes.set(xlabel=label + f"\nset by {without_math(setters)[:SHORT]}" * bool(setters), xlim=(low, high))
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:

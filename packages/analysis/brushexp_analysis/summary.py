@@ -12,10 +12,12 @@ from brushexp.results.stroke_table import (
     DIRECTION_BINS,
     MEASURES,
     RADIUS_PITCHES,
+    SIZES,
     Array,
     StrokeTable,
     direction_shares,
     measure_strokes,
+    sizes_set_by,
 )
 from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
@@ -54,6 +56,7 @@ class Analysis:
     pitch: float  # sqrt(pixels of the canvas / N)
     radius: float  # pixels: within which neighbours were counted
     measures: StrokeTable  # of the N strokes, see `measure_strokes`
+    sizes_by: str = ""  # the setting that gave the strokes their ``SIZES``, see `sizes_set_by`
 
     def values(self, key: str) -> Array:
         """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
@@ -90,7 +93,10 @@ def analysis_of(
     strokes, depth = saved.strokes[number], saved.depth[number].argsort().argsort().numpy()
     pitch = pitch_of(strokes, saved.size)
     radius = RADIUS_PITCHES * pitch if radius is None else radius
-    return Analysis(name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, table)
+    return Analysis(
+        name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, table,
+        sizes_set_by(saved),
+    )  # fmt: skip
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
@@ -126,11 +132,14 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
         measures[key] = {"unit": measure.unit, **statistics_of(analysis.values(key), measure.axial)}
+        if key in SIZES and analysis.sizes_by:
+            measures[key]["set_by"] = analysis.sizes_by
         if measure.power:
             relative = statistics_of(analysis.relative(key))
             measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
     return {
         "name": analysis.name,
+        "sizes_set_by": analysis.sizes_by or None,
         "catalogue": analysis.source,
         "height": analysis.size[0],
         "width": analysis.size[1],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, markdown_table
-from brushexp.results.stroke_table import MEASURES
+from brushexp.results.stroke_table import MEASURES, SIZES
 from brushexp.strokes.brushwork import MIN_OPACITY
 from brushexp.strokes.measures import Measure
 from brushexp.system.files import write_json, write_text
@@ -40,12 +40,16 @@ def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
 
 
 def strokes_csv(analysis: Analysis) -> str:
-    """Write a row per stroke that counts, in the order of the catalogue; what is not defined is empty."""
+    """Write a row per stroke that counts, in the order of the catalogue; what is not defined is empty.
+
+    The last column names the setting that gave lengths, widths, areas and elongatedness; it is empty if none did.
+    """
     columns: dict[str, Any] = {"stroke": analysis.number, "depth": analysis.depth}
     for key in analysis.measures.dtype.names or ():
         measure = MEASURES.get(key, Measure(key, "place", unit="px"))
         unit = f" [{measure.unit}]".replace("°", "deg") * bool(measure.unit)
         columns[key + unit] = in_units(analysis.measures[key], measure)
+    columns["sizes_set_by"] = analysis.sizes_by
     return csv_table(columns, significant=6)
 
 
@@ -53,6 +57,7 @@ def brushwork_text(analyses: Sequence[Analysis]) -> str:
     """Write all statistics and definitions as Markdown."""
     lines = [f"# Brushwork of {' and '.join(escape_markdown(one.name) for one in analyses)}", ""]
     lines += [line for one in analyses for line in (_heading(one), "")]
+    lines += [line for one in analyses for line in (sizes_warning(one), "") if one.sizes_by]
     overall = {"": [measure.name for measure in OVERALL.values()]} | {one.name: overall_texts(one) for one in analyses}
     lines += ["## The whole", "", markdown_table(overall, align="l" + "r" * len(analyses)), ""]
     if len(analyses) > 1:
@@ -71,6 +76,27 @@ def _heading(analysis: Analysis) -> str:
     )
 
 
+def sizes_warning(analysis: Analysis) -> str:
+    """Say that the sizes of painted strokes are no measures of the picture."""
+    name = escape_markdown(analysis.name)
+    return (
+        f"**Length, width, area and elongatedness of {name} are set by `{analysis.sizes_by}`** and say "
+        "nothing of the painter's brushes, nor do layers and homogeneity of breadth, which follow from them. "
+        "Directions and coherence come from the picture."
+    )
+
+
+def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
+    """Name the settings that gave a measure instead of the picture; "" if none did."""
+    return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZES))
+
+
+def marked(key: str, analyses: Sequence[Analysis]) -> str:
+    """Name a measure, with the settings that gave it where that was not the picture."""
+    setters = setters_of(key, analyses)
+    return MEASURES[key].name + f" (set by {setters})" * bool(setters)
+
+
 def strokes_in(analysis: Analysis) -> str:
     """Count the strokes that were measured, in words."""
     return f"{len(analysis.number):,} stroke{'s' * (len(analysis.number) != 1)}"
@@ -82,14 +108,14 @@ def _statistics(analysis: Analysis) -> str:
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
             texts = {HEADINGS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
-            rows.append({"measure": measure.name, "unit": unit} | texts)
+            rows.append({"measure": marked(key, [analysis]), "unit": unit} | texts)
     return markdown_table(rows, align="ll" + "r" * len(HEADINGS))
 
 
 def _comparison(one: Analysis, other: Analysis) -> list[str]:
     rows = []
     for key, far in comparison_of(one, other).items():
-        row = {"measure": MEASURES[key].name, "unit": relative_unit(key)}
+        row = {"measure": marked(key, [one, other]), "unit": relative_unit(key)}
         for each in (one, other):
             side = statistics_of(each.relative(key), MEASURES[key].axial)
             row[each.name] = f"{three_digits(side['mean'])} ± {three_digits(side['sd'])}"
@@ -112,9 +138,10 @@ def _definitions() -> list[str]:
     return [
         "## What is measured", "",
         *(f"- {one.name}: {one.meaning}{f' ({one.source})' * bool(one.source)}." for one in measures), "",
-        "Directions grow clockwise as they are seen. A pitch is sqrt(area of the canvas / strokes): in pitches, "
-        "paintings of different sizes compare. Most measures are those of Li, Yao, Hendriks and Wang (2012), Rhythmic "
-        "brushstrokes distinguish van Gogh from his contemporaries, IEEE TPAMI 34(6), 1159-1176.",
+        "Directions run clockwise as they are seen, from level: 45° falls to the right. A pitch is sqrt(area of the "
+        "canvas / strokes): in pitches, paintings of different sizes compare. Most measures are those of Li, "
+        "Yao, Hendriks and Wang (2012), Rhythmic brushstrokes distinguish van Gogh from his contemporaries, IEEE TPAMI "
+        "34(6), 1159-1176.",
     ]  # fmt: skip
 
 

@@ -24,6 +24,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         analyses.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
         left_out = analyses[-1].total - len(analyses[-1].number)
         log.info("%s: %d strokes measured, %d left out", cfg[option], len(analyses[-1].number), left_out)
+        if setter := analyses[-1].sizes_by:
+            log.warning("%s: lengths, widths and areas are set by %s, not by the picture", cfg[option], setter)
     paths = [write_figure(folder / "brushwork.png", analyses), *write_summary(folder, analyses)]
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
     means = {f"brushwork_{key}": value for key, value in mean_measures(analyses[0]).items()}

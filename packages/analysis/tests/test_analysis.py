@@ -21,6 +21,7 @@ from scipy.spatial.distance import cdist
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.reporting.tables import escape_markdown
 from brushexp.results.stroke_table import (
     ALIGNED_WITHIN,
     DIRECTION_BINS,
@@ -250,6 +251,31 @@ def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_d
     assert "–" in text
     assert "nan" not in text.replace("hidden", "").replace("means", "")
     assert three_digits(12345.6) == "12,346"
+
+
+PAINTED = "painter: {_target_: brushexp.plugins.painter.gradient.GradientDescent}\n"
+INIT = "init: {_target_: brushexp.plugins.init.grid.Grid}\n"
+
+
+@pytest.mark.parametrize(("config", "setter"), [
+    ("seed: 0\n", ""), (INIT, "init=grid"), (PAINTED + INIT, "init=grid"),
+    (PAINTED + INIT + "catalogue: a.h5\n", "catalogue=a.h5"),
+    (PAINTED + INIT + "style: {brushwork: b.h5}\n", "style.brushwork=b.h5"),
+    ("painter: {_target_: brushexp_painters.hertzmann.Hertzmann}\n" + INIT, "painter=hertzmann"), ("[", ""),
+])  # fmt: skip
+def test_sizes_that_a_setting_gave_are_marked_as_such_everywhere(config, setter, tmp_path):
+    one = analysis_of(replace(painting(), config=config), "a", "a.h5")
+    assert one.sizes_by == setter
+    write_summary(tmp_path, [one])
+    data = json.loads((tmp_path / "summary.json").read_text())
+    assert data["sizes_set_by"] == (setter or None)
+    (row, *_) = csv.DictReader(io.StringIO((tmp_path / "brushwork.csv").read_text()))
+    assert row["sizes_set_by"] == setter
+    for key, measure in MEASURES.items():
+        is_marked = bool(setter) and key in ("length", "width", "area", "elongatedness")
+        assert ("set_by" in data["measures"][key]) == is_marked
+        name = f"{measure.name} (set by {setter})" if is_marked else measure.name
+        assert f"| {escape_markdown(name)} |" in (tmp_path / "summary.md").read_text()
 
 
 @pytest.mark.parametrize("rows", [

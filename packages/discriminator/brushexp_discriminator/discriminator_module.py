@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import lightning as L
 import numpy as np
 import torch
+from brushexp_training.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
+from brushexp_training.dataset import Split
+from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, optim
 from torch.nn import functional
 
 from brushexp.strokes.prior import sample_prior
-from brushexp.training.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
-from brushexp.training.dataset import Split
-from brushexp.training.network_module import NetworkModule
 from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
 from brushexp_discriminator.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
 

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from brushexp_training.rules import check_ends
+from brushexp_training.schema import EMA, NETWORK_FIT
 from omegaconf import DictConfig
 
 from brushexp.bounds import INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config.keys import key
-from brushexp.config.rules import check_ends
-from brushexp.config.schema import EMA, NETWORK_FIT, RESUME, Task, TrainerOptions
+from brushexp.config.schema import RESUME, Task, TrainerOptions
 
 
 @dataclass

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import torch
+from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
-from brushexp.runs.network_fitting import NetworkJob, train_network, training_recipe
 from brushexp_discriminator.discriminator import NAME, Discriminator
 from brushexp_discriminator.discriminator_module import DiscriminatorModule, ShapeData, save_discriminator
 

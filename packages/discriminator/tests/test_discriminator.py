@@ -15,6 +15,7 @@ from brushexp_discriminator.discriminator_module import (
     held_out_shapes,
     save_discriminator,
 )
+from brushexp_training.dataset import Split
 from hydra.errors import CompactHydraException
 from test_trainer import fit
 from torch import Tensor
@@ -26,7 +27,6 @@ from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
-from brushexp.training.dataset import Split
 
 POINTS = ("start", "control", "end")
 

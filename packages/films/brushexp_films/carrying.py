@@ -108,7 +108,7 @@ class Carrier:
         around[find_strokes(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
         picture = self.picture(target, cel.background)
-        picture.memory = picture.remembered(painted.clone())
+        picture.memory = picture.memory_of(painted.clone())
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
         rates = [group["lr"] for group in optimizer.param_groups]

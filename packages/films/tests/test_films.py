@@ -29,7 +29,7 @@ from brushexp.compositing.layers import EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
 from brushexp.errors import UserError
-from brushexp.painting.canvas_memory import touched
+from brushexp.painting.canvas_memory import find_reaching
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.decode import read_picture
@@ -179,7 +179,7 @@ def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(ren
         stay = [n for n in after.front_to_back.tolist() if not moved[n]]
         assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
         whole = Region.whole(picture)
-        away = ~(touched(before.strokes[moved], whole, EDGE) | touched(after.strokes[moved], whole, EDGE))
+        away = ~(find_reaching(before.strokes[moved], whole, EDGE) | find_reaching(after.strokes[moved], whole, EDGE))
         assert away.sum() > 500
         assert torch.equal(reel.image[:, away], image[:, away])
         error = [(painting - picture).square().mean() for painting in (reel.image, image)]

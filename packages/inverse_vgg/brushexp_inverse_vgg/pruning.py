@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from copy import deepcopy
 
 import torch
+from brushexp_training.datamodule import StrokeBatch
+from brushexp_training.evaluation import squared_error
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
-from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import squared_error
 from brushexp_inverse_vgg.inverse_vgg import COARSEST, Coarsest, InverseVGG
 
 MULTIPLE = 8  # widths stay multiples of this: processors compute so many channels at once

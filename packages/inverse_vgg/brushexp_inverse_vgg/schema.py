@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from brushexp_training.rules import STROKES, check_batch, check_ends
+from brushexp_training.schema import DATA, EMA, LIMIT, NETWORK_FIT
 from omegaconf import DictConfig
 
 from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
-from brushexp.config.rules import STROKES, check_batch, check_ends
-from brushexp.config.schema import DATA, EMA, LIMIT, NETWORK_FIT, Task, TrainerOptions
+from brushexp.config.schema import Task, TrainerOptions
 from brushexp.errors import UserError
 from brushexp.registry import build
 
@@ -36,8 +37,9 @@ class PruneTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_training.stroke_data import check_origin, origin_for  # noqa: PLC0415
+
         from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
-        from brushexp.training.stroke_data import check_origin, origin_for  # noqa: PLC0415
         from brushexp_inverse_vgg.pruning import check_prunable  # noqa: PLC0415
 
         if not cfg.ratios:

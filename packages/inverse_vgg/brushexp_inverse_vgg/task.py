@@ -8,23 +8,23 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
+from brushexp_training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
+from brushexp_training.datamodule import StrokeData
+from brushexp_training.dataset import Split
+from brushexp_training.evaluation import HeldOutSheet, effl0_distance
+from brushexp_training.network_fitting import fit_network, renderer_settings, save_renderer
+from brushexp_training.renderer_module import RendererModule
+from brushexp_training.stroke_data import stroke_data
+from brushexp_training.stroke_sheets import COLUMNS, sheet_of_strokes
 from omegaconf import DictConfig
 
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import build, plugin_of
 from brushexp.reporting.tables import csv_table, markdown_table
-from brushexp.results.stroke_sheets import COLUMNS, sheet_of_strokes
-from brushexp.runs.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
-from brushexp.training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
-from brushexp.training.datamodule import StrokeData
-from brushexp.training.dataset import Split
-from brushexp.training.evaluation import HeldOutSheet, effl0_distance
-from brushexp.training.renderer_module import RendererModule
-from brushexp.training.stroke_data import stroke_data
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from brushexp_inverse_vgg.pruning import prune
 

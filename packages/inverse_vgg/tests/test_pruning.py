@@ -9,6 +9,10 @@ import torch
 from brushexp_inverse_vgg import task
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from brushexp_inverse_vgg.pruning import MULTIPLE, prune
+from brushexp_training.datamodule import StrokeBatch
+from brushexp_training.dataset import Origin
+from brushexp_training.tasks import train
+from brushexp_training.writer import simulate_set
 from sweeps import read_csv
 
 from brushexp.errors import UserError
@@ -18,10 +22,6 @@ from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
-from brushexp.tasks import train
-from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.dataset import Origin
-from brushexp.training.writer import simulate_set
 
 OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel": 4, "activation": "relu"}
 OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": 0.0, "normalisation": "none", "upsampling": "nearest"}

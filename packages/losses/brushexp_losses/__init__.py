@@ -1,5 +1,5 @@
 """Further losses, as members of the family ``loss``."""
 
-from brushexp_losses import sinkhorn
+from brushexp_losses import curvature, sinkhorn
 
-__all__ = ["sinkhorn"]
+__all__ = ["curvature", "sinkhorn"]

@@ -31,7 +31,7 @@ class Controls:
             with part("Strokes"):
                 self.number = Slide(self._take_number, name="How many", low=0, high=NOTCHES, step=1, value=0)
                 self.size = Slide(self._take_size, name="How large", low=-1, high=1, step=0.05, value=0)
-            with part("Time"):
+            with part("Time", "best takes minutes"):
                 times = {name: name.capitalize() for name in (*QUALITIES, SECONDS)}
                 chips("Time", times, visit.wishes.quality, self._take_time)
                 seconds = {"name": "Seconds of painting", "low": 1, "high": 120, "step": 1, "value": 10}
@@ -62,7 +62,9 @@ class Controls:
             with place:
                 if name == "style":
                     Button("None", lambda: self._take_style(None), pressed=chosen is None, classes="drop")
-                Drop(partial(self.receive, take=take), name=f"Your own {name}", text="Your own", address="/photos")
+                whole = name == "picture"  # a file dropped anywhere on the page
+                own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
+                Drop(partial(self.receive, take=take), **own)
                 for key in SAMPLES if chosen is None or chosen.key in SAMPLES else (chosen.key, *SAMPLES):
                     self._thumb(key, chosen, take)
 

@@ -4,18 +4,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from nicegui import ui
+
 from brushexp_studio.elements import Button, Drop, Frames, Mask, Tag, Wipe, chips
 from brushexp_studio.visit import COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
-from brushexp_studio.works import DONE, FAILED, Work
+from brushexp_studio.works import DONE, FAILED, PRINT_SIDE, WAITING, Work
 
 FILES = {  # names on the page; a film is one of two kinds
     "painting.png": "PNG",
     "strokes.svg": "SVG",
-    "catalogue.h5": "Strokes, HDF5",
+    "catalogue.h5": "Strokes",
     "timelapse.mp4": "Film",
     "timelapse.gif": "Film",
     "report.html": "Page",
 }
+PRINTS = {"png": f"PNG for print, {PRINT_SIDE} pixels", "pdf": "PDF"}
 
 
 class Easel:
@@ -95,6 +98,11 @@ class Easel:
                 self.live = Tag("img", src=work.address, alt=f"painting {work.title}")
             else:
                 Tag("img", "bare", src=work.wishes.subject.address, alt="the photograph, to be painted")
+        if work.frames:
+            with Tag("div", "row tools"):
+                Tag("button", "choice", "Look at it alone", type="button", data_zoom=".place .stage img")
+        elif work.status == WAITING:
+            Tag("p", "caption hint", "It is painted when the ones before it are finished.")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
@@ -129,8 +137,12 @@ class Easel:
                 if name in names:
                     target = "_blank" if Path(name).suffix == ".html" else None
                     Tag("a", "button", title, href=f"/works/{work.number}/files/{name}", target=target)
+            for form, title in PRINTS.items():
+                Tag("a", "button", title, href=f"/works/{work.number}/print.{form}", download="")
             Tag("a", "button", "Everything, zip", href=f"/works/{work.number}.zip")
-            Tag("code", "command-line", work.wishes.command())
+            with Tag("p", "command-line"):
+                Tag("code", text=work.wishes.command())
+                Button("Copy", lambda: ui.clipboard.write(work.wishes.command()), classes="choice")
 
     def _show_strip(self) -> None:
         self.strip.clear()

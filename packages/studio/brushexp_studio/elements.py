@@ -54,7 +54,7 @@ class Scripted(ui.element):
 
 
 class Drop(Scripted, component="web/drop.js"):
-    """A drop zone for files: ``name``, ``text`` and the ``address`` to which they are sent."""
+    """A drop zone for files: ``name``, ``text``, the ``address`` to which they are sent, ``whole``: of the page."""
 
 
 class Wipe(Scripted, component="web/wipe.js"):

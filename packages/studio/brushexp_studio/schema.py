@@ -13,6 +13,7 @@ class StudioTask(Task):
 
     module = "brushexp_studio.task"
 
+    output: str = key("${scratch:}", "folder of the log; by default none is left")
     keep: str | None = key(None, "folder where finished paintings stay; null = they go with the page")
     port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
     open: bool = key(True, "in the browser, or only print the address")

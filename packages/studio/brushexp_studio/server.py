@@ -68,6 +68,11 @@ def application(photos: Photos, works: Works) -> FastAPI:
         disposition = "inline" if path.suffix == ".html" else "attachment"
         return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
 
+    @app.get("/works/{number}/print.{form}")
+    def large(number: int, form: str) -> Response:
+        work = works[number]
+        return FileResponse(work.print_as(form), filename=f"{work.name}-print.{form}")
+
     @app.get("/works/{number}.zip")
     def everything(number: int) -> Response:
         work = works[number]

@@ -13,8 +13,9 @@ from brushexp_studio.easel import Easel
 from brushexp_studio.elements import Button, Tag
 from brushexp_studio.photos import Photos
 from brushexp_studio.visit import Visit
-from brushexp_studio.works import FAILED, FINISHING, PAINTING, Works
+from brushexp_studio.works import FAILED, FINISHING, WAITING, Works
 
+LIKELY = ("oil", "watercolour", "impasto", "vangogh", "pastel", "ink", "gouache", "pointillist", "plain")
 WEB = Path(__file__).parent / "web"
 ICON = (
     "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'>"
@@ -24,7 +25,7 @@ ICON = (
 
 def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
     """Add the page of the studio to an application at ``/``."""
-    head = f"<script>{(TEMPLATES / 'theme.js').read_text()}</script>"
+    head = "".join(f"<script>{(TEMPLATES / name).read_text()}</script>" for name in ("theme.js", "zoom.js"))
     head += "".join(f"<style>{path.read_text()}</style>" for path in (TEMPLATES / "page.css", WEB / "studio.css"))
     bar = (WEB / "bar.html").read_text()
 
@@ -32,12 +33,17 @@ def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
     def studio() -> None:
         ui.add_head_html(head)
         ui.html(bar, sanitize=False)
-        Tab(Visit(photos, works, look_names()))
+        Tab(Visit(photos, works, sorted(look_names(), key=likelihood)))
 
     ui.run_with(
         app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
         show_welcome_message=False,
     )  # fmt: skip
+
+
+def likelihood(look: str) -> tuple[int, str]:
+    """Order looks by how likely a visitor wants them; those of users come last, by name."""
+    return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 
 
 class Tab:
@@ -49,6 +55,9 @@ class Tab:
         self.visit, self.works = visit, visit.works
         self.version = -1
         visit.join()
+        client = ui.context.client
+        client.on_connect(lambda: setattr(visit, "is_there", True))
+        client.on_disconnect(lambda: setattr(visit, "is_there", False))
         with Tag("div", "studio"):
             Tag("h1", "unseen", "brushexp studio")
             self.easel = Easel(visit, lambda answer: self.controls.receive(answer, visit.take_photo))
@@ -56,6 +65,7 @@ class Tab:
             with Tag("div", "doing"):
                 self.main = Button("Paint", self.paint, classes="button main")
                 self.stop = Button("Stop", self.end)
+                self.bar = Tag("progress", aria_label="Share of the painting that is done", max=1)
                 self.status = Tag("p", "status hint", role="status")
                 self.trouble = Tag("p", "alarm", role="alert")
         visit.listeners.append(self.renew)
@@ -68,7 +78,7 @@ class Tab:
     def paint(self) -> None:
         """Begin a painting of the chosen picture, and show it."""
         try:
-            work = self.works.begin(self.visit.wishes)
+            work = self.visit.begun = self.works.begin(self.visit.wishes, self.visit)
         except UserError as error:
             self.complain(str(error))
             return
@@ -77,9 +87,12 @@ class Tab:
         ui.run_javascript("scrollTo({ top: 0 })")
 
     def end(self) -> None:
-        """Stop the painting, and keep its state."""
-        if self.works.current:
-            self.works.current.stopped.set()
+        """Stop the painting of this tab, and keep its state."""
+        if work := self.visit.stoppable():
+            self.works.stop(work)
+            if work not in self.works.all:
+                self.visit.work = None
+            self.look()
             self.renew()
 
     def look(self) -> None:
@@ -92,9 +105,13 @@ class Tab:
 
     def renew(self) -> None:
         """Renew the buttons, and the line beside them."""
-        current, work = self.works.current, self.visit.work
-        self.main.allow(current is None and self.visit.wishes.photo is not None)
-        self.stop.allow(current is not None and current.status == PAINTING and not current.stopped.is_set())
+        work, mine = self.visit.work, self.visit.stoppable()
+        self.main.allow(self.visit.wishes.photo is not None)
+        self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())
+        self.stop.set_text("Withdraw" if mine and mine.status == WAITING else "Stop")
+        current = self.works.current
+        self.bar.set_visibility(bool(current and current.frames))
+        self.bar.set(value=f"{current.share:.3f}" if current else 0)
         self.status.set_text(self.describe())
         if work and work.status == FAILED:
             self.complain(work.trouble)
@@ -110,4 +127,17 @@ class Tab:
             return "Stopping after this step …"
         if not current.frames:
             return "Laying the first strokes …" if self.works.is_warm.is_set() else "Warming up …"
-        return f"Painting {current.title}"
+        left = current.seconds_left
+        words = f"Painting {current.title}" + ("" if left is None else f", {in_words(left)} left")
+        mine = self.visit.begun
+        waits = self.works.before(mine) if mine and mine.status == WAITING else 0
+        return words + (f"; yours is next after {waits}" if waits else "")
+
+
+def in_words(seconds: float) -> str:
+    """Write a time that is left.
+
+    >>> in_words(7.4), in_words(200)
+    ('7 s', '3 min')
+    """
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

@@ -22,6 +22,8 @@ class Visit:
     view: str = PHOTOGRAPH
     work: Work | None = None  # on the easel
     against: Work | None = None  # the painting to compare with; None is the photograph
+    begun: Work | None = None  # the last painting that this tab has begun
+    is_there: bool = True  # whether the tab is open
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
     def notify(self) -> None:
@@ -33,6 +35,11 @@ class Visit:
         """Choose the picture to paint, and drop the mask of the one before."""
         self.wishes.photo, self.wishes.mask, self.view = photo, None, PHOTOGRAPH
         self.notify()
+
+    def stoppable(self) -> Work | None:
+        """Return the painting that Stop ends: of this tab, or the one that is shown if nobody else waits for it."""
+        shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
+        return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
     def look_at(self, work: Work, view: str = PAINTING) -> None:
         """Show a painting."""
@@ -53,5 +60,5 @@ class Visit:
         if self.work:
             views += [PAINTING]
             views += [COMPARE] if self.work.frames else []
-            views += [REPLAY] if len(self.work.frames) > 1 and self.works.current is not self.work else []
+            views += [REPLAY] if len(self.work.frames) > 1 and not self.work.is_open else []
         return views

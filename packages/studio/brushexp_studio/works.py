@@ -1,11 +1,11 @@
-"""The paintings of a session: one at a time is painted, in a thread beside the page."""
+"""The paintings of a session: one at a time is painted, in a thread beside the page; others wait for their turn."""
 
 import logging
 import time
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from typing import Any
 
 from PIL import Image
@@ -19,7 +19,9 @@ from brushexp_studio.wishes import Wishes
 log = logging.getLogger(__name__)
 FRAME_SIDE = 1024  # pixels of the longer side of a frame
 MOST_FRAMES = 120  # per painting; of more every second one is removed
-PAINTING, FINISHING, DONE, FAILED = "painting", "finishing", "done", "failed"
+LONGEST_QUEUE = 20  # paintings that wait
+PRINT_SIDE = 4096  # pixels of the longer side of a print
+WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing", "done", "failed"
 
 
 @dataclass
@@ -29,10 +31,20 @@ class Work:
     number: int
     wishes: Wishes
     folder: Path
-    status: str = PAINTING
+    owner: Any = None  # the visit that has begun it
+    status: str = WAITING
     frames: dict[int, tuple[bytes, str]] = field(default_factory=dict)  # pictures and captions by number, in order
     trouble: str = ""  # what went wrong, in one line
     stopped: Event = field(default_factory=Event)
+    share: float = 0.0  # of the work that is done, 0 to 1
+    seconds_left: float | None = None
+    painting: Any = None  # the finished one, as `brushexp.Painting`
+    printing: Lock = field(default_factory=Lock)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is not finished."""
+        return self.status in (WAITING, PAINTING, FINISHING)
 
     @property
     def title(self) -> str:
@@ -63,6 +75,15 @@ class Work:
         """The files that can be downloaded."""
         return sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
 
+    def print_as(self, form: str) -> Path:
+        """Draw the strokes large, as a PNG or PDF, at first use; KeyError for what cannot be printed."""
+        if form not in ("png", "pdf") or self.painting is None:
+            raise KeyError(form)
+        folder = self.folder / "print"
+        with self.printing:
+            found = sorted(folder.glob(f"*.{form}"))
+            return found[0] if found else Path(self.painting.export(form, folder, size=PRINT_SIDE)[0])
+
     def add_frame(self, image: Any, caption: str) -> None:
         """Add a picture (H, W, 3) of bytes."""
         self.frames[self.last + 1] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
@@ -77,6 +98,7 @@ class Works:
     def __init__(self, folder: Path, options: dict[str, Any]) -> None:
         self.folder, self.options = folder, options
         self.all: list[Work] = []
+        self.count = 0  # paintings begun
         self.version = 0  # grows with every change that the page shows
         self.is_warm = Event()
         self._thread: Thread | None = None
@@ -84,9 +106,12 @@ class Works:
 
     @property
     def current(self) -> Work | None:
-        """The painting that is not finished."""
-        busy = self.all and self.all[-1].status in (PAINTING, FINISHING)
-        return self.all[-1] if busy else None
+        """The painting that is being painted, or else the first that waits."""
+        return next((work for work in self.all if work.is_open), None)
+
+    def before(self, work: Work) -> int:
+        """Count the paintings that are painted before this one."""
+        return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
         """Return a painting by its number; KeyError if there is none."""
@@ -97,26 +122,34 @@ class Works:
         self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
         self._thread.start()
 
-    def begin(self, wishes: Wishes) -> Work:
-        """Begin to paint; a UserError if another painting is not finished."""
+    def begin(self, wishes: Wishes, owner: Any = None) -> Work:
+        """Paint, once the paintings before are finished; a UserError if there is no picture or the queue is full."""
         if wishes.photo is None:
             raise UserError("choose a picture first")
-        if self.current:
-            raise UserError("one painting at a time: stop the one that is being painted, or wait for its end")
-        number = len(self.all) + 1
+        if sum(work.is_open for work in self.all) > LONGEST_QUEUE:
+            raise UserError(f"{LONGEST_QUEUE} paintings are waiting; wait for the end of one")
+        number = self.count = self.count + 1
         wishes = replace(wishes)  # later choices are for the next painting
-        work = Work(number, wishes, self.folder / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{number}_{wishes.look}")
+        folder = self.folder / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{number}_{wishes.look}"
+        work = Work(number, wishes, folder, owner)
         self.all.append(work)
         self.version += 1
         self._thread = Thread(target=self._run, args=(work, self._thread), name="painting", daemon=True)
         self._thread.start()
         return work
 
+    def stop(self, work: Work) -> None:
+        """Stop a painting and keep its state; one that waits is withdrawn."""
+        work.stopped.set()
+        if work.status == WAITING:
+            self.all.remove(work)
+        self.version += 1
+
     def close(self) -> None:
-        """End the painting and the thread."""
+        """End the paintings and the thread."""
         self._closing.set()
-        if self.current:
-            self.current.stopped.set()
+        for work in [work for work in self.all if work.is_open]:
+            self.stop(work)
         if self._thread:
             self._thread.join()
 
@@ -129,7 +162,11 @@ class Works:
 
     def _run(self, work: Work, before: Thread | None) -> None:
         if before:
-            before.join()  # the warm-up
+            before.join()  # the warm-up, or the painting before
+        if work.stopped.is_set():
+            return
+        work.status = PAINTING
+        self.version += 1
         try:
             self._paint(work)
             work.status = DONE
@@ -143,9 +180,12 @@ class Works:
         wishes, start = work.wishes, time.monotonic()
         options = wishes.overrides() | self.options
         states = brushexp.iterate(wishes.subject.path, every=1, every_seconds=0.25, **options)
+        planned = 0
         for state in states:
+            planned = max(planned, state.steps)
+            work.share, work.seconds_left = progress_of(state.step, planned, time.monotonic() - start, wishes.seconds)
             quality = f"{state.psnr:.1f} dB · {len(state.strokes):,} strokes · {time.monotonic() - start:.1f} s"
-            work.add_frame(state.image, f"step {state.step} of {state.steps} · {quality}")
+            work.add_frame(state.image, f"step {state.step} of {planned} · {quality}")
             self.version += 1
             if work.stopped.is_set() and state.painting is None:
                 state.stop()
@@ -154,3 +194,16 @@ class Works:
                 self.version += 1
                 if not self._closing.is_set():
                     state.painting.save(work.folder)
+                    work.painting = state.painting
+
+
+def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:
+    """Return the share of a painting that is done, and the seconds left; None before there is a step to judge by.
+
+    >>> progress_of(10, 40, 5.0, None), progress_of(10, 0, 5.0, 20.0), progress_of(0, 40, 0.1, None)
+    ((0.25, 15.0), (0.25, 15.0), (0.0, None))
+    """
+    if limit is not None:
+        return min(1.0, spent / limit), max(0.0, limit - spent)
+    share = step / max(steps, 1)
+    return share, (spent * (1 - share) / share if share else None)

@@ -145,7 +145,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
         names = {Path(name).name for name in archive.namelist()}
     assert names >= {"painting.png", "strokes.svg", "catalogue.h5", "report.html", "target.png", "metrics.json"}
     with page.expect_download() as download:
-        page.get_by_role("link", name="PNG").click()
+        page.get_by_role("link", name="PNG", exact=True).click()
     with Image.open(download.value.path()) as painting:
         assert painting.size == (256, 170)
     assert download.value.suggested_filename == "写真_cat-oil-1-painting.png"

@@ -12,9 +12,13 @@ from brushexp.errors import UserError
 from brushexp.results.paired import NOT_DECIDED, Difference
 from brushexp.results.quantities import quantities
 from brushexp_thesis.entries import entries_in, read_plain_yaml
+from brushexp_thesis.evidence import Bounds
 
 SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
 BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # what can be expected of a setting
+HOLDS, FAILS, CANNOT, NOT_RUN = "holds", "does not hold", "cannot be answered here", "not run"
+UNCLEAR = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}
+COMPARED = ("setting", "against", "metric", "expects")  # what a claim needs, unless none could answer it
 
 
 @dataclass(kw_only=True)
@@ -24,25 +28,35 @@ class Claim:
     study: str = ""
     says: str
     section: str
-    setting: str
-    against: str
-    metric: str
-    expects: str
+    setting: str = ""
+    against: str = ""
+    metric: str = ""
+    expects: str = ""
     at_least: float = 1.0
+    cannot: str = ""
+    remark: str = ""
+    after_results: bool = False
 
-    def verdict(self, difference: Difference | None) -> str:
-        """Judge the claim by a measured difference, None if there is none; open claims get the answer itself."""
-        if difference is None:
-            return "not run"
-        unclear = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}.get(difference.verdict)
-        if self.expects == NO_WORSE:
-            return "holds" if difference.is_no_worse else unclear or "does not hold"
-        if unclear or self.expects == OPEN:
-            return unclear or ("no difference" if difference.verdict == "same" else difference.verdict)
-        threshold = math.log(self.at_least)
-        if difference.verdict != "better" or difference.high < threshold:
-            return "does not hold"
-        return "holds" if difference.low >= threshold else NOT_DECIDED
+    def answer(self, difference: Difference) -> tuple[str, Bounds]:
+        """Judge the claim by a measured difference; open claims get the answer itself.
+
+        The bounds are those of the mean gain that the verdict states or, of an undecided one, that the claim does.
+        """
+        matters, least = difference.quantity.matters, math.log(self.at_least)
+        larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)
+        stated = {BETTER: (least, math.inf), NO_WORSE: (-matters, math.inf)}.get(self.expects, larger)
+        if self.expects == NO_WORSE and difference.is_no_worse:
+            return HOLDS, stated
+        if difference.verdict in UNCLEAR:
+            return UNCLEAR[difference.verdict], stated
+        measured = (-matters, matters) if difference.verdict == "same" else larger
+        if self.expects == OPEN:
+            return ("no difference" if difference.verdict == "same" else difference.verdict), measured
+        if self.expects == NO_WORSE or difference.verdict != "better":
+            return FAILS, measured
+        if difference.high < least:
+            return FAILS, (-math.inf, least)
+        return (HOLDS if difference.low >= least else NOT_DECIDED), stated
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
@@ -50,16 +64,27 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
     try:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}
-        for study, claim in ((study, claim) for study, listed in claims.items() for claim in listed):
-            if claim.metric not in quantities() or claim.expects not in (BETTER, NO_WORSE, OPEN):
-                raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")
-            if not 0 < claim.at_least < math.inf:
-                raise UserError(f"'{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
-            claim.study = str(study)
-            claim.setting, claim.against = as_hydra_writes(claim.setting), as_hydra_writes(claim.against)
+        for study, listed in claims.items():
+            for number, claim in enumerate(listed, 1):
+                claim.study = str(study)
+                _check(claim, f"entry {number} of {study}")
+                claim.setting, claim.against = as_hydra_writes(claim.setting), as_hydra_writes(claim.against)
     except UserError as error:
         raise UserError(f"claims={path}: {error}") from error
     return claims
+
+
+def _check(claim: Claim, where: str) -> None:
+    missing = [name for name in COMPARED if not getattr(claim, name)]
+    if claim.cannot and len(missing) == len(COMPARED):
+        return
+    if missing:
+        cure = "give each, or of a claim that no study can answer none of them, but cannot: why"
+        raise UserError(f"{where} has no {' and no '.join(missing)}; {cure}")
+    if claim.metric not in quantities() or claim.expects not in (BETTER, NO_WORSE, OPEN):
+        raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")
+    if not 0 < claim.at_least < math.inf:
+        raise UserError(f"'{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
 
 
 def as_hydra_writes(setting: str) -> str:

@@ -9,10 +9,10 @@ from typing import Any
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.pages.replay import config_of
 from brushexp.pages.run_page import list_settings
 from brushexp.reporting.tables import escape_markdown, markdown_table
 from brushexp.results.runs import gather
+from brushexp.strokes.saved import config_of
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.reading import read_text, yaml_of

@@ -30,6 +30,7 @@ class VerdictsTask(Task):
         MISSING, "folder of sweeps of experiment=, or of records of such; several with commas", FOLDER
     )
     claims: str | None = key(None, "YAML file of claims; null = the thesis's, which ship", FILE)
+    paintings: str | None = key(None, "YAML list of pictures to tell apart, as paintings; null = those that ship", FILE)
     page: str | None = key(None, "Markdown file to write, plots and records beside it; null = ablations.md in output")
 
 

@@ -2,11 +2,13 @@
 
 A record is a CSV file: a first line of JSON behind ``# `` (command, numbers of runs, cost), then a row for each setting
 and picture (or seed) with the metrics. Folders of runs are large and go; a page is written anew from records.
+A record may be another program's, which writes its command, and the question that it asks, into the first line.
 """
 
 import json
 import math
 import re
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +25,7 @@ from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT = "experiment="
+HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question")  # of a record, in its first line
 # Words that say where and by how many processes, not what.
 OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
@@ -30,6 +33,8 @@ OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hy
 @dataclass(frozen=True)
 class Study:
     """A finished sweep of a named experiment; ``words`` are its command line without the folders of a machine.
+
+    Those of another program begin with ``python``; its ``question`` stands in the record.
 
     ``table`` is the `paired_table` of its runs. It has ``n_jobs`` when it is whole; of ``n_runs`` that were begun
     ``n_finished`` have come to their ends, at a ``cost`` in words.
@@ -42,6 +47,12 @@ class Study:
     n_runs: int
     n_finished: int
     cost: str
+    question: str = ""
+
+    @property
+    def command(self) -> str:
+        """What repeats it, as one types it."""
+        return shlex.join(self.words if self.words[:1] == ("python",) else ["brushexp", *self.words])
 
     @property
     def units(self) -> list[str]:
@@ -71,7 +82,7 @@ class Study:
     def record(self, path: Path) -> None:
         """Write the study to a file from which `studies_in` reads it again."""
         metrics = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
-        head = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
+        head = {name: getattr(self, name) for name in HEAD if getattr(self, name)}
         write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format='%.7g', lineterminator=chr(10))}")
 
 

@@ -3,7 +3,7 @@
 import logging
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -12,24 +12,37 @@ from omegaconf import DictConfig
 
 from brushexp.config.compose import SHIPPED
 from brushexp.reporting.tables import markdown_table
-from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
+from brushexp.results.paired import (
+    CONFIDENCE,
+    PANELS,
+    PICTURE,
+    Difference,
+    paired_differences,
+    rule_for,
+    write_paired_plot,
+)
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import words_of
 from brushexp.system.files import write_text
-from brushexp_thesis.claims import SHIPPED_CLAIMS, Claim, read_claims
+from brushexp.system.reading import read_text, yaml_of
+from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
+from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
 log = logging.getLogger(__name__)
+SHIPPED_PAINTINGS = Path(__file__).with_name("paintings.yaml")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the page of the studies in ``cfg.runs`` to ``cfg.page``, or into this run's folder."""
     claims = read_claims(Path(cfg.claims) if cfg.claims else SHIPPED_CLAIMS)
+    paintings = yaml_of(read_text(Path(cfg.paintings or SHIPPED_PAINTINGS), "give a list of pictures"), list)
     studies = studies_in([Path(path) for path in cfg.runs], folder)
     questions = {path.stem: question_of(path) for path in (SHIPPED / "experiment").glob("*.yaml")}
     page = Path(cfg.page) if cfg.page else folder / "ablations.md"
     typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith(("output=", "overwrite="))]
-    counts = write_verdicts(page, studies, claims, questions, shlex.join(["brushexp", *typed]))
+    command = shlex.join(["brushexp", *typed])
+    counts = write_verdicts(page, studies, claims, questions, command, set(map(str, paintings)))
     log.info("%s: %s", page, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     return {"studies": len(studies), **{verdict.replace(" ", "_"): count for verdict, count in counts.items()}}
 
@@ -42,31 +55,47 @@ def question_of(experiment: Path) -> str:
 
 def write_verdicts(
     page: Path, studies: Mapping[str, Study], claims: Mapping[str, list[Claim]], questions: Mapping[str, str],
-    command: str,
+    command: str, paintings: Collection[str],
 ) -> dict[str, int]:  # fmt: skip
     """Write the page, with plots and records in a folder of its name beside it; count the claims by verdict."""
-    judged, not_run = [], []
-    for claim in (claim for listed in claims.values() for claim in listed):
-        difference = studies[claim.study].difference(claim) if claim.study in studies else None
-        words = {"claim": claim.says, "verdict": claim.verdict(difference)}
-        if difference is None:
-            not_run.append(words | {"thesis": claim.section, "command": f"brushexp {EXPERIMENT}{claim.study}"})
-        else:
-            words |= {"measured": difference.sentence, "compared": f"{claim.setting} against {claim.against}"}
-            study = f"[{claim.study}](#{claim.study})"
-            judged.append(words | {"metric": quantities()[claim.metric].name, "study": study, "thesis": claim.section})
-    verdicts = Counter(row["verdict"] for row in judged + not_run)
+    judgements = judge((claim for listed in claims.values() for claim in listed), studies)
+    verdicts = Counter(one.verdict for one in judgements)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     lines = ["# Ablations", "", f"Written by `{command}`, and no number in it by hand.", ""]
     lines += [_prose(text) for text in _explanation(claims)]
-    lines += ["", f"Verdicts on {len(judged + not_run)} claims: {counts}.", "", *_table(judged)]
+    lines += ["", f"Verdicts on {len(judgements)} claims: {counts}.", ""]
+    lines += _table([_verdict_row(one) for one in judgements if one.difference is not None])
     page.parent.mkdir(parents=True, exist_ok=True)
     for name in [*claims, *sorted(set(studies) - set(claims))]:
         if name in studies:
-            lines += _section(page, studies[name], questions.get(name, ""))
-    lines += ["## Not run", "", *_table(not_run)] if not_run else []
+            judged = [one for one in judgements if one.claim.study == name and one.difference is not None]
+            rows = [evidence_row(one, paintings) for one in judged]
+            lines += _section(page, studies[name], questions.get(name) or studies[name].question, rows)
+    for title, verdict in (("Cannot be answered here", CANNOT), ("Not run", NOT_RUN)):
+        rows = [_open_row(one) for one in judgements if one.verdict == verdict and one.difference is None]
+        lines += [f"## {title}", "", *_table(rows)] if rows else []
     write_text(page, "\n".join(lines))
     return dict(verdicts)
+
+
+def _verdict_row(one: Judgement) -> dict[str, str]:
+    assert one.difference is not None
+    return {
+        "claim": one.claim.says,
+        "verdict": one.verdict,
+        "measured": one.difference.sentence,
+        "metric": one.difference.quantity.name,
+        "p of all": "" if one.p is None else format_p(one.p),
+        "study": f"[{one.claim.study}](#{one.claim.study})",
+        "thesis": one.claim.section,
+        "remarks": one.remarks,
+    }
+
+
+def _open_row(one: Judgement) -> dict[str, str]:
+    why = {"why, and what it would need": one.remarks}
+    typed = {"command": f"brushexp {EXPERIMENT}{one.claim.study}"}
+    return {"claim": one.claim.says, "thesis": one.claim.section} | (why if one.verdict == CANNOT else typed)
 
 
 def _explanation(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
@@ -83,9 +112,23 @@ def _explanation(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
         "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
         "the answer does not depend on the picture; what was measured is told by the rule above all the same."
     )
-    metrics = dict.fromkeys([*PANELS, *(claim.metric for listed in claims.values() for claim in listed)])
+    yield (
+        f"*p of all* is Student's, of what the verdict states, for all claims of this page together (Holm); from "
+        f"{1 - CONFIDENCE:.2f} on, a verdict is *not decided*, and the remarks say what it is alone. The tables of the "
+        "studies add the median with its bootstrap interval, on how many the setting is better and worse by more than "
+        "what matters, the p of signed ranks (Wilcoxon) of the same statement, and the means of photographs and of "
+        f"paintings; these are each for itself, at {CONFIDENCE:.0%}. The remarks say where ranks and Student differ."
+    )
+    yield (
+        "Claims are *added after the results* where somebody had seen numbers of that comparison before it was a "
+        "claim. A claim *cannot be answered here* where no outcome of the study could decide it; what was measured "
+        "stands beside it, without p. No claim is taken off the page."
+    )
+    named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
     matters = ", ".join(
-        f"{quantities()[key].name} {quantities()[key].matters:g}" for key in metrics if quantities()[key].matters
+        f"{quantities()[key].name} {quantities()[key].matters:g}"
+        for key in dict.fromkeys([*PANELS, *named])
+        if quantities()[key].matters
     )
     yield f"What matters: {matters} (of ratios: of their natural logarithm)."
 
@@ -95,13 +138,14 @@ def _prose(text: str) -> str:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    plain = [{key: str(value).replace("|", "\\|").replace("_", "\\_") for key, value in row.items()} for row in rows]
+    keys = dict.fromkeys(key for row in rows for key in row)
+    plain = [{key: str(row.get(key, "")).replace("|", "\\|").replace("_", "\\_") for key in keys} for row in rows]
     return [markdown_table(plain, escape=False), ""] if rows else []
 
 
-def _section(page: Path, study: Study, question: str) -> list[str]:
-    name, command = study.name, shlex.join(["brushexp", *study.words])
-    lines = [f"## {name}", "", _prose(question), "", f"`{command}`", "", _prose(_extent(study)), ""]
+def _section(page: Path, study: Study, question: str, claims: Sequence[Mapping[str, str]]) -> list[str]:
+    name = study.name
+    lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", "", _prose(_extent(study)), ""]
     differences = paired_differences(study.table)
     if differences:
         picture = page.with_suffix("") / f"{name}.png"
@@ -109,8 +153,8 @@ def _section(page: Path, study: Study, question: str) -> list[str]:
         write_paired_plot(picture, differences, name)
         study.record(picture.with_suffix(".csv"))
         files = f"{picture.parent.name}/{name}"
-        lines += [*_table(study_rows(study, differences)), f"![Differences of {name}]({files}.png)", ""]
-        lines += [f"All numbers: [{name}.csv]({files}.csv).", ""]
+        lines += [*_table(study_rows(study, differences)), *_table(claims)]
+        lines += [f"![Differences of {name}]({files}.png)", "", f"All numbers: [{name}.csv]({files}.csv).", ""]
     return lines
 
 

@@ -11,12 +11,13 @@ from itertools import chain, count
 from pathlib import Path
 
 from brushexp.config.compose import files_of, quote
+from brushexp.config.words import verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
-from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.reading import digest_of, read_text, yaml_of
 
 SETS = "pictures="
 ENDING = ".yaml"  # of files with sets of pictures
@@ -77,7 +78,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     return [
         *([] if is_sweep else ["--multirun"]),
         *others,
-        *([] if typed else [f"output={output}"]),
+        *([] if typed else [f"output={verbatim(output)}"]),
         f"hydra.sweeper.pictures=[{texts}]",
         "hydra.sweeper.lenient=true",
         *(["hydra.sweeper.resume=true"] if goes_on else []),
@@ -93,22 +94,41 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     """List the pictures of one part of ``pictures=``: a set, a folder or pattern, or one picture.
 
     A set is a YAML file, ``pictures/<name>.yaml`` in folders of configs or a typed path, that lists samples and files;
-    their relative paths begin at its folder. A UserError names what is missing.
+    their relative paths begin at its folder, or at the current one. A UserError names what is missing, or is another
+    file than the set gives the SHA-256 of.
     """
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
         return pictures_in(name) if is_several(name) else [name]
     try:
-        names = [str(one) for one in yaml_of(read_text(path, "give a file with a list of pictures"), list)]
+        digests = read_set(path)
     except UserError as error:
         raise UserError(f"pictures={name}: {error}; give a list of pictures, a line '- photo.jpg' each") from error
-    places = {one: path.parent / os.path.expanduser(one) for one in names}
+    places = {one: _place_of(one, path.parent) for one in digests}
     missing = [one for one, place in places.items() if not place.is_file() and one not in samples()]
-    if missing or not names:
+    if missing or not digests:
         what = f"has no {', '.join(missing)}; put such files beside {path}" if missing else "is empty; list pictures"
-        raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(samples()))}")
+        what += ", or where you are," * bool(missing)
+        raise UserError(f"pictures={name} {what} or give names of samples: {', '.join(sorted(samples()))}")
+    for one, digest in digests.items():
+        if digest and places[one].is_file() and digest_of(places[one]) != digest:
+            raise UserError(
+                f"pictures={name}: {places[one]} is not the file that {path} means, whose SHA-256 is {digest}"
+            )
     return [str(place) if place.is_file() else one for one, place in places.items()]
+
+
+def read_set(path: Path) -> dict[str, str]:
+    """Read the pictures of a set with their SHA-256, "" where a line, ``- photo.jpg: 0ab3...``, gives none."""
+    lines = yaml_of(read_text(path, "give a file with a list of pictures"), list)
+    pairs = (next(iter(line.items())) if isinstance(line, dict) and len(line) == 1 else (line, "") for line in lines)
+    return {str(name): str(digest) for name, digest in pairs}
+
+
+def _place_of(picture: str, folder: Path) -> Path:
+    beside = folder / os.path.expanduser(picture)
+    return beside if beside.is_file() or not Path(picture).is_file() else Path(picture)
 
 
 def name_of(image: str) -> str:

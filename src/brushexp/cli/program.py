@@ -18,10 +18,12 @@ from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import as_sweep
 from brushexp.compat.hydra import parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
+from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.tasks import add_task
-from brushexp.config.words import expand_positional, expand_shorthand
+from brushexp.config.schema import Task
+from brushexp.config.tasks import TASKS, add_task
+from brushexp.config.words import RESUME_SWEEP, expand_positional, expand_shorthand, types_of_keys
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
@@ -61,11 +63,45 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     A UserError says which word is no ``key=value``, or has an impossible value.
     """
     typed, after_flags = parse_arguments(arguments)
+    refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
-    words = [expand_positional(word) if word in overrides else word for word in arguments]
-    typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
-    plain = as_sweep(add_task(words), typed.multirun)
-    return [expand_shorthand(word, typed.multirun) if word in typed_words else word for word in plain]
+    task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
+    words = [expand_positional(word, task) if word in overrides else word for word in arguments]
+    flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
+    whole = add_task(in_place(joined(words, TASKS[task])))
+    ours = {*whole} - flags
+    plain = as_sweep(whole, typed.multirun)
+    return [expand_shorthand(word, typed.multirun) if word in ours else word for word in plain]
+
+
+def refuse_flags(words: Sequence[str]) -> None:
+    """Refuse (UserError) flags that are none of Hydra: keys have no dashes."""
+    for word in words:
+        name, equal, value = word.lstrip("-").partition("=")
+        if word.startswith("--"):
+            cure = f"type {name}={value or '...'}, without dashes" if equal or name in types_of_keys() else ""
+            raise UserError(f"{word} is no flag; {cure or '--help lists the keys, which have no dashes'}")
+
+
+def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
+    """Join the paths alone of a task that takes a list; of one that takes a single path, several are a UserError."""
+    begin = f"{schema.alone}="
+    several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
+    if schema.alone in ("", "image") or len(several) < 2:
+        return [*words]
+    if keys_of(schema)[schema.alone].annotation != list[str]:
+        raise UserError(f"{begin} takes one path, not {len(several)}: {', '.join(several)}; type one, or run each")
+    first = next(k for k, word in enumerate(words) if word.startswith(begin))
+    others = [word for word in words[first:] if not word.startswith(begin)]
+    return [*words[:first], begin + ",".join(several), *others]
+
+
+def in_place(words: Sequence[str]) -> list[str]:
+    """Let a run that is continued go on in its own folder, unless another one is typed."""
+    resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
+    if not resumed or any(word.startswith("output=") for word in words):
+        return [*words]
+    return [*words, f"output={resumed[-1]}"]
 
 
 @contextmanager

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    import lightning as L
-    from torch import Tensor
+import lightning as L
+from torch import Tensor
+
+
+class QuickModule(L.LightningModule):
+    """A LightningModule in which Lightning's notes cost little.
+
+    Some fifty times a step Lightning notes in ``_current_fx_name`` which hook it calls, and a module would look each
+    time whether that is a parameter or a part.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "_current_fx_name":
+            self.__dict__[name] = value
+        else:
+            super().__setattr__(name, value)
 
 
 def trainer_of(module: L.LightningModule) -> L.Trainer | None:

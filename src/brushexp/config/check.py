@@ -9,9 +9,11 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, task_for
+from brushexp.config.vocabulary import INSTEAD, KEYS
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 
+NEAREST = 3  # names that a message lists
 NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
 
@@ -113,9 +115,10 @@ def members_of(family: str) -> str:
     return ", ".join(plugin.name for plugin in plugins(family))
 
 
-def nearest_first(word: str, names: list[str]) -> str:
-    """List names for a message, those most like the word first."""
-    return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
+def nearest_first(word: str, names: Sequence[str]) -> str:
+    """List the three names for a message that are most like the word, the one that others call so first."""
+    ours = [KEYS[word]] if KEYS.get(word) in names else []
+    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word, names, NEAREST, 0)])][:NEAREST])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
@@ -138,10 +141,16 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 def unknown_key(typed: str, task: str) -> str:
     """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
     family, _, rest = typed.partition(".")
+    if typed in INSTEAD:
+        return f"{typed} is no key of task={task}; this program has a key for it: type {INSTEAD[typed]}"
     if family in MULTI_SELECT and rest:
         name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
+        owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
+        if name not in names and owners:
+            return f"{typed} is no key: it is an option of one {family}; type {' or '.join(owners[:NEAREST])}"
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
-        mend = mend if name in names else f"there are: {nearest_first(name, names)}"
+        if name not in names:
+            mend = f"there are: {nearest_first(name, names)}; options stand below one, {family}.<name>.{name}=..."
         return f"{family}.{name} is tuned but not chosen; {mend}"
     for plugin in plugins():
         for option in plugin.meanings:
@@ -149,6 +158,6 @@ def unknown_key(typed: str, task: str) -> str:
                 return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
     above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
     beside = [name for name in names if name.rpartition(".")[0] == above] or names
-    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)}"
+    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)} (all: --help)"
     others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
     return text + (f". It is one of {', '.join(others)}" if others else "")

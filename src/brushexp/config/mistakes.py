@@ -13,12 +13,14 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
-from brushexp.config.compose import composed, files_of
+from brushexp.config.compose import chosen_groups, composed, files_of
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.words import as_typed
-from brushexp.registry import plugins
+from brushexp.registry import MULTI_SELECT, plugins
 
+LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
+EXAMPLES = {int: "100", float: "10"}  # of what is null by default
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
@@ -36,12 +38,13 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
     """Translate a message of Hydra or OmegaConf for a task; None for an unknown message."""
-    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
-        reason = "has letters that must stand in quotes" if match[1] else "are several values; add -m for a sweep"
-        return f"{match[1] or match[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
+    if message := of_grammar(text):
+        return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
         names = choices(match[1], folders)
-        return f"{match[1]}={match[2]} is not there; choose one of {nearest_first(match[2], names)}" if names else None
+        more = LIGHTNINGS if match[1] == "callbacks" else ""
+        near = f"{nearest_first(match[2], names)} (all: --help)"
+        return f"{match[1]}={match[2]} is not there; choose one of {near}{more}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
@@ -50,6 +53,33 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
         return unknown_key(match[1], task)
     return wrong_type(text, task)
+
+
+def of_grammar(text: str) -> str | None:
+    """Translate what Hydra and OmegaConf say of a word that they cannot read; None for another message."""
+    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        return quoting(match[1]) if match[1] else several(match[2])
+    if match := re.search(r"Could not delete '([\w/@]+)'", text):
+        empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
+        return f"~{match[1]} deletes nothing; type {empty}"
+    if match := re.search(r"Interpolation key '(\w+)' not found", text):
+        cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
+        return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
+    return None
+
+
+def quoting(word: str) -> str:
+    """Say how a word with letters of Hydra's grammar is typed."""
+    key = word.partition("=")[0]
+    return f"{word} has letters that must stand in quotes; type both kinds: '{key}=\"...\"'"
+
+
+def several(word: str) -> str:
+    """Say how a word of several values, or a number with its thousands apart, is typed."""
+    key, _, value = word.partition("=")
+    if re.fullmatch(r"\d{1,3}(,\d{3})+", value):
+        return f"{word} is read as several values; type {key}={value.replace(',', '')}, or add -m for a sweep"
+    return f"{word} are several values; add -m for a sweep"
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
@@ -81,6 +111,7 @@ def wrong_type(text: str, task: str) -> str | None:
     else:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
+        example = EXAMPLES.get(plain_type(annotation), example) if default is None else example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: several are not taken", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
@@ -99,11 +130,18 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
     return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
 
 
+def plain_type(annotation: Any) -> Any:
+    """Return the type of a value that is not null."""
+    if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
+        return next(part for part in get_args(annotation) if part is not NoneType)
+    return annotation
+
+
 def in_words(annotation: Any) -> str:
     """Describe the values of a type."""
     parts = get_args(annotation)
-    if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
-        return in_words(next(part for part in parts if part is not NoneType))
+    if (plain := plain_type(annotation)) is not annotation:
+        return in_words(plain)
     if isinstance(annotation, EnumType):
         return f"one of {', '.join(annotation.__members__)}"
     if get_origin(annotation) in (list, tuple):

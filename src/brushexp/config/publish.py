@@ -1,10 +1,14 @@
 """Load all plugins, and publish tasks, looks and presets to Hydra."""
 
+import atexit
 import logging
+import shutil
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
@@ -19,6 +23,16 @@ from brushexp.errors import UserError
 from brushexp.plugin_loading import load_plugins
 from brushexp.registry import MULTI_SELECT, plugins
 
+
+@cache
+def scratch_folder() -> str:
+    """Make a folder that is removed when the program ends, for a task that leaves nothing."""
+    folder = mkdtemp(prefix="brushexp-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+OmegaConf.register_new_resolver("scratch", scratch_folder, replace=True)
 PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 

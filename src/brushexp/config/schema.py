@@ -9,19 +9,14 @@ from omegaconf import MISSING, DictConfig
 from brushexp.bounds import DURATION, FILE, FOLDER, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
-from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, PAGE, STROKES
+from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, PAGE
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
 
 PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
-LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
-SMALLEST_SET = 33  # strokes of which some are for training, validation and test
-NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
-DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"
-EMA = "decay of the exponential moving average of the weights; 0 = no averaging"
-LIMIT = "number of training strokes to use, the first ones; null = all"
+BY_TIME = "outputs/${now:%Y-%m-%d_%H-%M-%S}"  # the folder of a run for which none is typed
 RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
 
@@ -59,7 +54,9 @@ class OtherLamp:
 class TrainerOptions:
     """Keys below ``trainer``: options of Lightning's Trainer, as its manual has them; what is null is left to it."""
 
-    profiler: str | None = key(None, "log at the end where the time was spent; null = no", one_of("simple", "advanced"))
+    profiler: str | None = key(
+        None, "write where the time was spent into profile.txt; null = no", one_of("simple", "advanced")
+    )
     precision: str = key("32-true", "precision; bf16-mixed = networks compute in 16 bits", one_of(*PRECISIONS))
     max_epochs: int | None = key(-1, "epochs at most; -1 = no limit (a task has limits of its own)", at_least(-1))
     min_epochs: int | None = key(None, "epochs at least", at_least(0))
@@ -91,6 +88,7 @@ class Task:
     presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
     module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
+    alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
     instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
 
     @staticmethod
@@ -102,10 +100,15 @@ class Task:
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         """Stop with a UserError at what is wrong beyond types and bounds, before anything runs."""
 
+    @staticmethod
+    def inputs(cfg: DictConfig) -> dict[str, str]:
+        """Describe, by ``key=value``, what beside files a continued run must find as it was: ``33 strokes``."""
+        return {}
+
     seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED))
     device: str = key("auto", "device to compute on: auto, cpu, cuda, cuda:1, ...", DEVICE)
     threads: int | None = key(None, "processor cores to use; null = all, shared by the jobs of a sweep", at_least(1))
-    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run, or of all runs of a sweep")
+    output: str = key(BY_TIME, "folder of the run, or of all runs of a sweep")
     overwrite: bool = key(False, "delete the files of the run or sweep in output, and replace it")
     objective: str | None = key(None, "the metric of metrics.json that Optuna optimises, such as psnr; null = none")
 
@@ -115,6 +118,7 @@ class PaintTask(Task):
     """Optimise a catalogue of strokes until it looks like the picture."""
 
     module = "brushexp.tasks.paint"
+    alone = "image"
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
@@ -146,7 +150,7 @@ class PaintTask(Task):
     wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", at_least(0))
+    seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", above(0))
     psnr: float | None = key(None, "stop when the painting reaches this PSNR, in dB; null = never", at_least(0))
     early_stop: float | None = key(None, "stop when 100 evaluations gain less, in dB; null = never", at_least(0))
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
@@ -169,74 +173,13 @@ class ExportTask(Task):
     """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
 
     module = "brushexp.tasks.export"
+    alone = "catalogue"
     check = staticmethod(rules.check_export)
     groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote", CATALOGUE)
+    catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
     light: OtherLamp = field(default_factory=OtherLamp)
-
-
-@dataclass
-class SimulateTask(Task):
-    """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
-
-    module = "brushexp.tasks.simulate"
-    check = staticmethod(rules.check_simulate)
-    groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
-
-    seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED_SIMULATED))
-    n: int = key(10000, "number of strokes (the thesis: 100,000); a larger n continues a finished set", at_least(1))
-    path: str | None = key(None, "folder of the set; an unfinished set there is continued; null = strokes/ in output")
-
-
-@dataclass
-class TrainTask(Task):
-    """Train a renderer on simulated strokes."""
-
-    module = "brushexp.tasks.train"
-    check = staticmethod(rules.check_train)
-    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
-    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
-    settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
-
-    model: str = key("renderer", "the network to train", one_of("renderer"))
-    data: list[str] | None = key(None, DATA, STROKES)
-    simulate: int | None = key(
-        10000, "without data: strokes to simulate and store; null = new ones", at_least(SMALLEST_SET)
-    )
-    sets: str = key("data", "folder where simulated sets are stored")
-    batch_size: int = key(64, "strokes per gradient step", at_least(1))
-    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
-    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
-    lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
-    ema: float = key(0.999, EMA, between(0, 1))
-    limit: int | None = key(None, LIMIT, at_least(1))
-    detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
-    tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
-    critic: bool = key(False, "add a RaSGAN loss to L2: a critic scores the pictures")
-    critic_lr: float = key(2.0e-3, "peak learning rate of the critic (two time scales: four times lr)", above(0, 1))
-    critic_weight: float = key(0.1, "gradient of the critic's loss, as a fraction of the gradient of L2", at_least(0))
-    critic_width: int = key(16, "channels of the critic at full resolution", at_least(1))
-    fid: int = key(256, "held-out strokes on which each validation computes the FID (effl0); 0 = no FID", at_least(0))
-    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    trainer: TrainerOptions = field(default_factory=TrainerOptions)
-
-
-@dataclass
-class EvaluateTask(Task):
-    """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
-
-    module = "brushexp.tasks.evaluate"
-    check = staticmethod(rules.check_evaluate)
-    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
-
-    data: list[str] | None = key(None, DATA, STROKES)
-    split: str = key("test", "which part of the data to evaluate on", one_of("test", "validation"))
-    n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "allow strokes of another brush than the renderer was trained on")
-    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), to compute the published FID", FILE)
 
 
 @dataclass
@@ -244,6 +187,7 @@ class CompareTask(Task):
     """Compare finished runs: which are worth their time, and which was ahead when."""
 
     module = "brushexp.tasks.compare"
+    alone = "runs"
     runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
 
 
@@ -252,8 +196,13 @@ class ViewTask(Task):
     """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 
     module = "brushexp.tasks.view"
+    check = staticmethod(rules.check_view)
+    alone = "catalogue"
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep", PAGE)
+    catalogue: str | None = key(
+        None, "folder of a run or sweep, or a catalogue (.h5, .json); null = the newest in outputs/", PAGE
+    )
+    output: str = key("${scratch:}", "folder that keeps the page; by default none does")
     port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
     open: bool = key(True, "open the page in the browser; false = only print the address")

@@ -2,6 +2,9 @@
 
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
+export outputs/x      task=export catalogue=outputs/x, and so for the key that a path alone is in a task
+watercolour, finer    look=watercolour, detail=2
+look=watercolor       look=watercolour
 style=painting.jpg    style.image=painting.jpg
 light=315,45          light={azimuth:315,elevation:45}
 to=svg,json           to=[svg,json], and so for every key and family that takes several values but ``loss``
@@ -12,6 +15,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -26,6 +30,7 @@ from omegaconf import OmegaConf
 from brushexp.config.compose import chosen_groups, quote
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import WORDS, is_path, meaning_of, members_alone, members_of_group, respelt
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
@@ -36,19 +41,40 @@ RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a ru
 OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
 
 
-def expand_positional(word: str) -> str:
-    """Write a word as ``key=value``: a word alone is a task, a picture or a folder of pictures."""
+def expand_positional(word: str, task: str = "paint") -> str:
+    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task begins with."""
     path, key = Path(word), word.partition("=")[0].lstrip("+~")
     is_key = not is_path(word) or key in types_of_keys() or key in chosen_groups()
     if is_key and ("=" in word or word.startswith("~")):
-        return word
+        return meaning_of(word) or word
     if word in TASKS:
         return f"task={word}"
+    if not is_path(word) and (meant := meaning_of(word)):
+        return meant
+    is_picture = path.suffix or is_path(word) or word in samples()
+    alone = TASKS[task].alone if task in TASKS else ""
+    if alone != "image" and is_picture and alone:
+        return f"{alone}={word}"
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
-        raise UserError(f"{word} is no key=value; to look at a painting, run or sweep: task=view catalogue={word}")
-    if path.suffix or is_path(word) or word in samples():
+        cure = f"look at it with brushexp view {word}, or write it anew with brushexp export {word}"
+        raise UserError(f"{word} is a painting, a run or a sweep, and no picture; {cure}")
+    if is_picture and alone:
         return f"image={word}"
-    raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
+    if is_path(word):
+        raise UserError(f"task={task} takes no file or folder alone; type its key before it, KEY={word}")
+    raise UserError(unknown_word(word))
+
+
+def unknown_word(word: str) -> str:
+    """Explain that a word alone means nothing here; the nearest words that do are named."""
+    group = word.removesuffix("s")
+    if group in chosen_groups():
+        names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
+        return f"{word} stands for nothing alone; type {group}= and one of {names}"
+    known = [*TASKS, *members_alone(), *WORDS, *samples()]
+    near = [name for name in get_close_matches(word, known, 3, 0.5) if "=" not in name]
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
 
 def expand_shorthand(word: str, sweep: bool = False) -> str:
@@ -56,6 +82,7 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
     name, equal, value = expand_positional(word).partition("=")
+    name, value = respell(name, value)
     if re.fullmatch(r"\+{0,2}style|~style", name) and equal and not value.startswith("{"):
         name += ".image"
     if name == "light" and (angles := re.fullmatch(r"\[?([^\[\]{]*)\]?", value)):
@@ -67,7 +94,9 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     kind, optional = types_of_keys().get(key, (None, False))
     if key in chosen_groups():
         check_choice(key, value)
-    if kind is str:
+    if key == "output" and not OF_HYDRA.match(value) and "${" not in value:
+        value = verbatim(value)  # a folder, also in a sweep: its comma is a comma
+    elif kind is str:
         value = quote_text(key, value, sweep, optional)
     elif get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")
@@ -76,6 +105,19 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
         value = f"[{value}]"
     return name + equal + value
+
+
+def respell(key: str, value: str) -> tuple[str, str]:
+    """Spell a key and the member of a group as we do: look=watercolor, style.colours=content."""
+    names = {*types_of_keys(), *chosen_groups()}
+    plain = key.lstrip("+~")
+    if plain not in names and respelt(plain) in names:
+        key = key.removesuffix(plain) + respelt(plain)
+    if plain in chosen_groups() and respelt(value) != value:
+        known = {plugin.name for plugin in plugins(plain)} | members_of_group(plain)
+        parts = re.split(r"([\[\],])", value)
+        value = "".join(respelt(part) if part not in known and respelt(part) in known else part for part in parts)
+    return key, value
 
 
 @cache
@@ -90,11 +132,6 @@ def types_of_keys() -> dict[str, tuple[Any, bool]]:
         plain = next(part for part in parts if part is not NoneType) if NoneType in parts else kind
         typed[name] = plain, name in optional
     return typed
-
-
-def is_path(text: str) -> bool:
-    """Whether a text is the path of a file or folder that exists."""
-    return bool(text) and os.path.exists(os.path.expanduser(text))
 
 
 def parse_value(value: str) -> Any:

@@ -34,7 +34,7 @@ class EfficientNetLite0(Backbone):
         super().__init__()
         state = {name: value for name, value in state.items() if not name.startswith(HEAD)}
         try:
-            self.stem = SameConvolution.folded(state, "_conv_stem", "_bn0", 2)
+            self.stem = SameConvolution.fold(state, "_conv_stem", "_bn0", 2)
             self.stem.weight *= SCALE
             self.blocks = nn.ModuleList(_Block(state, i, stride) for i, stride in enumerate(STRIDES))
         except KeyError as error:
@@ -58,9 +58,9 @@ class _Block(nn.Module):
     def __init__(self, state: dict[str, Tensor], index: int, stride: int) -> None:
         super().__init__()
         name = f"_blocks.{index}."
-        self.expand = SameConvolution.folded(state, f"{name}_expand_conv", f"{name}_bn0") if index else None
-        self.depthwise = SameConvolution.folded(state, f"{name}_depthwise_conv", f"{name}_bn1", stride)
-        self.project = SameConvolution.folded(state, f"{name}_project_conv", f"{name}_bn2")
+        self.expand = SameConvolution.fold(state, f"{name}_expand_conv", f"{name}_bn0") if index else None
+        self.depthwise = SameConvolution.fold(state, f"{name}_depthwise_conv", f"{name}_bn1", stride)
+        self.project = SameConvolution.fold(state, f"{name}_project_conv", f"{name}_bn2")
 
     def forward(self, x: Tensor) -> Iterator[tuple[str, Tensor]]:
         inside = x
@@ -89,7 +89,7 @@ class SameConvolution(nn.Module):
         self.stride = stride
 
     @staticmethod
-    def folded(state: dict[str, Tensor], convolution: str, norm: str, stride: int = 1) -> "SameConvolution":
+    def fold(state: dict[str, Tensor], convolution: str, norm: str, stride: int = 1) -> "SameConvolution":
         """Take a convolution and its batch norm out of ``state`` and make one convolution of them."""
         weight = state.pop(f"{convolution}.weight")
         parts = ("weight", "bias", "running_mean", "running_var", "num_batches_tracked")

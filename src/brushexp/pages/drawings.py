@@ -89,7 +89,7 @@ def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | No
         "title": title,
         "summary": f"Directions: most of the length lies near {peak:.0f} degrees",
         "shares": _rounded(shares),
-        "note": "Share of the strokes' length by direction; 45° falls to the right.",
+        "note": "Share of the strokes' length by direction, clockwise from level: 45° falls to the right.",
     }
 
 

@@ -9,12 +9,10 @@ import torch
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
-from brushexp.errors import UserError
 from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of
-from brushexp.strokes.storage import Saved
-from brushexp.system.reading import yaml_of
+from brushexp.strokes.saved import config_of
 
 MAX_STROKES = 200_000  # of a page that browsers can still draw
 STEPS = 65_535  # levels of 16 bits above 0
@@ -105,15 +103,6 @@ def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 def _textured(job: ExportJob) -> TexturedProfile | None:
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
-
-
-def config_of(saved: Saved) -> dict[str, Any]:
-    """Read the config of a run; it is empty unless it is plain data."""
-    try:
-        config: dict[str, Any] = yaml_of(saved.config)
-    except UserError:
-        return {}
-    return config
 
 
 def hex_of(color: np.ndarray) -> str:

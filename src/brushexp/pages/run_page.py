@@ -14,15 +14,15 @@ from PIL import Image
 
 from brushexp.pages import drawings
 from brushexp.pages.html import embed, page, readable_number
-from brushexp.pages.replay import config_of, replay_of
+from brushexp.pages.replay import replay_of
 from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import command_of, read_curves
-from brushexp.results.stroke_table import StrokeTable, measure_strokes
+from brushexp.results.stroke_table import SIZES, StrokeTable, measure_strokes, sizes_set_by
 from brushexp.shading.light import overlay
-from brushexp.strokes.storage import Saved
+from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
 
 PAGE_NAME = "report.html"
@@ -36,6 +36,10 @@ FILES = {  # of a run, in the order in which the page has them
     "target.png": "the picture that was painted",
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
+}
+OTHERS = {  # pictures beside the painting
+    "style": "the painting whose style this one has",
+    "focus": "where the painting is most like the picture: the brighter, the more",
 }
 NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
 LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
@@ -65,6 +69,7 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if finished.metrics else None,
         files=files_in(folder, film),
+        beside=(folder / "painting.png").is_file(),
     )
 
 
@@ -82,11 +87,12 @@ def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str
 
 def run_page(
     finished: Finished, *, name: str, curves: Mapping[str, Sequence[float]] | None = None, command: str | None = None,
-    files: Iterable[Mapping[str, str]] = (),
+    files: Iterable[Mapping[str, str]] = (), beside: bool = False,
 ) -> str:  # fmt: skip
     """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
 
-    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`.
+    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`, and ``beside`` says
+    that painting.png lies beside the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -103,11 +109,14 @@ def run_page(
         flat=images.pop("flat", None),
         overlay=_overlay(pictures),
         others=images,
+        beside=beside,
+        about=OTHERS,
         renderer=saved.renderer,
         replay=None if measures is None else replay_of(job, measures),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
+        sizes_by=sizes_set_by(saved),
         light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
         settings=list_settings(config, shlex.split(command or "")[1:]),
         line=line_of(config),
@@ -171,6 +180,10 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
         ("Visible share", 100 * measures.visible, "% of a stroke's paint"),
     ]
     charts = [drawings.histogram_chart(*histogram) for histogram in histograms]
+    if setter := sizes_set_by(saved):
+        for chart in charts:
+            if chart and chart["title"].lower() in SIZES:
+                chart["note"] = f"Set by {setter}: no measure of the picture's own brushwork."
     charts.append(drawings.rose_chart("Direction", measures.orientation, measures.length))
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())

@@ -13,7 +13,7 @@ from brushexp.pictures.decode import open_picture
 from brushexp.reporting.tables import as_text
 from brushexp.results import tables
 from brushexp.results.anytime_curves import curve_from, curves_by_image, leaders, mean_curves
-from brushexp.results.paired import difference_rows, explain_pairing, paired_differences, paired_table
+from brushexp.results.paired import LEAST_UNITS, difference_rows, explain_pairing, paired_differences, paired_table
 from brushexp.results.quantities import digits, quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.system.files import write_text
@@ -38,7 +38,7 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 def sweep_page(folder: Path, frame: DataFrame) -> str:
     """Make the page of at least one run, with pictures in it; names of runs are folders as seen from ``folder``."""
     data = _page_data(frame)
-    paired = paired_differences(paired_table(frame))
+    paired = [one for one in paired_differences(paired_table(frame)) if len(one.gains) >= LEAST_UNITS]
     text = explain_pairing(paired).replace("*", "").replace("`", "") if paired else ""
     return page(
         "sweep.html.j2",
@@ -64,6 +64,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
     side = side_for(int(frame["run", "picture"].notna().sum()) + len(targets))
     groups, pictures = _groups(frame)
     numbered = {(pictures[group["picture"]], group["label"]): k for k, group in enumerate(groups)}
+    rows = _rows(frame, list(targets), numbered, side)
     names = frame["run"].dropna(subset=["image"]).set_index("target")["image"].to_dict()
     ends = {status: status for status in frame["run", "status"]}
     metrics = {key: quantities()[key] for key in tables.shown_metrics(frame)}
@@ -82,7 +83,8 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
         ],
         "filters": axes | ({"status": ends} if len(ends) > 1 else {}),
         "in_columns": len(axes) <= MOST_COLUMNS,
-        "rows": _rows(frame, list(targets), numbered, side),
+        "rows": rows,
+        "pictured": any(row["picture"] for row in rows),
     }
 
 

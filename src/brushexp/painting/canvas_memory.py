@@ -79,7 +79,7 @@ class CanvasMemory:
         if is_new or not torch.equal(numbers, self._numbers):
             others = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
             others[numbers] = False
-            self._fixed = touched(strokes[others], region, self.renderer.edge)
+            self._fixed = find_reaching(strokes[others], region, self.renderer.edge)
         self._region, self._numbers = region, numbers
 
     @torch.no_grad()
@@ -138,7 +138,7 @@ def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
 
 
 @torch.no_grad()
-def touched(strokes: Strokes, region: Region, edge: float) -> Tensor:
+def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
     """Mark the pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
     left_top, right_bottom = boxes_of(strokes, edge)
     size = torch.tensor([region.width, region.height])

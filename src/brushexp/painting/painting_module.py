@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-import lightning as L
 import torch
 from torch import Tensor, nn
 from torch.utils._pytree import tree_map_only
 
-from brushexp.compat.lightning import publish_values
+from brushexp.compat.lightning import QuickModule, publish_values
 from brushexp.painting.components import Components
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Pair, Schedule, add_pair
@@ -59,7 +58,7 @@ class Epoch:
         pass
 
 
-class PaintingModule(L.LightningModule):
+class PaintingModule(QuickModule):
     """A picture that approaches its target step by step, as goals, bar, film, curves and page read it."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
@@ -113,13 +112,13 @@ class PaintingModule(L.LightningModule):
         words = f", loss {loss:.5f}" if self.terms else ""
         return f"step {self.schedule.step} of {self.schedule.steps}{words}, {psnr_of(self.picture.error):.2f} dB"
 
-    def drawn(self) -> Tensor:
+    def draw(self) -> Tensor:
         """Draw the whole picture (3, H, W)."""
         return self.picture.draw(self.strokes(), self.depth.front_to_back)
 
     def latest(self) -> Tensor:
         """Return the whole picture as the steps last painted it; draw it before the first step."""
-        return self.drawn() if (last := self.picture.last) is None else last
+        return self.draw() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
         """Make the strokes those that a run leaves."""

@@ -66,9 +66,9 @@ class Picture(nn.Module):
         """The whole picture (3, H, W) as it was last painted; None before the first step."""
         if self.memory is not None:
             return self.memory.picture
-        return None if self._last is None else self._enlarged(self._last)
+        return None if self._last is None else self._enlarge(self._last)
 
-    def _enlarged(self, picture: Tensor) -> Tensor:
+    def _enlarge(self, picture: Tensor) -> Tensor:
         if picture.shape == self.target.shape:
             return picture
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
@@ -87,7 +87,7 @@ class Picture(nn.Module):
     def show(self, picture: Tensor) -> None:
         """Take over a whole picture (3, H, W) as the last one."""
         self._last, self.memory = picture, None
-        self._error_of_last = cache(lambda: float(mse_loss(self._enlarged(picture), self.target)))
+        self._error_of_last = cache(lambda: float(mse_loss(self._enlarge(picture), self.target)))
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
@@ -107,7 +107,7 @@ class Picture(nn.Module):
         if view.active is None:
             return self._see_whole(moving, front_to_back, view.coarse, accuracy)
         if self.memory is None:
-            self.memory = self.remembered(self.draw(strokes, front_to_back))
+            self.memory = self.memory_of(self.draw(strokes, front_to_back))
         self._last = None
         return self.memory.paint(moving, strokes, view, front_to_back, accuracy=accuracy)
 
@@ -125,7 +125,7 @@ class Picture(nn.Module):
         if self.memory is not None and rows is not None:
             self.memory.cache.forget(rows)
 
-    def remembered(self, picture: Tensor) -> CanvasMemory:
+    def memory_of(self, picture: Tensor) -> CanvasMemory:
         """Make a memory of a whole picture (3, H, W)."""
         return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 

@@ -47,7 +47,7 @@ class StrokeOptimizer(PaintingModule):
     >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
     >>> trainer = L.Trainer(max_steps=3, enable_model_summary=False, **quiet)
     >>> trainer.fit(painter)
-    >>> trainer.global_step, painter.drawn().shape
+    >>> trainer.global_step, painter.draw().shape
     (3, torch.Size([3, 24, 32]))
 
     The same without a Trainer, by an optimiser of one's own:
@@ -246,7 +246,7 @@ class StrokeOptimizer(PaintingModule):
         self.visits = state["visits"].to(device)
         self.anytime = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
         if state["picture"] is not None:
-            self.picture.memory = self.picture.remembered(state["picture"].to(device))
+            self.picture.memory = self.picture.memory_of(state["picture"].to(device))
         self.generator.set_state(state["generator"])
         torch.set_rng_state(state["torch"])
 

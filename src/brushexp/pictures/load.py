@@ -3,7 +3,9 @@
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +19,7 @@ from torch.nn import functional
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
+from brushexp.pictures.folders import PICTURES
 from brushexp.pictures.held import pixels_of
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
@@ -131,8 +134,18 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     if image in shipped:
         return shipped[image]
     state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(shipped))}"
-    raise UserError(f"{key}={image} is {state}; give {choices}")
+    near = nearest_files(image, shipped)
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    raise UserError(f"{key}={image} is {state}; {meant}give {also}the path of a picture, or a sample such as coffee")
+
+
+def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
+    """List the three pictures of a folder, and ``others``, whose names are most like a path; none if no one is."""
+    folder, name = os.path.split(image)
+    with suppress(OSError):
+        beside = [file for file in os.listdir(os.path.expanduser(folder) or ".") if file.lower().endswith(PICTURES)]
+        others = [*beside, *(() if folder else others)]
+    return [os.path.join(folder, file) for file in get_close_matches(name, [*others], 3)]
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 LEAST_UNITS = 3  # units from which on there is a verdict
-LEAST_ODD = 3  # pictures each way from which on an answer depends on the picture
+LEAST_ODD, LEAST_SHARE = 3, 0.2  # pictures each way, and share of all, from which on an answer depends on the picture
 NOT_DECIDED = "not decided"
 PICTURE, SEED = "picture", "seed"
 PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # first metrics of the plot
@@ -66,16 +66,18 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """One of ``depends``, ``better``, ``worse``, ``same`` and ``not decided``, see `rule_for`."""
+        """One of ``depends``, ``same``, ``better``, ``worse`` and ``not decided``, see `rule_for`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
         matters = self.quantity.matters
         smaller = min(len(self.units_that_gain(1)), len(self.units_that_gain(-1)))
-        if self.unit == PICTURE and matters and smaller >= LEAST_ODD:
+        if self.unit == PICTURE and matters and smaller >= max(LEAST_ODD, LEAST_SHARE * len(self.gains)):
             return "depends"
+        if max(-self.low, self.high) <= matters:
+            return "same"
         if self.low > 0 or self.high < 0:
             return "better" if self.low > 0 else "worse"
-        return "same" if max(-self.low, self.high) <= matters else NOT_DECIDED
+        return NOT_DECIDED
 
     @property
     def is_no_worse(self) -> bool:
@@ -205,14 +207,14 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 def rule_for(unit: str) -> str:
     """Write the rule of verdicts in words, for pictures or seeds."""
     depends = (
-        f"*depends on the picture* if at least {LEAST_ODD} of them differ by more than what matters, where that is "
-        "known, in each direction; it "
+        f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
+        "than what matters, where that is known, in each direction; "
     ) * (unit == PICTURE)
     return (
         f"An interval is that of Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
-        f"its reference together (Bonferroni). In this order: a difference {depends}is *better* or *worse* if the "
-        "interval excludes zero; there is *no difference larger than* what the interval allows, if that does not "
-        f"matter; else it is *not decided*, as it is with fewer than {LEAST_UNITS} {unit}s."
+        f"its reference together (Bonferroni). In this order: {depends}there is *no difference larger "
+        "than* what the interval allows, if that does not matter; a setting is *better* or *worse* if the interval "
+        f"excludes zero; else it is *not decided*, as it is with fewer than {LEAST_UNITS} {unit}s."
     )
 
 

@@ -11,11 +11,13 @@ from torch import Tensor
 
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.registry import plugins
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.brushwork import pitch_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import LI, NEIGHBOURS, Measure
+from brushexp.strokes.saved import Saved, config_of
 
 Array = NDArray[np.float64]
 StrokeTable: TypeAlias = "np.recarray[Any, Any]"  # columns as attributes, see `measure_strokes`
@@ -26,6 +28,7 @@ LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are compu
 THIN_FILM = 1e-4  # share of their opacity at which strokes hardly hide each other
 DIRECTION_BINS = 18  # of 10 degrees each
 LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less counts as none
+SIZES = ("length", "width", "area", "elongatedness")  # which the settings of a painting give, not its picture
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
@@ -118,6 +121,29 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
         picture = Tiled()(layers, above, size, torch.zeros(3)).image
         (slope,) = torch.autograd.grad(picture[0].sum(), color, allow_unused=True, materialize_grads=True)
     return slope[:, 0]
+
+
+def sizes_set_by(saved: Saved) -> str:
+    """Name the setting that gave painted strokes their ``SIZES``, such as ``init=slic``; "" if no setting did.
+
+    Gradient descent hardly changes the sizes that strokes begin with, so that they say nothing of a painter's brushes.
+    Strokes that were recovered from a picture, and those of no run, have sizes of their own.
+    """
+    config = config_of(saved)
+    names = {plugin.target: plugin.name for plugin in plugins()}
+    chosen = {
+        family: names.get(target, target)
+        for family in ("painter", "init")
+        if isinstance(node := config.get(family), dict) and isinstance(target := node.get("_target_"), str)
+    }
+    if not chosen or chosen.get("painter", "gradient") != "gradient":
+        return f"painter={chosen['painter']}" if chosen else ""
+    style = config.get("style")
+    given = {
+        "catalogue": config.get("catalogue"),
+        "style.brushwork": isinstance(style, dict) and style.get("brushwork"),
+    }
+    return next((f"{key}={value}" for key, value in given.items() if value), f"init={chosen.get('init', 'slic')}")
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:

@@ -61,7 +61,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         settings.merge_with({key: cfg[key] for key in OVERRIDABLE if key in chosen})
         settings.merge_with({"output": cfg.output, "resume": str(folder)})
         check(settings)
-        _check_sets(check_plain(record["sets"]), settings.get("data") or [])
+        _check_inputs(check_plain(record.get("inputs", {})), TASKS[settings.task].inputs(settings))
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # whatever the file holds instead
@@ -94,25 +94,17 @@ def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
             OmegaConf.update(settings, key, str(file))
 
 
-def _check_sets(before: Sequence[Any], sets: Sequence[str]) -> None:
-    """Refuse (UserError) sets of strokes that have grown, or have another seed."""
-    for name, first, now in zip(sets, before, _strokes_and_seeds(sets), strict=False):
-        if list(first) != now:
-            counts = f"{now[0]} strokes of seed {now[1]} now, and the run began with {first[0]} of seed {first[1]}"
-            raise UserError(f"data={name} has {counts}; put it back, or start anew")
+def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
+    """Refuse (UserError) inputs that are others than when the run began."""
+    for name, is_now in now.items():
+        if before.get(name) != is_now:
+            raise UserError(f"{name} has {is_now} now, and the run began with {before.get(name)}; put it back")
 
 
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """Describe a run for its checkpoint: its settings, the digests of their files, their sets, and the words typed."""
+    """Describe a run for its checkpoint: settings, digests of their files, other inputs, and the words typed."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     paths = {key: Path(value) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)}
     files = {key: (str(path.resolve()), digest_of(path)) for key, path in paths.items()}
-    sets = _strokes_and_seeds(settings.get("data") or [])
-    return {"settings": settings, "files": files, "sets": sets, "words": words_of(folder)}
-
-
-def _strokes_and_seeds(sets: Sequence[str]) -> list[list[int]]:
-    """Return the number of strokes and the seed of each set: one that has grown is shuffled anew."""
-    from brushexp.training.dataset import StrokeSet  # noqa: PLC0415  (painting has none)
-
-    return [[len(strokes), strokes.seed] for strokes in (StrokeSet(Path(path)) for path in sets)]
+    inputs = TASKS[cfg.task].inputs(cfg)
+    return {"settings": settings, "files": files, "inputs": inputs, "words": words_of(folder)}

@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import check, leaves
+from brushexp.config.compose import folders_in
+from brushexp.config.mistakes import explanation
+from brushexp.config.schema import BY_TIME
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.system.files import TEMPORARY, write_text
@@ -33,13 +38,32 @@ class RunFolder(Callback):
     """Take a folder before Hydra writes anything into it; `begin_sweep` does it for a sweep."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
+        words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # output=x/${seed}
         try:
             if config.hydra.sweeper.get("resume"):
                 raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
-            check(config, list(config.hydra.overrides.task))
-            take(Path(config.hydra.run.dir), config)
+            check(config, words)
+            take(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
-            raise SystemExit(f"brushexp: {' '.join(str(error).split())}") from error
+            raise SystemExit(f"brushexp: {explanation(error, folders_in(config), words)}") from error
+
+
+def take_name(cfg: DictConfig, folder: Path) -> Path:
+    """Make the folder of a run or sweep; where nobody has chosen ``output``, and another has the name, ``x_2``.
+
+    The name is the moment of the run, which every job of a sweep reads again: it becomes that moment.
+    """
+    if OmegaConf.to_container(cfg, resolve=False)["output"] != BY_TIME:  # type: ignore[call-overload, index]
+        return folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    for number in count(1):
+        free = folder if number == 1 else folder.with_name(f"{folder.name}_{number}")
+        with suppress(FileExistsError):
+            free.mkdir()
+            break
+    moments = OmegaConf.get_cache(cfg)["now"]
+    moments.update({key: free.name for key, moment in moments.items() if moment == folder.name})
+    return free
 
 
 def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:

@@ -15,6 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
+from brushexp.compat.first_compilation import tell_of_compilation
 from brushexp.compat.hidden_packages import hidden
 from brushexp.config.check import check
 from brushexp.config.tasks import TASKS
@@ -80,6 +81,8 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
         gc.freeze()
         gc.enable()
     torch.set_num_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
+    if "blend" in cfg or "engine" in cfg:
+        tell_of_compilation()
     result = perform(task, cfg, folder, start)
     return result if cfg.objective is None else objective_in(result, cfg.objective)
 

@@ -16,7 +16,8 @@ from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
-from brushexp.runs.run_folder import check_free, take
+from brushexp.runs.closing import say_page
+from brushexp.runs.run_folder import check_free, take, take_name
 from brushexp.runs.sweep_report import first_line, renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
@@ -24,6 +25,7 @@ from brushexp.system.run_files import CHECKPOINT
 
 ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors tell of jobs that were killed
 PICTURE = "image="
+INTERNAL = ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true", "hydra.searchpath=")  # words that nobody types
 SUBFOLDER = "hydra.sweep.subdir="  # the word that names the folder of a job
 Words = Sequence[str]
 
@@ -57,14 +59,14 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
 
     A ``lenient`` one may have others, but none in the folder of an earlier job.
     """
-    folder = Path(config.hydra.sweep.dir)
+    folder = take_name(config, Path(config.hydra.sweep.dir))
     words = [_without_output(job) for job in jobs]
     if goes_on:
         check_same(folder, words, lenient)
     take(folder, config, goes_on)
     overrides: Any = OmegaConf.to_container(config.hydra.overrides, resolve=False)  # ``${...}`` is left to each job
     typed = _without_output([*overrides["hydra"], *overrides["task"]])
-    typed = [word for word in typed if word not in ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true")]
+    typed = [word for word in typed if not word.startswith(INTERNAL)]
     write_json(folder / JOBS, {"typed": typed, "jobs": words})
 
 
@@ -117,6 +119,7 @@ def launch_jobs(
         raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
     finally:
         renew(folder)
+    say_page(folder, "all of them on one page")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         table = folder / "table.md"

@@ -3,12 +3,14 @@
 import logging
 import warnings
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import lightning as L
 import torch
 from lightning.pytorch.loggers import Logger
+from lightning.pytorch.profilers import PassThroughProfiler
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -17,10 +19,21 @@ from brushexp.registry import plugins, take_built
 from brushexp.runs.resume import RunRecord
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
+from brushexp.system.files import write_text
 from brushexp.system.reading import in_short
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.system.terminal import as_shown
+
+PROFILE = "profile.txt"  # of trainer.profiler=simple
 
 log = logging.getLogger(__name__)
+
+
+class NoProfiler(PassThroughProfiler):
+    """Measures nothing: the profiler of a Trainer that has none enters forty contexts a step, each by a generator."""
+
+    def profile(self, action_name: str) -> AbstractContextManager[None]:  # type: ignore[override]
+        return nullcontext()
 
 
 def make_trainer(
@@ -42,7 +55,12 @@ def make_trainer(
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     path = None if folder is None or not checkpoints else folder / CHECKPOINT
-    own = [RunRecord(cfg, folder), ProgressBar(), TimedCheckpoint(path, cfg.get("checkpoint_every"))]
+    own = [
+        RunRecord(cfg, folder),
+        ProgressBar(),
+        ProfileFile(folder),
+        TimedCheckpoint(path, cfg.get("checkpoint_every")),
+    ]
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
@@ -51,10 +69,25 @@ def make_trainer(
             default_root_dir=folder,
             logger=list(loggers),
             callbacks=[*callbacks, *chosen, *own],
-            **options | {str(key): value for key, value in cfg.trainer.items() if value is not None},
+            **{"profiler": NoProfiler()}
+            | options
+            | {str(key): value for key, value in cfg.trainer.items() if value is not None},
         )
     except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
+
+
+class ProfileFile(L.Callback):
+    """Write ``profile.txt``, the table of the Trainer's profiler, which Lightning only logs."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+
+    def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        table = trainer.profiler.summary()  # type: ignore[attr-defined]
+        if table and self.folder is not None:
+            write_text(self.folder / PROFILE, table)
+            log.info("%s  where the time was spent", as_shown(self.folder / PROFILE))
 
 
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:

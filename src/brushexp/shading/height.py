@@ -99,7 +99,7 @@ class Impasto:
         if isinstance(layers, Profile):
             return _add_bristles(layers, film, strokes.brush)
         if isinstance(layers, TexturedProfile):
-            return replace(layers, sheets=_raised_sheets(layers.sheets), **_as_layers(film, layers.opacity))
+            return replace(layers, sheets=_raise_sheets(layers.sheets), **_as_layers(film, layers.opacity))
         if isinstance(layers, Windows):
             return _raise_windows(layers, film)
         return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
@@ -159,7 +159,7 @@ def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=1)  # a renderer's textures are the same at every call
-def _raised_sheets(sheets: Sheets) -> Sheets:
+def _raise_sheets(sheets: Sheets) -> Sheets:
     """Replace the tone of textures by thickness - 1: by their own, or that which follows from opacity and tone."""
     opacity, tone = sheets.texels[:, 0], sheets.texels[:, 1]
     thickness = sheets.texels[:, 2] if sheets.texels.shape[1] > 2 else thickness_of(opacity, tone)

@@ -68,7 +68,7 @@ def strokes_along(
     )
 
 
-def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
+def shorten(strokes: Strokes, share: Tensor) -> Strokes:
     """Cut strokes (n) off at parameter ``share`` (n,) of their curve (de Casteljau)."""
     t, rest = share[:, None], 1 - share[:, None]
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
@@ -91,7 +91,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
     cubic = distance_cubic(curve, points)
     with torch.no_grad():
         n = _samples_for(curve)
-        first, second = (_refined(cubic, start, n) for start in _nearest_samples(cubic, n))
+        first, second = (_refine(cubic, start, n) for start in _nearest_samples(cubic, n))
         nearness = [(point_at(curve, t) - points).norm(dim=-1) for t in (first, second)]
         tie = TIE_ROUNDINGS * torch.finfo(curve.dtype).eps * curve.abs().amax((-1, -2))
         tie = tie * ((second - first) > VALLEY_WIDTH)  # of two places in one valley only one is the nearest
@@ -101,7 +101,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
     return (t - slope / bend).clamp(0, 1)
 
 
-def _refined(cubic: Cubic, t: Tensor, n: int) -> Tensor:
+def _refine(cubic: Cubic, t: Tensor, n: int) -> Tensor:
     """Find the zero of a cubic near sample ``t`` of ``n`` intervals, or the end at which the samples stop."""
     low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
     for _ in range(NEWTON_STEPS - 1):

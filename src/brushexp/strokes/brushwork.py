@@ -38,7 +38,7 @@ class Brushwork:
     width: Tensor  # (M,) thickness, pitches
     bend: Tensor  # (M, 2) of the control point along and across (never below 0) the chord: `prior.control_offset`
     deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
-    measures: Tensor  # (4, M) what `matched_measures` finds, each row ascending
+    measures: Tensor  # (4, M) what `measures_to_match` finds, each row ascending
 
     def __len__(self) -> int:
         return self.length.shape[0]
@@ -76,7 +76,7 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
         width=2 * half_width_of(counted) / pitch,
         bend=torch.where(bend[:, 1:] < 0, -bend, bend),
         deviation=0.5 * (torch.view_as_complex(ruler.direction_of(chord)) * around.conj()).angle(),
-        measures=matched_measures(counted, pitch).sort(1).values,
+        measures=measures_to_match(counted, pitch).sort(1).values,
     )
 
 
@@ -90,7 +90,7 @@ def is_visible(strokes: Strokes, pitch: float) -> Tensor:
     return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)
 
 
-def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
+def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
     """Compute the rows of `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
@@ -117,7 +117,7 @@ def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> 
     if not len(counted):
         return torch.zeros(len(MATCHED)).to(strokes.width) + strokes.width.sum() * 0
     spread = reference.measures.std(1, correction=0).clamp_min(MIN_SPREAD)
-    return transport_cost(matched_measures(counted, pitch), reference.measures) / spread.square()
+    return transport_cost(measures_to_match(counted, pitch), reference.measures) / spread.square()
 
 
 @torch.no_grad()
@@ -133,7 +133,7 @@ def with_brushwork(
     if not len(strokes):
         return strokes
     pitch = pitch_of(strokes, size)
-    row = _assigned(strokes, reference, generator)
+    row = _assign(strokes, reference, generator)
     model = reference.to(strokes.width)
     bend = torch.view_as_complex(model.bend)[row]
     half = torch.full_like(bend, 0.5)
@@ -148,7 +148,7 @@ def with_brushwork(
     return replace(strokes, start=start, control=control, end=end, width=pitch * model.width[row] / strokes.scale)
 
 
-def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
+def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
     """Draw the row (N,) of the reference that each stroke is given."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])

@@ -51,7 +51,8 @@ MEASURES = {
         "Milnor, 1950", "°", 180.0,
     ),
     "orientation": Measure(
-        "orientation", "principal axis of the curve; 0° lies level, 45° falls to the right", LI, "°", 180.0, axial=True
+        "orientation", "principal axis of the curve, clockwise; 0° lies level, 45° falls to the right", LI, "°", 180.0,
+        axial=True,
     ),
     "coherence": Measure(
         "coherence",

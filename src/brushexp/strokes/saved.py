@@ -12,7 +12,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, MOST, Strokes, check_strokes
-from brushexp.system.reading import check_yaml, in_short, json_of
+from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
 
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
@@ -62,6 +62,15 @@ class Saved:
         except UserError as error:
             raise UserError(f"config is {error}") from error
         return self
+
+
+def config_of(saved: Saved) -> dict[str, Any]:
+    """Read the config of a run; it is empty unless it is plain data."""
+    try:
+        config: dict[str, Any] = yaml_of(saved.config)
+    except UserError:
+        return {}
+    return config
 
 
 def json_lines(saved: Saved) -> Iterator[str]:

@@ -19,6 +19,7 @@ from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_
 from brushexp.system.reading import explaining, in_short, read_text
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
+NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
 MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
@@ -54,11 +55,14 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read and check a catalogue, by its path or the name of one that is shipped (UserError); ``option`` sets it."""
+    """Read and check a catalogue (UserError), by its path, the folder of its run, or the name of a shipped one.
+
+    ``option`` is the key that sets it, for messages.
+    """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
-    if path.is_dir():
-        raise UserError(f"{path} is a folder; give the file in it, {option}={path / 'catalogue.h5'}")
+    if path.is_dir():  # of a run
+        path = path / NAME
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)

@@ -7,9 +7,6 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
-
 LOG_LINES = 5  # for a whole piece of work, without a terminal
 
 log = logging.getLogger(__name__)
@@ -20,8 +17,18 @@ Item = TypeVar("Item")
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
     """Yield a function that shows the share of the work that is done, its state in a word, and the remaining time.
 
-    ``done`` is the share at first, and ``what`` the work, "simulating strokes".
+    ``done`` is the share at first, and ``what`` the work, "simulating strokes". Figures behind a comma of the state are
+    for the log: "step 6 of 30, 24.80 dB".
     """
+    from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     console = Console(stderr=True)
     columns = ("{task.description}", BarColumn(), TaskProgressColumn(), "{task.fields[state]}")
     times = (TimeElapsedColumn(), "left", TimeRemainingColumn())
@@ -29,7 +36,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
     def show(share: float, state: str) -> None:
         nonlocal logged
-        bar.update(task, completed=share, state=state)
+        bar.update(task, completed=share, state=state.partition(", ")[0])
         if bar.disable and int(share * LOG_LINES) > logged:
             logged = int(share * LOG_LINES)
             remaining = timedelta(seconds=round((time.monotonic() - start) * (1 - share) / max(share - done, 1e-9)))
@@ -48,7 +55,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 
     def count(now: int) -> None:
         speed = (now - done) / max(time.monotonic() - start, 1e-9)
-        show(now / total, f"{now} of {total}, {speed:.0f}/s")
+        show(now / total, f"{now} of {total} at {speed:.0f}/s")
 
     with showing(what, done / total) as show:
         yield count

@@ -15,11 +15,13 @@ from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.timelapse import Timelapse
+from brushexp.runs.closing import is_job, say_where
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
+from brushexp.system.terminal import IN_LOG
 
 log = logging.getLogger(__name__)
 TRACKED_FRAMES = 8  # frames of the timelapse that loggers get
@@ -53,6 +55,8 @@ def paint_picture(
         failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
         if folder is None:
             conclude(painter, None, cfg, failure, painter.schedule.step)
+        elif not is_job():
+            log.info("writing the page" if cfg.report else "writing the files")
         finished = finish(painter, cfg, timelapse, metrics, start=start)
         if folder is not None:
             finished.write(folder)
@@ -64,8 +68,9 @@ def paint_picture(
                 try_to_write_page(folder, finished, film)
         film.result()
         finished.conclude(folder)  # until then the run counts as one at work
-        log.info(summary_line(folder, finished.metrics))
+        log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
         conclude(painter, folder, cfg, failure, painter.schedule.step)
+        say_where(folder, len(finished.job.strokes), start)
     return finished
 
 

@@ -15,32 +15,38 @@ from brushexp.painting.finished import Finished
 from brushexp.pictures.decode import open_picture
 from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
-from brushexp.results.runs import gather, read_result
+from brushexp.results.runs import gather, newest_run, read_result
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
 PICTURES = ("target", "painting", "flat", "style", "focus")  # of a run, as `Finished` names them
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the page into this run's folder, and serve it until Ctrl-C."""
-    pages = pages_of(cfg, folder)
+    """Serve the page of a run or sweep until Ctrl-C; one that is not there is made, in this run's folder."""
+    source = newest_run() if cfg.catalogue is None else Path(cfg.catalogue)
+    pages = pages_of(cfg, source, folder)
     with serve(pages, cfg.port) as address:
-        log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE_NAME)
+        log.info("%s is at %s until Ctrl-C", as_shown(source), address)
         show_until_interrupted(address, in_browser=cfg.open)
-    log.info("the page is no longer served; it stays in %s", folder / PAGE_NAME)
+    log.info("the page is no longer served")
     return {}
 
 
-def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
-    """Write ``report.html`` into a folder, and return what is to be served: path of the address -> file.
+def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
+    """Return what is to be served of a catalogue, run or sweep: path of the address -> file.
 
-    With a sweep these are the pages of its runs, too. A folder of neither a run nor a sweep raises a UserError.
+    A ``report.html`` that is not there is written into ``folder``. With a sweep come the pages of its runs. A source
+    that is neither a run nor a sweep raises a UserError.
     """
-    source, page = Path(cfg.catalogue), folder / PAGE_NAME
+    page = folder / PAGE_NAME
+    if (source / PAGE_NAME).is_file() and cfg.get("renderer") is None:
+        jobs = (path.relative_to(source).as_posix() for path in source.glob(f"*/{PAGE_NAME}"))
+        return {"/": source / PAGE_NAME} | {f"/{name}": source / name for name in jobs}
     if not source.is_dir():
         path = source.resolve()
         name = path.parent.name if path.stem == "catalogue" else path.stem

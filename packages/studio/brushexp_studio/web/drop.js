@@ -1,4 +1,5 @@
-// A place to drop a picture, or to choose one: it is sent to the studio, whose answer is the event "answer".
+// A place to drop a picture, or to choose one: it is sent to the studio, whose answer is the event "answer". With
+// "whole" it takes what is dropped anywhere on the page, which the browser would open in place of the studio.
 export default {
   template: `
     <label class="drop" :data-over="over || null" @dragover.prevent="over = true" @dragleave="over = false"
@@ -6,9 +7,26 @@ export default {
       <input class="unseen" type="file" accept="image/*,.tif,.tiff" :aria-label="name" @change="chosen">
       <span>{{ busy ? "Reading …" : text }}</span>
     </label>`,
-  props: { name: String, text: String, address: String },
+  props: { name: String, text: String, address: String, whole: Boolean },
   data: () => ({ over: false, busy: false }),
+  mounted() {
+    if (!this.whole) return;
+    window.addEventListener("dragover", this.hover);
+    window.addEventListener("drop", this.catch);
+  },
+  unmounted() {
+    window.removeEventListener("dragover", this.hover);
+    window.removeEventListener("drop", this.catch);
+  },
   methods: {
+    hover(event) {
+      event.preventDefault();
+    },
+    catch(event) {
+      if (event.defaultPrevented) return; // it was dropped on a place of its own
+      event.preventDefault();
+      this.take(event.dataTransfer?.files[0]);
+    },
     chosen(event) {
       this.take(event.target.files[0]);
       event.target.value = ""; // the same file may be chosen again

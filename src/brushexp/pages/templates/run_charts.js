@@ -1,5 +1,5 @@
 // The charts of a run's page, from the numbers of drawings.py: <div data-chart='{"kind": "line", ...}'>. Until they are
-// drawn, and without scripts, a sentence stands there.
+// drawn, and without scripts, a sentence stands there. brushexp.draw has them for pages whose numbers change.
 "use strict";
 {
   const { node, points, plain, extent, isWide, linear, scale, canvas, axes } = window.brushexp.chart;
@@ -60,7 +60,7 @@
     }
   };
 
-  const draw = { line, histogram, rose };
+  const draw = (window.brushexp.draw = { line, histogram, rose });
   for (const box of document.querySelectorAll("[data-chart]")) {
     const chart = JSON.parse(box.dataset.chart);
     draw[chart.kind](box, chart);

@@ -23,8 +23,9 @@ class Csv(Exporter):
     Columns: ``stroke``, its number in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
     pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
     ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``length_px`` along the curve; ``direction_deg``
-    from start to end, counterclockwise as one sees it: 0 is to the right, 90 up, -90 down; empty where both are one
-    point. Numbers have seven digits, which is what float32 holds.
+    from start to end, clockwise as one sees it: 0 is to the right, 90 down, -90 up; empty where both are one point.
+    Numbers have seven digits, which is what float32 holds. Lengths and widths of a painting by gradient descent are
+    those that ``init`` gave.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -44,7 +45,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Compute the angle (N,) in (-180, 180] from start to end of curves (N, 3, 2), y down; NaN for a point."""
+    """Compute the clockwise angle (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
-    angle = torch.atan2(-y, x).rad2deg()
+    angle = torch.atan2(y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0

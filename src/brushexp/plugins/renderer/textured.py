@@ -130,12 +130,12 @@ class Textured(Renderer):
         if self._ready is None or self._ready[0] != key:
             kind = self.textures.shape, self.textures.dtype, self.textures.device
             values = self.textures.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes()
-            self._ready = (key, _rounded_sheets(values, *kind, self.loop, self.levels))
+            self._ready = (key, _round_sheets(values, *kind, self.loop, self.levels))
         return self._ready[1]
 
 
 @lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew
-def _rounded_sheets(
+def _round_sheets(
     values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, loop: Loop, levels: int
 ) -> Sheets:
     """Make frozen textures in 8 bits, which takes as long as a step."""

@@ -1,0 +1,1 @@
+"""Strokes are recovered from a picture of a painting, measured, and judged by truth."""

@@ -1,0 +1,195 @@
+"""Regions of strokes are found in a picture of any size: at the right scale, tile by tile, the surest ones first."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from brushexp_recovery.judges import Asked
+from brushexp_recovery.maps import Maps, predict
+from brushexp_recovery.model import RecoveryModel
+from brushexp_recovery.network import PAINT, USUAL, WIDTH
+from brushexp_recovery.regions import pieces_of
+from brushexp_recovery.tree import Tree, cut, grow, node_features
+
+Array = NDArray[Any]
+Box = tuple[int, int, int, int]  # top, bottom, left, right
+
+TILE, MARGIN = 896, 96  # pixels that are looked at at once, and those at its borders that neighbours know better
+SCALES = (0.15, 3.0)  # to which a picture is brought at most
+TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to find its scale
+LEAST = 12  # pixels of a region
+PRICE = 0.35  # of a region: it is kept if its chance is higher
+FREE = 0.6  # share of a region that surer ones must leave to it
+ENOUGH = 0.02  # share of paint below which nothing is said of widths
+OVER_UNIT = 16  # steps of log-odds in 8 bits
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Regions:
+    """N regions of a picture, each the visible part of one stroke."""
+
+    labels: Array  # (H, W) int32, 0 to N - 1, -1 where there is none
+    chance: Array  # (N,) what the judge says
+    told: Array  # (N, 7) centre x, y, cosine and sine of twice the direction, log width, log length, share; pixels
+    over: Array  # (len(OVER), H, W) int8, log-odds in 1 / OVER_UNIT that what lies at an offset, zoomed, is above
+    zoom: float  # at which it was looked at
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A region as one tile shows it."""
+
+    pixels: Array  # flat numbers in the picture, int32
+    chance: float
+    told: Array  # (7,)
+
+
+def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
+    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` the one that suits its strokes."""
+    height, width = image.shape[:2]
+    zoom = find_zoom(model, image) if zoom is None else zoom
+    judges = (model.pairs.asked(), model.nodes.asked())
+    over = np.zeros((8, height, width), np.int8)
+    candidates: list[Candidate] = []
+    boxes = list(tiles(height, width, zoom))
+    for number, (box, core) in enumerate(boxes):
+        show(number / len(boxes), f"{len(candidates)} strokes")
+        part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom)
+        maps = predict(model.network, part, copies)
+        candidates += regions_in(maps, part, judges, box, core, width)
+        _keep_over(over, maps, box, core)
+    labels, kept = assemble(candidates, height, width)
+    chance = np.array([candidates[k].chance for k in kept])
+    told = np.array([candidates[k].told for k in kept]).reshape(-1, 7)
+    return Regions(labels, chance, told, over, zoom)
+
+
+def find_zoom(model: RecoveryModel, image: Array) -> float:
+    """Find the scale at which the strokes of a picture are about as wide as those the network learnt from."""
+    zoom = 1.0
+    for _ in range(TRIALS):
+        widths = [width for part in parts_of(image, TRIED / zoom) for width in _widths(model, zoomed(part, zoom))]
+        if not widths:
+            break
+        change = USUAL / float(np.median(np.concatenate(widths)))
+        before, zoom = zoom, float(np.clip(zoom * change, *SCALES))
+        if abs(np.log(zoom / before)) < 0.25:
+            break
+    return zoom
+
+
+def parts_of(image: Array, side: float) -> list[Array]:
+    """Cut up to four parts out of a picture, from the middles of its quarters, or the one in its middle."""
+    height, width = image.shape[:2]
+    extent = [min(int(side) + 1, size) for size in (height, width)]
+    places = (0.5,) if max(height, width) < 2 * side else (0.25, 0.75)
+    corners = [
+        [int(place * (size - part)) for place in places] for size, part in zip((height, width), extent, strict=True)
+    ]
+    return [image[y : y + extent[0], x : x + extent[1]] for y in corners[0] for x in corners[1]]
+
+
+def _widths(model: RecoveryModel, part: Array) -> Iterator[Array]:
+    geometry = predict(model.network, part, 1).geometry
+    paint = geometry[PAINT] > 0
+    if paint.mean() > ENOUGH:
+        yield np.exp(geometry[WIDTH][paint])
+
+
+def zoomed(image: Array, zoom: float) -> Array:
+    """Enlarge or reduce a picture (H, W, 3) float32 in [0, 1]."""
+    if zoom == 1:
+        return image
+    height, width = (max(1, round(zoom * size)) for size in image.shape[:2])
+    method = Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS
+    channels = [Image.fromarray(image[..., c]).resize((width, height), method) for c in range(3)]
+    return np.clip(np.stack([np.asarray(channel) for channel in channels], 2), 0, 1)
+
+
+def tiles(height: int, width: int, zoom: float) -> Iterator[tuple[Box, Box]]:
+    """Cover a picture by tiles that overlap: the box of each, and that of its core, which no other core overlaps."""
+    rows, columns = (list(_spans(size, zoom)) for size in (height, width))
+    for (top, bottom), (first, last) in rows:
+        for (left, right), (begin, end) in columns:
+            yield (top, bottom, left, right), (first, last, begin, end)
+
+
+def _spans(size: int, zoom: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    whole, margin = int(TILE / zoom), int(MARGIN / zoom)
+    count = 1 if size <= whole else -(-size // (whole - 2 * margin))
+    for number in range(count):
+        begin, end = number * size // count, (number + 1) * size // count
+        yield (max(begin - margin, 0), min(end + margin, size)), (begin, end)
+
+
+def regions_in(
+    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int
+) -> list[Candidate]:
+    """Find the regions of a tile whose middles lie in its core; ``width`` is that of the whole picture."""
+    pieces = pieces_of(maps, image)
+    tree = grow(pieces, judges[0])
+    chance = judges[1](node_features(tree))
+    leaf = cut(tree, value_of(tree, chance))
+    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), image.shape, strict=False))
+    labels = leaf[pieces.labels[np.ix_(rows, columns)]]
+    nodes, flat = np.unique(labels, return_inverse=True)
+    order = np.argsort(flat, axis=None, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(flat.ravel()))[:-1])
+    told = told_of(tree.sums[nodes], np.array(image.shape[:2]) / box_size(box), box)
+    found = []
+    for number, node in enumerate(nodes):
+        y, x = np.divmod(groups[number], labels.shape[1])
+        y, x = y + box[0], x + box[2]
+        if node >= 0 and len(y) >= 1 and core[0] <= y.mean() < core[1] and core[2] <= x.mean() < core[3]:
+            found.append(Candidate((y * width + x).astype(np.int32), float(chance[node, 0]), told[number]))
+    return found
+
+
+def value_of(tree: Tree, chance: Array) -> Array:
+    """Say what each node is worth: how likely it is a stroke, less its price; ground and crumbs are worth nothing."""
+    area = tree.sums[:, 0]
+    nothing = (tree.sums[:, 20] < 0.5 * area) | (area < LEAST)
+    return np.where(nothing, -1.0, 0.7 * chance[:, 0] + 0.3 * chance[:, 1] - PRICE)
+
+
+def told_of(sums: Array, scale: Array, box: Box) -> Array:
+    """Read (N, 7) of `Regions.told` off sums of regions of a tile that was zoomed by ``scale``, rows and columns."""
+    mean = sums / sums[:, :1]
+    zoom = np.log(scale).mean()
+    columns = [mean[:, 12] / scale[1] + box[2], mean[:, 13] / scale[0] + box[0], mean[:, 15], mean[:, 16]]
+    return np.stack([*columns, mean[:, 17] - zoom, mean[:, 18] - zoom, mean[:, 19]], 1)
+
+
+def assemble(candidates: list[Candidate], height: int, width: int) -> tuple[Array, list[int]]:
+    """Lay candidates into a picture, the surest first, where enough of each is free; labels, and which were kept."""
+    labels, kept = np.full(height * width, -1, np.int32), list[int]()
+    for number in sorted(range(len(candidates)), key=lambda k: -candidates[k].chance):
+        pixels = candidates[number].pixels
+        free = pixels[labels[pixels] < 0]
+        if len(free) >= max(FREE * len(pixels), 1):
+            labels[free] = len(kept)
+            kept.append(number)
+    return labels.reshape(height, width), kept
+
+
+def box_size(box: Box) -> tuple[int, int]:
+    """Height and width of a box."""
+    return box[1] - box[0], box[3] - box[2]
+
+
+def _nearest(extent: int, size: int) -> Array:
+    """The pixel of ``size`` zoomed ones that is nearest to each of ``extent`` pixels."""
+    return ((np.arange(extent) + 0.5) * size / extent).astype(int).clip(0, size - 1)
+
+
+def _keep_over(over: Array, maps: Maps, box: Box, core: Box) -> None:
+    """Keep which side is above, in 8 bits, of the core of a tile."""
+    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
+    rows, columns = rows[core[0] - box[0] : core[1] - box[0]], columns[core[2] - box[2] : core[3] - box[2]]
+    values = np.clip(maps.over[:, rows[:, None], columns] * OVER_UNIT, -127, 127)
+    over[:, core[0] : core[1], core[2] : core[3]] = values.astype(np.int8)

@@ -1,0 +1,74 @@
+"""Small networks judge features of regions; they are fitted in minutes and asked without PyTorch."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits as logistic
+
+Array = NDArray[Any]
+Asked = Callable[[Array], Array]
+
+HIDDEN = (64, 32)
+CLIPPED = 6.0  # standard deviations beyond which a feature says no more
+BATCH = 2048
+RATE, DECAY = 3e-3, 1e-3
+
+
+class Judge(nn.Module):
+    """Two hidden layers on standardised features (N, F); `forward` gives log-odds (N, `outputs`)."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, features: int, outputs: int = 1) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(features))
+        self.register_buffer("scale", torch.ones(features))
+        sides = (features, *HIDDEN, outputs)
+        layers: list[nn.Module] = []
+        for before, after in pairwise(sides):
+            layers += [nn.Linear(before, after), nn.ReLU()]
+        self.layers = nn.Sequential(*layers[:-1])
+
+    def forward(self, features: Tensor) -> Tensor:
+        return self.layers(((features - self.mean) / self.scale).clamp(-CLIPPED, CLIPPED))
+
+    def asked(self) -> Asked:
+        """Return a function of features (N, F) that gives probabilities (N, outputs); PyTorch is slow at small N."""
+        linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+        weights = [(layer.weight.detach().float().numpy().T, layer.bias.detach().float().numpy()) for layer in linear]
+        mean, scale = self.mean.float().numpy(), self.scale.float().numpy()
+
+        def ask(features: Array) -> Array:
+            x = np.clip((features - mean) / scale, -CLIPPED, CLIPPED)
+            for number, (weight, bias) in enumerate(weights):
+                x = (np.maximum(x, 0) if number else x) @ weight + bias
+            return 1 / (1 + np.exp(-x))
+
+        return ask
+
+
+def fit_judge(judge: Judge, features: Array, goal: Array, weight: Array, steps: int, seed: int) -> float:
+    """Fit a judge to goals (N, outputs) in [0, 1] of features (N, F), weighted (N,); returns the loss at the end."""
+    generator = torch.Generator().manual_seed(seed)
+    x, y = torch.from_numpy(features), torch.from_numpy(goal.astype(np.float32))
+    w = torch.from_numpy((weight / weight.mean()).astype(np.float32))[:, None]
+    judge.mean.copy_(x.mean(0))
+    judge.scale.copy_(x.std(0) + 1e-3)
+    optimizer = torch.optim.AdamW(judge.parameters(), RATE, weight_decay=DECAY)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, RATE / 100)
+    recent = 0.0
+    for _ in range(steps):
+        rows = torch.randint(len(x), (BATCH,), generator=generator)
+        loss = (logistic(judge(x[rows]), y[rows], reduction="none") * w[rows]).mean()
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+        recent += 0.02 * (float(loss.detach()) - recent)
+    return recent

@@ -1,0 +1,191 @@
+"""The judges of pairs and of nodes learn from paintings that the network has not seen, and so does the confidence."""
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp_recovery.finding import LEAST, value_of, zoomed
+from brushexp_recovery.judges import fit_judge
+from brushexp_recovery.maps import predict
+from brushexp_recovery.merging import pair_features
+from brushexp_recovery.model import KNOTS, RecoveryModel
+from brushexp_recovery.network import USUAL
+from brushexp_recovery.regions import GROUPS, Pieces, pieces_of
+from brushexp_recovery.synthesis import Random
+from brushexp_recovery.synthesis_ageing import weather
+from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
+from brushexp_recovery.synthesis_paintings import Painted
+from brushexp_recovery.tree import Tree, cut, grow, node_features
+
+Array = NDArray[Any]
+Progress = Callable[[float, str], None]
+
+HIT = 0.5  # IoU at which a region is the stroke
+CLEAR = 0.6  # share of a region that one stroke has, for it to be an example
+EXAMPLES = 9000  # pairs of one painting and one stage at most
+SMALLER = 0.35  # power of the smaller area that an example counts with
+STAGES = (0.9, 0.75, 0.5, 0.3)  # chances at which joining is looked at
+STEPS = (2500, 4000, 6000)  # of the first and the second judge of pairs, and the judge of nodes
+SIDE = 640  # pixels of the parts of paintings that are looked at, zoomed
+
+
+class Known(NamedTuple):
+    """A part of a painting in pieces, and the stroke that is seen at each pixel."""
+
+    pieces: Pieces
+    truth: Array  # (H, W), -1 is the ground
+
+
+def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, show: Progress) -> dict[str, float]:
+    """Fit judges and confidence of a model to paintings, clean and weathered; returns the losses."""
+    random = np.random.default_rng(seed)
+    known = [known_of(model, painted, aged, random) for painted in paintings for aged in (False, True)]
+    show(0.4, "pairs")
+    first = [simple_examples(one, random) for one in known]
+    losses = {"pairs_first": _fit(model.pairs, first, STEPS[0], seed)}
+    asked = model.pairs.asked()
+    trees = [grow(one.pieces, asked) for one in known]
+    show(0.6, "pairs")
+    second = [stage_examples(one, tree, random) for one, tree in zip(known, trees, strict=True)]
+    losses["pairs"] = _fit(model.pairs, [*first, *second], STEPS[1], seed)
+    asked = model.pairs.asked()
+    trees = [grow(one.pieces, asked) for one in known]
+    show(0.8, "strokes")
+    goals = [node_examples(one, tree) for one, tree in zip(known, trees, strict=True)]
+    losses["nodes"] = _fit(model.nodes, goals, STEPS[2], seed)
+    return losses
+
+
+def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int) -> None:
+    """Learn which share of the regions of each chance are strokes, on other paintings; see `RecoveryModel`."""
+    random, chances, hits = np.random.default_rng(seed), list[Array](), list[Array]()
+    pairs, nodes = model.pairs.asked(), model.nodes.asked()
+    for painted in paintings:
+        for aged in (False, True):
+            one = known_of(model, painted, aged, random)
+            tree = grow(one.pieces, pairs)
+            chance = nodes(node_features(tree))
+            kept = np.unique(cut(tree, value_of(tree, chance)))
+            kept = kept[kept >= 0]
+            chances.append(chance[kept, 0])
+            hits.append(best_overlaps(one, tree)[kept] >= HIT)
+    model.confidence.copy_(torch.from_numpy(isotonic(np.concatenate(chances), np.concatenate(hits))))
+
+
+def isotonic(chance: Array, hit: Array) -> Array:
+    """Fit a rising curve at `KNOTS` chances from 0 to 1 to hits (N,), by pooling (Zadrozny and Elkan, 2002)."""
+    from scipy.optimize import isotonic_regression  # noqa: PLC0415
+
+    order = np.argsort(chance, kind="stable")
+    smooth = isotonic_regression(hit[order].astype(float)).x
+    knots = np.linspace(0, 1, KNOTS)
+    near = np.exp(-0.5 * ((knots[:, None] - chance[order]) * (KNOTS - 1) / 0.5) ** 2) + 1e-12
+    return np.maximum.accumulate((near * smooth).sum(1) / near.sum(1)).astype(np.float32)
+
+
+def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Known:
+    """Look at a part of a painting at the scale that suits its strokes, about."""
+    zoom = np.clip(USUAL / typical_width(painted) * np.exp(random.normal(0, 0.15)), *ZOOMS)
+    height, width = painted.labels.shape
+    part = min(round(SIDE / zoom), height, width)
+    top, left = int(random.integers(height - part + 1)), int(random.integers(width - part + 1))
+    image = painted.image[top : top + part, left : left + part].astype(np.float32) / 255
+    image = zoomed(weather(image, random).astype(np.float32) if aged else image, zoom)
+    rows, columns = (((np.arange(size) + 0.5) * part / size).astype(int) for size in image.shape[:2])
+    truth = painted.labels[top : top + part, left : left + part][np.ix_(rows, columns)].astype(int)
+    return Known(pieces_of(predict(model.network, image, 2), image), truth)
+
+
+def simple_examples(one: Known, random: Random) -> tuple[Array, Array, Array]:
+    """Make examples of pairs of pieces, and of regions made by joining what has the highest mean affinity."""
+    pieces, between = one.pieces, one.pieces.between
+    weight = np.array([4.0, 2.0, 1.0, 1.0])
+
+    def judge(features: Array) -> Array:
+        mean, count = features[:, :GROUPS], np.expm1(features[:, GROUPS : 2 * GROUPS])
+        return ((mean * count * weight).sum(1) / np.maximum((count * weight).sum(1), 1e-9))[:, None]
+
+    del between
+    return stage_examples(one, grow(pieces, judge, min(STAGES)), random)
+
+
+def stage_examples(one: Known, tree: Tree, random: Random) -> tuple[Array, Array, Array]:
+    """Make examples of the pairs that are there when all likelier ones have been joined: features, goals, weights."""
+    parts = [pairs_at(one, tree, stage, random) for stage in (1.1, *STAGES)]
+    features, goals, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return features, goals[:, None], weights
+
+
+def pairs_at(one: Known, tree: Tree, stage: float, random: Random) -> tuple[Array, Array, Array]:
+    """Make examples of pairs of regions that joining with chances of ``stage`` or more leads to."""
+    roots = np.arange(len(tree.sums))
+    for number in range(len(tree.children) - 1, -1, -1):
+        node = tree.pieces + number
+        if roots[node] != node or tree.made[node] >= stage:
+            roots[tree.children[number]] = roots[node]
+    regions, place = np.unique(roots[: tree.pieces], return_inverse=True)
+    count = len(regions)
+    sums = np.stack([np.bincount(place, column, minlength=count) for column in one.pieces.sums.T], 1)
+    a, b = place[one.pieces.pairs].T
+    apart = a != b
+    keys = np.minimum(a, b)[apart].astype(np.int64) * count + np.maximum(a, b)[apart]
+    pair, where = np.unique(keys, return_inverse=True)
+    between = np.stack([np.bincount(where, column, minlength=len(pair)) for column in one.pieces.between[apart].T], 1)
+    stroke, share = majority(place[one.pieces.labels], one.truth, count)
+    a, b = pair // count, pair % count
+    clear = (share[a] > CLEAR) & (share[b] > CLEAR) & (between[:, 4:6].sum(1) + 0.3 * between[:, 6:].sum(1) > 1)
+    rows = np.flatnonzero(clear)
+    rows = random.choice(rows, EXAMPLES, replace=False) if len(rows) > EXAMPLES else rows
+    a, b = a[rows], b[rows]
+    weight = np.minimum(sums[a, 0], sums[b, 0]) ** SMALLER
+    return pair_features(sums, np.stack([a, b], 1), between[rows]), stroke[a] == stroke[b], weight
+
+
+def majority(regions: Array, truth: Array, count: int) -> tuple[Array, Array]:
+    """Find the stroke that most of each region (``count``,) belongs to, and its share; -1 is the ground."""
+    most = int(truth.max()) + 2
+    key, number = np.unique(regions.ravel().astype(np.int64) * most + truth.ravel() + 1, return_counts=True)
+    region, stroke = key // most, key % most - 1
+    order = np.lexsort((-number, region))
+    first = order[np.r_[True, region[order][1:] != region[order][:-1]]]
+    winner, share = np.full(count, -1), np.zeros(count)
+    winner[region[first]] = stroke[first]
+    share[region[first]] = number[first] / np.bincount(regions.ravel(), minlength=count)[region[first]]
+    return winner, share
+
+
+def node_examples(one: Known, tree: Tree) -> tuple[Array, Array, Array]:
+    """Make examples of nodes: is it a stroke, and what is its IoU with the nearest one."""
+    enough = tree.sums[:, 0] >= LEAST
+    overlap = best_overlaps(one, tree)[enough]
+    return node_features(tree)[enough], np.stack([overlap >= HIT, overlap], 1), np.ones(int(enough.sum()))
+
+
+def best_overlaps(one: Known, tree: Tree) -> Array:
+    """Compute the best IoU (S + M,) of each node with a true stroke."""
+    most = int(one.truth.max()) + 2
+    key, number = np.unique(
+        one.pieces.labels.ravel().astype(np.int64) * most + one.truth.ravel() + 1, return_counts=True
+    )
+    size = np.bincount(one.truth.ravel() + 1, minlength=most)
+    held: list[dict[int, int]] = [{} for _ in range(tree.pieces)]
+    for place, count in zip(key.tolist(), number.tolist(), strict=True):
+        held[place // most][place % most] = count
+    for i, j in tree.children.tolist():
+        joined = dict(held[i])
+        for stroke, count in held[j].items():
+            joined[stroke] = joined.get(stroke, 0) + count
+        held.append(joined)
+    area = tree.sums[:, 0]
+    return np.array([
+        max((count / (area[node] + size[stroke] - count) for stroke, count in one_held.items() if stroke), default=0.0)
+        for node, one_held in enumerate(held)
+    ])  # fmt: skip
+
+
+def _fit(judge: Any, examples: list[tuple[Array, Array, Array]], steps: int, seed: int) -> float:
+    features, goals, weights = (np.concatenate(column) for column in zip(*examples, strict=True))
+    return fit_judge(judge, features, goals, weights, steps, seed)

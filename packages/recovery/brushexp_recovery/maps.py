@@ -1,0 +1,95 @@
+"""The maps of the network for a picture: the mean over turned and mirrored copies, turned back."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import pad
+
+from brushexp_recovery.network import AFFINE, CENTRE, GEOMETRY, OFFSETS, OVER, STRIDE, TURN, StrokeNetwork
+
+Array = NDArray[Any]
+Offset = tuple[int, int]
+
+COPIES = (
+    (0, False),
+    (1, True),
+    (2, False),
+    (3, True),
+    (1, False),
+    (2, True),
+    (3, False),
+    (0, True),
+)  # quarters, mirror
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What the network says of a picture (H, W); the geometry is as in `network.StrokeNetwork`."""
+
+    affinity: Array  # (`AFFINE`, H, W) float32 in [0, 1]
+    geometry: Array  # (`GEOMETRY`, H, W) float32
+    over: Array  # (len(`OVER`), H, W) float32, log-odds
+
+
+@torch.no_grad()
+def predict(network: StrokeNetwork, image: Array, copies: int = 2) -> Maps:
+    """Look at a picture (H, W, 3) float32 in [0, 1], in so many of its `COPIES`."""
+    height, width = image.shape[:2]
+    x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
+    x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
+    total = torch.zeros(())
+    for quarters, mirrored in COPIES[:copies]:
+        copy = torch.rot90(x, quarters, (2, 3))
+        copy = copy.flip(3) if mirrored else copy
+        with torch.autocast("cpu", torch.bfloat16):
+            told = network(copy.contiguous(memory_format=torch.channels_last)).float()
+        total = total + turned_back(told, quarters, mirrored)
+    mean = (total / copies)[0, :, :height, :width].numpy()
+    return Maps(mean[:AFFINE], mean[AFFINE : AFFINE + GEOMETRY], mean[AFFINE + GEOMETRY :])
+
+
+def turned_back(told: Tensor, quarters: int, mirrored: bool) -> Tensor:
+    """Turn the maps of a copy back: places, and what offsets and directions mean; affinities become probabilities."""
+    told = told.flip(3) if mirrored else told
+    told = torch.rot90(told, -quarters, (2, 3))
+    affinity, geometry, over = told.split([AFFINE, GEOMETRY, len(OVER)], 1)
+    affinity = _reassigned(affinity.sigmoid(), OFFSETS, quarters, mirrored, 1.0)
+    over = _reassigned(over, OVER, quarters, mirrored, -1.0)
+    x, y = geometry[:, CENTRE].unbind(1)
+    cosine, sine = geometry[:, TURN].unbind(1)
+    if mirrored:
+        x, sine = -x, -sine
+    for _ in range(quarters):
+        x, y, cosine, sine = -y, x, -cosine, -sine
+    geometry = geometry.clone()
+    geometry[:, CENTRE] = torch.stack([x, y], 1)
+    geometry[:, TURN] = torch.stack([cosine, sine], 1)
+    return torch.cat([affinity, geometry, over], 1)
+
+
+def _reassigned(values: Tensor, offsets: tuple[Offset, ...], quarters: int, mirrored: bool, sign: float) -> Tensor:
+    """Put what a copy says of its offsets at those of the picture, times ``sign`` if seen from the other end."""
+    out = values.clone()
+    for channel, (dy, dx) in enumerate(offsets):
+        row, column = dy, -dx if mirrored else dx
+        for _ in range(quarters):
+            row, column = column, -row
+        if (row, column) in offsets:
+            out[:, offsets.index((row, column))] = values[:, channel]
+        else:  # stored at the pixel that it leads to
+            out[:, offsets.index((-row, -column))] = sign * shifted(values[:, channel], -row, -column)
+    return out
+
+
+def shifted(values: Tensor, dy: int, dx: int) -> Tensor:
+    """Shift the last two axes: out[p] = values[p + (dy, dx)], 0 outside."""
+    out = torch.zeros_like(values)
+    height, width = values.shape[-2:]
+    top, bottom, left, right = max(0, -dy), height - max(0, dy), max(0, -dx), width - max(0, dx)
+    if top < bottom and left < right:
+        out[..., top:bottom, left:right] = values[..., top + dy : bottom + dy, left + dx : right + dx]
+    return out

@@ -1,0 +1,77 @@
+"""Strokes are recovered from a picture of a painting: ``brushexp.recover``."""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.pictures.load import HeldPicture, is_picture, load_picture
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.saved import Saved
+from brushexp.system.progress import showing
+from brushexp_recovery.curves import Fitted, fit_curves
+from brushexp_recovery.finding import Regions, find_regions
+from brushexp_recovery.model import NAME, RecoveryModel, load_model
+from brushexp_recovery.stacking import evidence_of, stack
+from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
+
+__all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
+Array = NDArray[Any]
+
+COPIES = 2  # of a picture that are looked at, turned and mirrored
+RENDERER = "analytic"  # draws a stroke as it was fitted
+
+
+def recover(
+    image: Any, *, scale: float | None = None, copies: int = COPIES, weights: str | PathLike[str] = NAME
+) -> Recovered:
+    """Recover the strokes of a painting from a picture of it, as ``task=recover`` does.
+
+    Args:
+        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        scale: at which strokes are sought; None for one at which they are as wide as those of the training, 14 px.
+        copies: 1 to 8 turned and mirrored copies of the picture that are looked at; more are slower and surer.
+        weights: a .safetensors file of task=train model=recovery, or the name of shipped ones.
+
+    Returns:
+        A catalogue of the strokes that were found, the chance of each to be one, and which is seen at each pixel. What
+        is no stroke is left empty.
+
+    Raises:
+        UserError: what is wrong with the picture or the weights.
+    """
+    held = HeldPicture(image) if is_picture(image) else None
+    picture = load_picture(str(image) if held is None else held.name, None)
+    with showing("finding strokes") as show:
+        return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
+
+
+def recover_with(
+    model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Callable[[float, str], None]
+) -> Recovered:
+    """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
+    regions = find_regions(model, image, scale, copies, show)
+    fitted = fit_curves(regions, image)
+    order = stack(len(regions.chance), *evidence_of(regions))
+    chance = np.interp(regions.chance, np.linspace(0, 1, len(model.confidence)), model.confidence.numpy())
+    return in_order(regions, fitted, chance, order, image)
+
+
+def in_order(regions: Regions, fitted: Fitted, chance: Array, order: Array, image: Array) -> Recovered:
+    """Make a catalogue of fitted strokes, bottom to top by ``order`` (N,)."""
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    labels = np.where(regions.labels >= 0, rank[regions.labels], -1).astype(np.int32) if len(rank) else regions.labels
+    curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
+    ground = image[labels < 0] if (labels < 0).mean() > 0.01 else image.reshape(-1, 3)
+    saved = Saved(
+        strokes=strokes_along(curve, width, color, 1.0),
+        depth=torch.arange(len(order), dtype=torch.int32),
+        size=(image.shape[0], image.shape[1]),
+        background=torch.as_tensor(np.median(ground, 0), dtype=torch.float32).clamp(0, 1),
+        renderer=RENDERER,
+    )
+    return Recovered(saved, chance[order].astype(np.float32), labels)

@@ -1,0 +1,55 @@
+"""A pool of paintings on disk, which a process of its own fills and renews while a network learns from it."""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from brushexp.system.files import write_bytes
+from brushexp_recovery.synthesis_paintings import Painted, paint
+
+NICE = 10  # the pool leaves the processor to the training
+
+
+def fill_pool(folder: Path, seed: int, pictures: Sequence[str], first: int, most: int, step: int = 1) -> None:
+    """Paint numbers ``first``, ``first + step``, ... below ``most`` that are not there yet."""
+    parent = os.getppid()
+    for number in range(first, most, step):
+        if os.getppid() != parent:  # the training is over, however it ended
+            return
+        path = folder / f"{number:06d}.npz"
+        if not path.is_file():
+            save_painting(path, paint(seed, number, pictures))
+
+
+def save_painting(path: Path, painted: Painted) -> None:
+    """Write a painting whole or not at all."""
+    import io  # noqa: PLC0415
+
+    memory = io.BytesIO()
+    np.savez_compressed(memory, image=painted.image, labels=painted.labels, geometry=painted.geometry)
+    write_bytes(path, memory.getvalue())
+
+
+def load_painting(path: Path) -> Painted:
+    """Read a painting of the pool."""
+    with np.load(path) as file:
+        return Painted(file["image"], file["labels"], file["geometry"])
+
+
+def main(folder: str, seed: str, first: str, most: str, step: str, *pictures: str) -> None:
+    """Fill a pool, as a process of its own."""
+    import torch  # noqa: PLC0415
+
+    from brushexp.plugin_loading import load_plugins  # noqa: PLC0415
+
+    os.nice(NICE)
+    torch.set_num_threads(1)
+    load_plugins(Path("plugins"))
+    fill_pool(Path(folder), int(seed), pictures, int(first), int(most), int(step))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,55 @@
+"""``task=recover``: the strokes of a painting, from a photograph of it."""
+
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+from omegaconf import DictConfig
+
+from brushexp.api.parts import render
+from brushexp.pictures.load import load_picture
+from brushexp.system.files import write_json, write_picture
+from brushexp.system.progress import showing
+from brushexp.system.runtime import peak_memory
+from brushexp_recovery.model import load_model
+from brushexp_recovery.recover import recover_with
+from brushexp_recovery.storage import Recovered, write_recovered
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write catalogue.h5, the recovered painting and its regions into the run's folder, and figures."""
+    picture = load_picture(cfg.image, None)
+    model = load_model(cfg.weights)
+    with showing("finding strokes") as show:
+        recovered = recover_with(model, picture.permute(1, 2, 0).numpy(), cfg.scale, cfg.copies, show)
+    write_recovered(folder / "catalogue.h5", recovered)
+    saved = recovered.saved
+    write_picture(folder / "target.png", picture)
+    painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
+    write_picture(folder / "painting.png", painting)
+    write_picture(folder / "regions.png", colored(recovered.labels))
+    metrics = figures_of(recovered) | {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
+    metrics |= {"picture": "painting.png", "status": "completed"}
+    write_json(folder / "metrics.json", metrics)
+    log.info("%s: %d strokes on %.0f %% of the picture", folder, len(saved.strokes), 100 * metrics["covered"])  # type: ignore[operator]
+    return metrics
+
+
+def figures_of(recovered: Recovered) -> dict[str, object]:
+    """Count what was recovered."""
+    n = len(recovered.saved.strokes)
+    return {
+        "n_strokes": n,
+        "covered": float((recovered.labels >= 0).mean()),
+        "confidence": float(recovered.confidence.mean()) if n else None,
+    }
+
+
+def colored(labels: np.ndarray) -> np.ndarray:
+    """Draw regions (H, W) in colours of their own, (H, W, 3) uint8, and what belongs to none in black."""
+    colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
+    colors[-1] = 0
+    return colors[labels]

@@ -1,0 +1,135 @@
+"""The truth about a painting whose strokes are known, and its file."""
+
+import io
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.system.files import write_bytes
+from brushexp_recovery.outlines import covers_of, lengths_of, overlapping, part_of, seen_of
+
+Array = NDArray[Any]
+
+VISIBLE = 0.3  # share of its area that a stroke must show to count
+LEAST = 12  # pixels that it must show
+OVERLAP = 0.05  # share of the smaller one that two strokes share at least to have an order
+END = 0.45  # widths by which a round end lies beyond the end of the curve
+ROUND = 0.215  # widths by which a round-ended line of the same area is longer than a rectangle: 1 - pi / 4
+
+
+@dataclass(frozen=True)
+class Truth:
+    """N known strokes of a painting, bottom to top unless ``depth`` says otherwise; pixels, x to the right, y down."""
+
+    labels: Array  # (H, W) int32, the stroke that is seen, -1 the ground
+    curve: Array  # (N, 3, 2) control points of the part that carries paint
+    width: Array  # (N,) of a round-ended line with as much paint
+    color: Array  # (N, 3) sRGB of its paint, in [0, 1]
+    seen: Array  # (N, 3) mean sRGB where it is seen
+    depth: Array  # (N,) rank, 0 is the bottom one
+    share: Array  # (N,) visible part of its area
+    area: Array  # (N,) pixels, hidden parts too
+    pairs: Array  # (P, 2) lower and upper stroke of those that overlap
+
+    def __len__(self) -> int:
+        return len(self.width)
+
+    @property
+    def visible(self) -> Array:
+        """Pixels (N,) at which each stroke is seen."""
+        return pixels_of(self.labels, len(self))
+
+    @property
+    def counts(self) -> Array:
+        """Tell which strokes (N,) show enough of themselves to be looked for."""
+        return (self.share >= VISIBLE) & (self.visible >= LEAST)
+
+
+def pixels_of(labels: Array, count: int) -> Array:
+    """Count the pixels (count,) of each label of a picture (H, W); -1 does not count."""
+    return np.bincount(labels[labels >= 0], minlength=count)
+
+
+def mean_colors(labels: Array, image: Array, count: int) -> Array:
+    """Average an image (H, W, 3) over the pixels of each label, (count, 3); 0 for a label without pixels."""
+    of = labels >= 0
+    sums = [np.bincount(labels[of], image[..., channel][of], count) for channel in range(3)]
+    return np.stack(sums, 1) / np.maximum(pixels_of(labels, count), 1)[:, None]
+
+
+def painted_part(curve: Array, low: Array, high: Array, area: Array) -> tuple[Array, Array]:
+    """Cut curves (N, 3, 2) to the parts that carry paint, and find widths (N,) with as much of it.
+
+    ``low`` and ``high`` (N,) are the parameters between which paint lies, ``area`` (N,) is pixels of paint. The cut
+    curves end where a round end of the width begins.
+    """
+    whole = np.maximum(lengths_of(curve), 1e-6)
+    extent = np.maximum(high - low, 0.05) * whole
+    width = np.minimum(area / extent, extent)
+    width = np.minimum(area / np.maximum(extent - ROUND * width, 1), extent)
+    cut, middle = END * width / whole, 0.5 * (low + high)
+    is_long = high - low > 2 * cut + 0.02
+    first, last = np.where(is_long, low + cut, middle - 0.01), np.where(is_long, high - cut, middle + 0.01)
+    return part_of(curve, first, last), width
+
+
+def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Array, image: Array) -> Truth:
+    """Complete the truth of N strokes in the order bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
+    count = len(width)
+    covers = covers_of(curve, width, labels.shape)
+    return Truth(
+        labels=labels.astype(np.int32), curve=curve, width=width, color=color,
+        seen=mean_colors(labels, image, count), depth=np.arange(count, dtype=np.int32),
+        share=pixels_of(labels, count) / np.maximum(area, 1), area=area, pairs=overlapping(covers, LEAST, OVERLAP),
+    )  # fmt: skip
+
+
+def drawn_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], ground: Array) -> tuple[Truth, Array]:
+    """Draw plain opaque strokes, bottom to top, on a canvas (H, W) of one colour (3,): truth and image (H, W, 3)."""
+    covers = covers_of(curve, width, size)
+    labels, area = seen_of(covers, np.ones(len(width)), size)
+    image = np.broadcast_to(ground, (*size, 3)).copy()
+    for cover, paint in zip(covers, color, strict=True):
+        if cover is not None:
+            box, share = cover
+            image[box] += share[..., None] * (paint - image[box])
+    return truth_from(labels, area, curve, width, color, image), image
+
+
+def write_truth(path: Path, truth: Truth) -> None:
+    """Write a truth whole or not at all, as a compressed npz."""
+    memory = io.BytesIO()
+    np.savez_compressed(memory, **{item.name: getattr(truth, item.name) for item in fields(truth)})
+    write_bytes(path, memory.getvalue())
+
+
+def read_truth(path: Path) -> Truth:
+    """Read the truth of a painting; a UserError says what the file lacks."""
+    values = read_arrays(path)
+    if missing := [item.name for item in fields(Truth) if item.name not in values]:
+        raise UserError(f"{path} has no {missing[0]}; give the npz of a truth, as task=benchmark writes it")
+    truth = Truth(**{item.name: values[item.name] for item in fields(Truth)})
+    count = len(truth.width)
+    shapes = {"curve": (count, 3, 2), "color": (count, 3), "seen": (count, 3)}
+    shapes |= dict.fromkeys(("depth", "share", "area"), (count,))
+    for name, shape in shapes.items():
+        if getattr(truth, name).shape != shape:
+            raise UserError(f"{path}: {name} has shape {getattr(truth, name).shape}; {shape} is needed")
+    if truth.labels.ndim != 2 or truth.labels.max(initial=-1) >= count:
+        raise UserError(f"{path}: labels must be a picture of numbers from -1 to {count - 1}")
+    return truth
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read the arrays of an npz, in which no code runs (UserError)."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError as error:
+        raise UserError(f"there is no file {path}; give the path of an npz") from error
+    except Exception as error:
+        raise UserError(f"{path} is no npz of plain numbers: {error}") from error

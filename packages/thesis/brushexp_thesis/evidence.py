@@ -1,0 +1,55 @@
+"""What else than an interval of Student's t says of paired gains: ranks, medians, and tests of many claims together.
+
+``gains`` are one number for each picture or seed, see `brushexp.results.paired.Difference`.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+Bounds = tuple[float, float]  # of a mean gain; infinite where a statement has none
+RESAMPLES = 9999
+
+
+def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
+    """Compute the p of Student's t that their mean lies within bounds, two-sided: above 0.05 the 95 % interval leaves.
+
+    It is twice the larger of the one-sided p against each bound (of two, an equivalence test: Schuirmann, 1987).
+    """
+    from scipy.stats import t  # noqa: PLC0415
+
+    sample = np.array(gains, float)
+    if len(sample) < 2:
+        return 1.0
+    error = sample.std(ddof=1) / math.sqrt(len(sample))
+    distances = [sample.mean() - stated[0], stated[1] - sample.mean()]
+    ratios = [distance / error if error else math.inf * (1 if distance > 0 else -1) for distance in distances]
+    return min(1.0, 2 * max(float(t.sf(ratio, len(sample) - 1)) for ratio in ratios))
+
+
+def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
+    """Compute the p of signed ranks (Wilcoxon, 1945) that their middle lies within bounds, as `p_of_mean` does."""
+    from scipy.stats import wilcoxon  # noqa: PLC0415
+
+    sample = np.array(gains, float)
+    above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
+    one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]
+    return min(1.0, 2 * max(one_sided, default=0.0))
+
+
+def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, float]:
+    """Compute the median with its bootstrap interval (percentiles; Efron, 1979), the same whenever it is asked."""
+    sample = np.array(gains, float)
+    drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
+    low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(np.median(sample)), float(low), float(high)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Correct p of several claims, so that one of them is wrong at most as often as its p says (Holm, 1979)."""
+    order = np.argsort(p_values, kind="stable")
+    rising = np.maximum.accumulate(np.array(p_values)[order] * np.arange(len(p_values), 0, -1))
+    corrected = np.empty(len(p_values))
+    corrected[order] = rising.clip(max=1)
+    return corrected.tolist()

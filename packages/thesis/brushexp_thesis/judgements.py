@@ -1,0 +1,96 @@
+"""Judge claims by the studies that there are: all of a page together, with what else speaks for or against each."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from brushexp.results.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
+from brushexp_thesis.claims import CANNOT, NOT_RUN, UNCLEAR, Claim
+from brushexp_thesis.evidence import holm, median_of, p_of_mean, p_of_ranks
+from brushexp_thesis.study_records import Study
+
+LEAST_RANKED = 6  # units from which on ranks can be significant
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A claim with its verdict.
+
+    ``difference`` is what decides it, None without a study. ``p`` is that of the verdict's statement or, undecided, of
+    the claim's, for all claims of the page together; ``p_ranks`` is that of its signed ranks, for itself. ``alone`` is
+    the verdict before claims were taken together.
+    """
+
+    claim: Claim
+    difference: Difference | None
+    verdict: str
+    alone: str
+    p: float | None = None
+    p_ranks: float | None = None
+
+    @property
+    def remarks(self) -> str:
+        """What a reader should know beside the verdict."""
+        ranked = self.p_ranks is not None and self.difference and len(self.difference.gains) >= LEAST_RANKED
+        differs = ranked and (self.p_ranks < 1 - CONFIDENCE) != (self.alone not in UNCLEAR.values())
+        notes = [
+            "added after the results" * self.claim.after_results,
+            f"alone: {self.alone}" * (self.alone != self.verdict),
+            f"ranks differ: p {format_p(self.p_ranks)}" if differs else "", self.claim.cannot, self.claim.remark,
+        ]  # fmt: skip
+        return "; ".join(filter(None, notes))
+
+
+def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:
+    """Judge every claim; those that have an answer are corrected together (Holm)."""
+    single = [_judge_alone(claim, studies) for claim in claims]
+    corrected = iter(holm([one.p for one in single if one.p is not None]))
+    together = [one if one.p is None else replace(one, p=next(corrected)) for one in single]
+    return [
+        replace(one, verdict=NOT_DECIDED) if one.p is not None and one.p >= 1 - CONFIDENCE and is_decided(one) else one
+        for one in together
+    ]
+
+
+def is_decided(judgement: Judgement) -> bool:
+    """Tell whether the verdict says something of the claim."""
+    return judgement.verdict not in (NOT_RUN, CANNOT, *UNCLEAR.values())
+
+
+def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
+    difference = studies[claim.study].difference(claim) if claim.study in studies else None
+    if difference is None or claim.cannot:
+        verdict = CANNOT if claim.cannot else NOT_RUN
+        return Judgement(claim, difference, verdict, verdict)
+    verdict, stated = claim.answer(difference)
+    gains = list(difference.gains.values())
+    return Judgement(claim, difference, verdict, verdict, p_of_mean(gains, stated), p_of_ranks(gains, stated))
+
+
+def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, str]:
+    """Write what was measured for a claim: mean, median and counts, of photographs and paintings apart, too."""
+    claim, one = judgement.claim, judgement.difference
+    assert one is not None
+    better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))
+    kinds = {"photographs": [], "paintings": []} if one.unit == PICTURE else {}  # type: dict[str, list[float]]
+    for unit, gain in one.gains.items() if kinds else ():
+        kinds["paintings" if unit in paintings else "photographs"].append(gain)
+    return {
+        "claim": claim.says,
+        "compared": f"{claim.setting} against {claim.against}",
+        "metric": one.quantity.name,
+        "mean": f"{one.format_gain(one.mean)} {one.bounds}",
+        "median": _in_words(one, median_of(list(one.gains.values()), CONFIDENCE)),
+        "better, worse": f"{better}, {worse} of {len(one.gains)}",
+        "p of ranks": "" if judgement.p_ranks is None else format_p(judgement.p_ranks),
+        **{kind: _in_words(one, interval(gains)) for kind, gains in kinds.items() if len(gains) >= LEAST_UNITS},
+    }
+
+
+def _in_words(one: Difference, middle_low_high: Sequence[float]) -> str:
+    middle, low, high = middle_low_high
+    return f"{one.format_gain(middle)} {replace(one, low=low, high=high).bounds}"
+
+
+def format_p(p: float) -> str:
+    """Write a p with two digits: ``0.031``, ``< 0.0001``."""
+    return "< 0.0001" if p < 1e-4 else f"{p:#.2g}"

@@ -1,0 +1,153 @@
+"""Simulate wet oil paint under a brush of bristles."""
+
+import math
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import between
+from brushexp.plugins.engine.base import Engine, Simulated
+from brushexp.registry import register
+from brushexp.strokes.prior import strokes_of
+from brushexp.system.runtime import share_threads
+
+GOLDEN = (1 + 5**0.5) / 2
+BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
+STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
+SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
+FARTHEST = 4.0  # half-windows: largest coordinate of points
+THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush; the opacities below are of their splats
+LEAST_OPACITY, MOST_OPACITY_THIN, MOST_OPACITY_THICK = 0.002, 0.08, 0.025
+DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
+Array = np.ndarray
+
+
+@register("engine", "fluid")
+class Fluid(Engine):
+    """Bristles dragged through wet paint (Fluid Paint: Li, 2016; SPIRAL: Ganin et al., 2018): streaks, ragged ends.
+
+    Bristles are position-based dynamics, each splats paint and momentum where it touches, a fluid solver carries both,
+    and the height of the paint is lit. Lengths are computed in 256ths of the window, in which the source's constants
+    are given, so that a stroke looks the same in every window.
+
+    Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush is turned with the
+    stroke, as a hand does, and comes to rest trailing behind it, its bristles spread as it came down, each its own way;
+    the handle runs ahead of the curve by as much as the bristles trail, so that the paint reaches from start to end;
+    colours are those of a digital mixture, which on an empty canvas is exact: the recorded RGB is what flat paint
+    shows, and alpha is how much the paint covers.
+
+    Args:
+        window: pixels on the side of a picture, 8 to 1024.
+        supersample: cells of the simulation per pixel, in each direction.
+        frames: of the motion from start to end.
+        after: frames that the paint goes on flowing when the brush has left.
+        bristles: of a brush, 10 to 200.
+        brushes: stroke number i is painted with brush i modulo this.
+        load: how much paint the brush carries, 0 to 1.
+        projection: keep the flow nearly free of divergence, as Fluid Paint does and SPIRAL's port does not.
+        jacobi: iterations of the pressure solver.
+        fluidity: share of the flow's velocity that lasts from frame to frame, 0 to 1.
+        gravity: on the bristles, 256ths of the window per frame and frame.
+        damping: share of a bristle's velocity that lasts from frame to frame, 0 to 1.
+        stiffness: of the stiffest bristle, 0 to 1.
+        jitter: irregularity of the bristles' places, 0 to 1.
+        iterations: of the bristles' constraints per frame.
+        rest: frames in which the brush comes to rest before it paints; for the first half it moves.
+        approach: brush radii that it moves per frame meanwhile: the fewer, the more the start frays, the more, the more
+            a stroke is a comb.
+        relief: height of the paint for the light; 0 is flat.
+    """
+
+    has_heights = True
+
+    def __init__(
+        self,
+        *,
+        window: Annotated[int, between(8, 1024)] = 64,
+        supersample: Annotated[int, between(1, 8)] = 2,
+        frames: Annotated[int, between(1, 1000)] = 20,
+        after: Annotated[int, between(0, 1000)] = 12,
+        bristles: Annotated[int, between(10, 200)] = 100,
+        brushes: Annotated[int, between(1, 1000)] = 1,
+        load: Annotated[float, between(0, 1)] = 0.8,
+        projection: bool = True,
+        jacobi: Annotated[int, between(0, 100)] = 2,
+        fluidity: Annotated[float, between(0, 1)] = 0.8,
+        gravity: Annotated[float, between(0, 1000)] = 30.0,
+        damping: Annotated[float, between(0, 1)] = 0.75,
+        stiffness: Annotated[float, between(0, 1)] = 0.3,
+        jitter: Annotated[float, between(0, 1)] = 0.5,
+        iterations: Annotated[int, between(1, 1000)] = 20,
+        rest: Annotated[int, between(0, 1000)] = 20,
+        approach: Annotated[float, between(0, 10)] = 0.4,
+        relief: Annotated[float, between(0, 100)] = 1.0,
+    ) -> None:
+        from brushexp_training.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
+
+        self._bristles, self._deposition = _bristles, _deposition
+        self.window, self.brushes, self.bristles, self.projection = window, brushes, bristles, projection
+        self.jitter, self.stiffness = jitter, stiffness
+        self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
+        fullness = min((bristles - THIN) / (THICK - THIN), 1.0)  # a fuller brush covers no less
+        most = MOST_OPACITY_THIN + (MOST_OPACITY_THICK - MOST_OPACITY_THIN) * fullness
+        opacity = LEAST_OPACITY + (most - LEAST_OPACITY) * load if load else 0.0
+        self.physics = tuple(map(np.float32, (gravity, damping, opacity, DRAG * opacity, fluidity, relief)))
+        self.counts = (frames, iterations, jacobi, supersample, after)
+        self._seed: int | None = None
+
+    def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
+        share_threads()
+        if seed != self._seed:
+            self._draw_brushes(seed)
+        strokes = strokes_of(parameters.detach().cpu().float())
+        units = 0.5 * float(self._bristles.UNITS)
+        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
+        scale = (BAND * strokes.width * units).clamp(*SCALES)
+        rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
+        brush = (first + np.arange(len(rows))) % self.brushes
+        pose = self._poses_for(brush, scale.numpy())
+        images = np.empty((len(rows), 4, self.window, self.window), np.float32)
+        heights = np.empty((len(rows), self.window, self.window), np.float32)
+        poses = np.array(self._poses, np.float32).reshape(-1, 3, self._bristles.VERTICES, self.bristles)
+        reach = np.array(self._reach, np.float32).reshape(-1, 2)
+        brushes = (poses, reach, self._roots, self._stiffness)
+        settings = (self.physics, self.counts, self.projection)
+        self._deposition.draw(rows, brush, pose, *brushes, *settings, images, heights)
+        return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
+
+    def _draw_brushes(self, seed: int) -> None:
+        """Draw places of bristles on a jittered sunflower, their stiffness, and the direction in which each falls."""
+        n = self.bristles
+        sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
+        words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
+        u = (words >> np.uint64(11)) * 2.0**-53
+        i = np.arange(n)
+        angle = (i + (u[:, 0] - 0.5) * self.jitter) * math.tau / GOLDEN**2
+        radius = np.sqrt((i + u[:, 1] * self.jitter) / n)
+        self._roots = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).astype(np.float32)
+        self._stiffness = (self.stiffness * u[:, 2]).astype(np.float32)
+        self._splay = (math.tau * u[:, 3]).astype(np.float32)
+        self._seed, self._place = seed, dict[tuple[int, int], int]()
+        self._poses, self._reach = list[Array](), list[Array]()
+
+    def _poses_for(self, brush: Array, scale: Array) -> Array:
+        """Choose the pose (n,) that each brush begins with; new poses come from brushes that come to rest."""
+        node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
+        keys = list(zip(brush.tolist(), node.tolist(), strict=True))
+        fresh = [key for key in dict.fromkeys(keys) if key not in self._place]
+        if fresh:
+            which = np.array([key[0] for key in fresh])
+            scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
+            poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
+            motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
+            self._bristles.settle(
+                scales, self._roots[which], self._splay[which], self._stiffness[which], *motion, poses
+            )
+            for key, pose in zip(fresh, poses, strict=True):
+                self._place[key] = len(self._poses)
+                self._poses.append(pose)
+                behind = -pose[0][pose[2] <= self._bristles.TOUCH]  # of where it touches the canvas
+                self._reach.append(np.array([np.quantile(behind, q) if behind.size else 0.0 for q in (0.95, 0.05)]))
+        return np.array([self._place[key] for key in keys], np.int64)

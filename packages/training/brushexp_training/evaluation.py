@@ -1,0 +1,272 @@
+"""A renderer's pictures are judged by errors of strokes, distances of sample sets, and contact sheets."""
+
+import math
+import warnings
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torchmetrics.image.fid import FrechetInceptionDistance
+from torchmetrics.image.kid import KernelInceptionDistance
+
+from brushexp.errors import UserError
+from brushexp.features import open_backbone
+from brushexp.pictures.similarity import psnr_of
+from brushexp.strokes.prior import strokes_of
+from brushexp.system.files import write_picture
+from brushexp_training.torch_script import load_torch_script
+
+TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
+INCEPTION_FEATURES = 2048
+LEAST_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
+SHEET_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
+GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
+KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
+DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
+INSIDE = 0.25  # of a stroke: where so much of what is around is covered
+THICK = 0.1  # windows: strokes from this thickness on are called thick
+ROUNDING = 0.51 / 255  # of pictures that were kept in 8 bits
+SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
+SHEET_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
+
+_backbone_of = cache(open_backbone)
+Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
+
+
+def premultiply(images: Tensor) -> Tensor:
+    """Multiply colour by alpha, by which errors count in paintings: straight RGBA (..., 4, H, W) to premultiplied."""
+    color, alpha = images.split([3, 1], dim=-3)
+    return torch.cat([color * alpha, alpha], dim=-3)
+
+
+def squared_error(images: Tensor, truth: Tensor) -> Tensor:
+    """Compute L2 of pictures (..., 4, H, W): the mean squared difference of the four premultiplied channels."""
+    return (premultiply(images) - premultiply(truth)).square().mean()
+
+
+def fine_detail(planes: Tensor) -> Tensor:
+    """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; bristles of windows of 64 pixels remain."""
+    with torch.autocast(planes.device.type, enabled=False):  # of 16 bits little would be left of a difference
+        rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
+        return planes - rows @ planes @ columns.T
+
+
+def _mean_of_five(side: int, like: Tensor) -> Tensor:
+    """Build the matrix (side, side) of a moving mean over five numbers; it takes a tenth of avg_pool2d's time."""
+    line = torch.arange(side, device=like.device)
+    near = ((line[:, None] - line).abs() <= DETAIL_REACH).to(like.dtype)
+    return near / near.sum(1, keepdim=True)
+
+
+@torch.no_grad()
+def error_sums(images: Tensor, truth: Tensor) -> Tensor:
+    """Sum over pictures (n, 4, S, S), RGBA, straight alpha, five numbers (5,), which batches can add up.
+
+    They are the pixels, the squared error of the four premultiplied channels (their mean per pixel), that of alpha, the
+    true alpha, and the squared error of the straight colour (mean of R, G, B) times true alpha.
+    """
+    images, truth = images.double(), truth.double()
+    paint, squared = truth[:, 3], (premultiply(images) - premultiply(truth)).square().mean(1)
+    alpha, color = (images[:, 3] - paint).square(), (images[:, :3] - truth[:, :3]).square().mean(1) * paint
+    return torch.stack([torch.ones_like(paint), squared, alpha, paint, color]).flatten(1).sum(1).cpu()
+
+
+def error_figures(sums: Tensor) -> dict[str, float]:
+    """Compute ``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, by true alpha) of `error_sums`."""
+    pixels, squared, alpha, paint, color = sums.tolist()
+    psnr_color = psnr_of(color / paint) if paint else math.nan
+    return {"l2": squared / pixels, "psnr_alpha": psnr_of(alpha / pixels), "psnr_color": psnr_color}
+
+
+@torch.no_grad()
+def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
+    """Sum energies (2, 2, 2) of pictures (n, 4, S, S): thin or thick, of alpha or light, drawn or true.
+
+    The energy is that of `fine_detail` where a quarter of the 5 x 5 pixels around is covered. Strokes (n, 10) are thick
+    from `THICK` windows on. Light is how much brighter paint is than its colour, by true alpha; strokes in which 8 bits
+    tell none have none.
+    """
+    paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
+    inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
+    thick = strokes_of(parameters).width >= THICK
+    lit = ((truth[:, :3] - plain).abs() * (paint > 0) > ROUNDING).flatten(1).any(1)[:, None, None, None]
+    energies = torch.zeros(2, 2, 2, dtype=torch.float64)
+    for k, pictures in enumerate((images, truth)):
+        light = lit * paint * (pictures[:, :3] - plain).mean(1, keepdim=True)
+        for j, plane in enumerate((pictures[:, 3:], light)):
+            energy = (inside * fine_detail(plane).double().square()).flatten(1).sum(1)
+            energies[0, j, k], energies[1, j, k] = energy[~thick].sum(), energy[thick].sum()
+    return energies
+
+
+def bristle_figures(energies: Tensor) -> dict[str, float]:
+    """Compute the drawn shares of the true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
+    drawn, true = energies.unbind(-1)
+    share = (drawn / true).tolist()  # not a number where there is no such stroke, or no light
+    return {
+        f"{what}_{size}": share[i][j]
+        for j, what in enumerate(("bristles", "light"))
+        for i, size in enumerate(("thin", "thick"))
+    }
+
+
+class FeatureDistance:
+    """Measures FID and KID of drawn strokes against true ones over white, by ``count`` features of each picture.
+
+    FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500); KID the
+    squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here over all
+    pictures at once instead of random subsets, so that it is the same each time. Both depend on how many pictures there
+    are: state n with them. With the features "effl0" they compare with no published FID or KID.
+    """
+
+    def __init__(self, name: str, features: Features, count: int) -> None:
+        self.name, self.features = name, features
+        ready = nn.Identity()  # stands where torchmetrics wants a network, for features that are made already
+        ready.num_features = count  # type: ignore[assignment]
+        self.fid = FrechetInceptionDistance(feature=ready)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # it keeps all features: they are few
+            self.kid = KernelInceptionDistance(feature=ready, subsets=1)
+
+    def add(self, images: Tensor, truth: Tensor) -> None:
+        """Add pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
+        self.compare(*(self.features(over_white(pictures)).double().cpu() for pictures in (images, truth)))
+
+    def compare(self, drawn: Tensor, true: Tensor) -> None:
+        """Add features (n, count) of as many strokes."""
+        for features, real in ((drawn, False), (true, True)):
+            self.fid.update(features, real=real)
+            self.kid.update(features, real=real)
+
+    def figures(self) -> dict[str, float]:
+        """Compute ``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
+        count = int(self.fid.real_features_num_samples)
+        self.kid.subset_size = min(count, KID_PICTURES)
+        fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if count > 1 else (math.nan, math.nan)
+        return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
+
+    def by_number(self) -> list[dict[str, object]]:
+        """Tabulate both for 64 strokes, twice as many, and so on.
+
+        A row has ``n``, the number of disjoint ``sets`` of n strokes, mean and standard deviation of the distances over
+        them, and the bias: the mean FID of one set of true strokes to the next.
+        """
+        drawn, true = torch.cat(self.kid.fake_features), torch.cat(self.kid.real_features)
+        rows: list[dict[str, object]] = []
+        n = SMALLEST_SET
+        while n <= len(drawn):
+            parts = [part for part in zip(drawn.split(n), true.split(n), strict=True) if len(part[0]) == n]
+            distances = [self._of(*part) for part in parts]
+            bias = [self._of(a, b) for (_, a), (_, b) in pairwise(parts)]
+            row: dict[str, object] = {"n": n, "sets": len(parts)}
+            for key in distances[0]:
+                values = torch.tensor([figures[key] for figures in distances], dtype=torch.float64)
+                row |= {key: float(values.mean()), f"{key}_sd": float(values.std()) if len(values) > 1 else math.nan}
+            key = f"fid_{self.name}"
+            row[f"{key}_bias"] = sum(figures[key] for figures in bias) / len(bias) if bias else math.nan
+            rows.append(row)
+            n *= 2
+        return rows
+
+    def _of(self, drawn: Tensor, true: Tensor) -> dict[str, float]:
+        other = FeatureDistance(self.name, self.features, drawn.shape[1])
+        other.compare(drawn, true)
+        return other.figures()
+
+
+def effl0_distance(device: torch.device) -> FeatureDistance:
+    """Make the `FeatureDistance` "effl0": 112 channels of a packaged network, averaged over a picture."""
+    network = _backbone_of("effl0").to(device)
+
+    def features(pictures: Tensor) -> Tensor:
+        zoom = max(1, -(-LEAST_SIDE // pictures.shape[-1]))
+        large = functional.interpolate(pictures, scale_factor=zoom, mode="bilinear") if zoom > 1 else pictures
+        return network(large, (TAP,))[TAP].mean((2, 3))
+
+    return FeatureDistance("effl0", features, TAP_CHANNELS)
+
+
+def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
+    """Make the `FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
+
+    ``path`` holds the network as TorchScript, as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes (n, 3, H, W)
+    and ``return_features=True``. An FID of fewer than 2048 strokes is too low. UserError if the file is no such
+    network.
+    """
+    if not path.is_file():
+        raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
+    try:
+        network = load_torch_script(path, device)
+
+        def features(pictures: Tensor) -> Tensor:
+            return network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)
+
+        shape = tuple(features(torch.zeros(1, 3, 64, 64, device=device)).shape)
+    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
+        reason = str(error).strip().partition("\n")[0]
+        raise UserError(
+            f"inception={path} is not that network as TorchScript ({reason}); give inception-2015-12-05.pt, or null"
+        ) from error
+    if shape != (1, INCEPTION_FEATURES):
+        raise UserError(f"inception={path} makes features {shape}; a network that makes (1, 2048) is needed")
+    return FeatureDistance("inception", features, INCEPTION_FEATURES)
+
+
+def over_white(images: Tensor) -> Tensor:
+    """Lay RGBA (n, 4, H, W), straight alpha, over white: (n, 3, H, W) in [0, 1]."""
+    alpha = images[:, 3:]
+    return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)
+
+
+def stroke_sheet(images: Tensor, columns: int) -> Tensor:
+    """Lay out pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width)."""
+    from skimage.util import montage  # noqa: PLC0415  (a second)
+
+    zoom, columns = max(1, SHEET_SIDE // images.shape[-2]), min(columns, len(images))
+    large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
+    layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}
+    return torch.from_numpy(montage(large, [GAP_LEVEL] * 3, channel_axis=3, **layout)).movedim(2, 0)
+
+
+class HeldOutSheet(L.Callback):
+    """Draws held-out strokes beside the true ones at every validation: validation.png, pictures/epoch_XXX.png."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        self.pairs: list[Tensor] = []
+
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
+        if sum(map(len, self.pairs)) < SHEET_PAIRS:
+            self.pairs.append(torch.cat([outputs, batch.images], dim=3).cpu())
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        picture = stroke_sheet(torch.cat(self.pairs)[:SHEET_PAIRS], PAIR_COLUMNS)
+        (self.folder / "pictures").mkdir(exist_ok=True)
+        write_picture(self.folder / "pictures" / f"epoch_{trainer.current_epoch:03d}.png", picture)
+        write_picture(self.folder / "validation.png", picture)
+
+
+class FrechetDistance(L.Callback):
+    """Logs ``validation/fid_effl0`` of the first ``n`` held-out strokes at every validation."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        self.remaining, self.distance = self.n, effl0_distance(pl_module.device)
+
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
+        if self.remaining > 0:
+            self.distance.add(outputs[: self.remaining].clamp(0, 1), batch.images[: self.remaining])
+            self.remaining -= len(outputs)
+
+    def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        pl_module.log("validation/fid_effl0", self.distance.figures()["fid_effl0"])

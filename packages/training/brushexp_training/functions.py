@@ -1,0 +1,66 @@
+"""``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and networks that draw them."""
+
+from __future__ import annotations
+
+import time
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from brushexp.api.parts import create
+from brushexp.api.settings import settings_of
+from brushexp.registry import build, plugin_of
+from brushexp.runs.run_folder import note_words, release, take
+from brushexp.runs.runner import perform
+from brushexp.strokes.prior import parameters_of, sample_prior
+
+if TYPE_CHECKING:
+    from brushexp.plugins.engine.base import Simulated
+    from brushexp.plugins.renderer.base import Renderer
+
+
+def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:
+    """Simulate strokes of a brush in memory: their parameters (n, 10) in [-1, 1], and pictures on empty canvases.
+
+    Args:
+        n: strokes, drawn from the prior.
+        engine: name of the simulator.
+        seed: everything random follows from it.
+        options: of the engine, such as ``window=64``.
+
+    >>> parameters, strokes = simulate(2, engine="disc", window=32)
+    >>> parameters.shape, strokes.images.shape
+    (torch.Size([2, 10]), torch.Size([2, 4, 32, 32]))
+    """
+    parameters = parameters_of(sample_prior(n, seed))
+    simulated: Simulated = create("engine", engine, **options)(parameters, seed=seed)
+    return parameters, simulated
+
+
+def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **overrides: Any) -> Renderer:
+    """Train a renderer on simulated strokes, as ``task=train`` does, and return it with its weights.
+
+    Args:
+        output: folder of the run; weights and their recipe stay there, and ``paint(renderer=..., **{
+            "renderer.checkpoint": output / "neural.safetensors"})`` paints with them.
+        renderer: name of the renderer to train.
+        overrides: keys of the command line: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
+
+    Raises:
+        UserError: what is wrong, in one line, as on the command line.
+    """
+    start, settings = time.monotonic(), settings_of("train", {"renderer": renderer, **overrides}, output)
+    folder, cfg = settings.folder, settings.cfg
+    assert folder is not None
+    from brushexp_training.tasks import train  # noqa: PLC0415  (Lightning)
+
+    with settings.as_asked():
+        try:
+            take(folder, cfg)
+            note_words(folder, cfg, settings.words)
+            perform(train, cfg, folder, start)
+        finally:
+            release(folder)
+    node = cfg.renderer.copy()
+    node.checkpoint = str(folder / f"{plugin_of(cfg.renderer).name}.safetensors")
+    trained: Renderer = build(node)
+    return trained

@@ -1,0 +1,104 @@
+"""Check, before anything starts, that strokes, networks and the limits of a training fit together."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omegaconf import DictConfig
+
+from brushexp.bounds import Rule
+from brushexp.config.rules import check_monitors
+from brushexp.errors import UserError
+from brushexp.registry import keep_built
+from brushexp.system.runtime import check_memory
+
+if TYPE_CHECKING:
+    from brushexp_training.dataset import Origin
+
+BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
+TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
+
+
+def _check_set(path: str, option: str) -> None:
+    from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
+
+    try:
+        StrokeSet(Path(path))
+    except UserError as error:
+        raise UserError(f"{option}={path}: {error}") from error
+
+
+STROKES = Rule(_check_set)
+
+
+def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check that training ends, and that the strokes fit the network."""
+    from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
+    from brushexp_training.stroke_data import origin_for  # noqa: PLC0415
+
+    check_ends(cfg)
+    if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
+        raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
+    origin, seeds = origin_for(cfg)
+    window = origin.window
+    check_trainable(keep_built(cfg.renderer), window)
+    if cfg.critic and window & (window - 1):
+        wrong = f"critic=true halves the window until 4 pixels are left, which {window} do not lead to"
+        raise UserError(f"{wrong}; give strokes in windows of 64 or 128 pixels (engine.window=64), or drop critic")
+    check_brushes(cfg, origin, len(seeds))
+    check_batch(cfg, window)
+
+
+def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
+    """Stop with a UserError if a renderer of several brushes could not tell apart those of the sets."""
+    own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
+    if own == 1 or theirs == 1:
+        return
+    if sets > 1:
+        mixed = f"data= names {sets} sets, whose {theirs} brushes each are others under the same numbers"
+        raise UserError(f"{mixed}; give one set, and make it larger with n=")
+    if own % theirs:
+        mixed = f"renderer.brushes={own} is no multiple of engine.brushes={theirs}, so one code would be of several"
+        raise UserError(f"{mixed}; set renderer.brushes={theirs}")
+
+
+def check_batch(cfg: DictConfig, window: int) -> None:
+    """Stop with a UserError if memory cannot hold the pictures of a step, ``window`` x ``window`` pixels each."""
+    what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
+    check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
+
+
+def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check that the set can be continued with these strokes, and that memory holds those of one file."""
+    from brushexp_training.dataset import origin_of  # noqa: PLC0415
+    from brushexp_training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
+
+    origin = origin_of(cfg.engine, keep_built(cfg.engine))
+    strokes = min(cfg.n, SHARD_STROKES)
+    what = f"{strokes} strokes of {origin.window} x {origin.window} pixels, those of a file,"
+    check_memory(strokes * origin.window**2 * BYTES_PER_PIXEL, what, "choose a smaller engine.window=")
+    if cfg.path is not None:
+        whole_shards(Path(cfg.path), origin, cfg.seed, cfg.n)
+
+
+def check_ends(cfg: DictConfig) -> None:
+    """Stop with a UserError if nothing ends a training."""
+    check_monitors(cfg, TRAINING_CURVES)
+    limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
+    if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
+        raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
+
+
+def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check that there are strokes, and that the renderer was trained on such strokes."""
+    from brushexp_training.stroke_data import check_origin, origin_for  # noqa: PLC0415
+
+    check_origin(cfg, *origin_for(cfg))
+
+
+def strokes_in(path: str) -> str:
+    """Describe a set: one that has grown is shuffled anew."""
+    from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
+
+    strokes = StrokeSet(Path(path))
+    return f"{len(strokes)} strokes of seed {strokes.seed}"

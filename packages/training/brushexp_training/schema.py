@@ -1,0 +1,86 @@
+"""Keys of the tasks that simulate strokes, and train and measure renderers."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from omegaconf import DictConfig
+
+from brushexp.bounds import FILE, INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.config.keys import key
+from brushexp.config.schema import RESUME, Task, TrainerOptions
+from brushexp_training import rules
+from brushexp_training.rules import STROKES
+
+LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
+SMALLEST_SET = 33  # strokes of which some are for training, validation and test
+NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
+DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"
+EMA = "decay of the exponential moving average of the weights; 0 = no averaging"
+LIMIT = "number of training strokes to use, the first ones; null = all"
+
+
+@dataclass
+class SimulateTask(Task):
+    """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
+
+    module = "brushexp_training.tasks.simulate"
+    check = staticmethod(rules.check_simulate)
+    groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
+
+    seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED_SIMULATED))
+    n: int = key(10000, "number of strokes (the thesis: 100,000); a larger n continues a finished set", at_least(1))
+    path: str | None = key(None, "folder of the set; an unfinished set there is continued; null = strokes/ in output")
+
+
+@dataclass
+class TrainTask(Task):
+    """Train a renderer on simulated strokes."""
+
+    module = "brushexp_training.tasks.train"
+    check = staticmethod(rules.check_train)
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
+    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
+    settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
+
+    model: str = key("renderer", "the network to train", one_of("renderer"))
+    data: list[str] | None = key(None, DATA, STROKES)
+    simulate: int | None = key(
+        10000, "without data: strokes to simulate and store; null = new ones", at_least(SMALLEST_SET)
+    )
+    sets: str = key("data", "folder where simulated sets are stored")
+    batch_size: int = key(64, "strokes per gradient step", at_least(1))
+    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
+    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
+    ema: float = key(0.999, EMA, between(0, 1))
+    limit: int | None = key(None, LIMIT, at_least(1))
+    fresh_starts: int = key(3, "times that a network which draws all strokes alike is begun anew", between(0, 100))
+    detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
+    tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
+    critic: bool = key(False, "add a RaSGAN loss to L2: a critic scores the pictures")
+    critic_lr: float = key(2.0e-3, "peak learning rate of the critic (two time scales: four times lr)", above(0, 1))
+    critic_weight: float = key(0.1, "gradient of the critic's loss, as a fraction of the gradient of L2", at_least(0))
+    critic_width: int = key(16, "channels of the critic at full resolution", at_least(1))
+    fid: int = key(256, "held-out strokes on which each validation computes the FID (effl0); 0 = no FID", at_least(0))
+    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
+
+    @staticmethod
+    def inputs(cfg: DictConfig) -> dict[str, str]:
+        return {f"data={path}": rules.strokes_in(path) for path in cfg.data or []}
+
+
+@dataclass
+class EvaluateTask(Task):
+    """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
+
+    module = "brushexp_training.tasks.evaluate"
+    check = staticmethod(rules.check_evaluate)
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
+
+    data: list[str] | None = key(None, DATA, STROKES)
+    split: str = key("test", "which part of the data to evaluate on", one_of("test", "validation"))
+    n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
+    other_data: bool = key(False, "allow strokes of another brush than the renderer was trained on")
+    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), to compute the published FID", FILE)

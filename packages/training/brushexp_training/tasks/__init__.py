@@ -1,0 +1,1 @@
+"""The tasks of the package, one module each, and their keys."""

@@ -1,0 +1,41 @@
+"""``task=simulate``: simulate a set of strokes to train renderers on."""
+
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+
+from brushexp.plugins.engine.base import Engine
+from brushexp.registry import build
+from brushexp.system.files import write_picture
+from brushexp_training.dataset import StrokeSet, origin_of, pictures_of
+from brushexp_training.evaluation import stroke_sheet
+from brushexp_training.writer import simulate_set
+
+SHEET_STROKES, SHEET_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue a set that is smaller."""
+    path = folder / "strokes" if cfg.path is None else Path(cfg.path)
+    engine: Engine = build(cfg.engine)
+    before = time.monotonic()
+    try:
+        simulated = simulate_set(path, engine, origin_of(cfg.engine, engine), cfg.seed, cfg.n)
+    except KeyboardInterrupt:
+        log.warning("what is simulated is kept; continue with the same command and path=%s", path)
+        raise
+    seconds = time.monotonic() - before
+    strokes = StrokeSet(path)
+    pictures = pictures_of(strokes.shards, np.arange(min(SHEET_STROKES, len(strokes))))
+    sheet = stroke_sheet(torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255, SHEET_COLUMNS)
+    write_picture(folder / "strokes.png", sheet)
+    size = sum(shard.path.stat().st_size for shard in strokes.shards)
+    log.info("%s: %d strokes, %.1f MB, in %.1f s; %s", path, cfg.n, size / 1e6, seconds, folder / "strokes.png")
+    speed = simulated / seconds if simulated else None
+    return {"n": cfg.n, "seconds": seconds, "strokes_per_second": speed, "bytes": size}

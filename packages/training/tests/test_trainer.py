@@ -1,0 +1,501 @@
+"""Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
+
+import copy
+import json
+import logging
+import math
+import shlex
+from contextlib import nullcontext
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from types import SimpleNamespace
+
+import lightning as L
+import pytest
+import torch
+from brushexp_training import network_module, renderer_module, stroke_data
+from brushexp_training.datamodule import StrokeBatch, StrokeLoader
+from brushexp_training.dataset import Origin
+from brushexp_training.evaluation import error_figures, error_sums, premultiply, squared_error
+from brushexp_training.network_fitting import fit_network, renderer_settings
+from brushexp_training.renderer_module import Critic, RendererModule, RendererSettings, balance, relativistic_loss
+from brushexp_training.rules import check_brushes, check_ends
+from brushexp_training.tasks import train
+from lightning.pytorch.callbacks import Checkpoint
+from sweeps import read_csv
+from test_dataset import write
+from torch import nn
+from torch.utils.data import DataLoader, IterableDataset
+
+from brushexp.config.check import check
+from brushexp.errors import UserError
+from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
+from brushexp.registry import build, build_named
+from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
+from brushexp.system.checkpoint import weights_hash
+
+SIDE = 16
+TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
+OPTIONS = dict.fromkeys(("enable_progress_bar", "enable_model_summary", "logger"), False)
+OPTIONS |= {"accelerator": "cpu", "num_sanity_val_steps": 0}
+CRITIC = RendererSettings(critic=True, critic_width=4)
+
+
+class Small(PatchRenderer):
+    """Draws 16 x 16 pixels with two layers and a batch norm, so that there is a buffer to average."""
+
+    window = SIDE
+
+    def __init__(self) -> None:
+        super().__init__()
+        hidden = nn.Linear(10, 32), nn.BatchNorm1d(32), nn.ReLU()
+        self.layers = nn.Sequential(*hidden, nn.Linear(32, 4 * SIDE * SIDE), nn.Sigmoid())
+
+    def draw(self, parameters):
+        return self.layers(parameters).reshape(-1, 4, SIDE, SIDE)
+
+
+def strokes(n: int, side: int = SIDE, first: int = 0) -> StrokeBatch:
+    """Analytic strokes as training data."""
+    parameters = parameters_of(sample_prior(n, 0, first))
+    with torch.no_grad():
+        return StrokeBatch(parameters, window_pictures(Analytic(soft=1.0), parameters, side), torch.arange(n) + first)
+
+
+class Strokes(L.LightningDataModule):
+    """A few analytic strokes, in an order that the epoch decides."""
+
+    def __init__(self, n: int = 32, batch: int = 8) -> None:
+        super().__init__()
+        self.known, self.batch = strokes(n), batch
+
+    def batches(self, epoch, first):
+        order = torch.randperm(len(self.known.number), generator=torch.Generator().manual_seed(epoch))
+        for part in order.split(self.batch)[first:]:
+            yield StrokeBatch(*(value[part] for value in self.known))
+
+    def train_dataloader(self):
+        return StrokeLoader(self.batches, -(-len(self.known.number) // self.batch))
+
+    def val_dataloader(self):
+        return DataLoader([strokes(5, first=100)], batch_size=None)
+
+
+def module_of(settings: RendererSettings | None = None, seed: int = 3) -> RendererModule:
+    torch.manual_seed(seed)
+    return RendererModule(Small(), SIDE, settings or RendererSettings())
+
+
+def fit(module, data=None, *callbacks, resume=None, **options):
+    writes = any(isinstance(callback, Checkpoint) for callback in callbacks)
+    trainer = L.Trainer(callbacks=list(callbacks), enable_checkpointing=writes, **(OPTIONS | options))
+    trainer.fit(module, data or Strokes(), ckpt_path=resume)
+    return trainer
+
+
+class Rates(L.Callback):
+    """Note the learning rate of each step."""
+
+    def __init__(self):
+        self.rates = []
+
+    def on_before_optimizer_step(self, trainer, pl_module, optimizer):
+        self.rates.append(optimizer.param_groups[0]["lr"])
+
+
+class StopAt(L.Callback):
+    """Interrupt a fit after so many steps."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def on_train_batch_end(self, trainer, pl_module, *_):
+        if pl_module.global_step >= self.step and not trainer.is_last_batch and not pl_module.stop:
+            pl_module.stop, trainer.should_stop = INTERRUPTED, True
+
+
+def test_a_few_strokes_are_learned_and_validated():
+    module, data = module_of(RendererSettings(lr=0.01)), Strokes(8)
+
+    @torch.no_grad()
+    def error() -> float:
+        drawn = window_pictures(module.renderer.eval(), data.known.parameters, SIDE)
+        module.renderer.train()
+        return float(squared_error(drawn, data.known.images))
+
+    before = error()
+    fit(module, data, MovingAverage(0.9), max_epochs=60)
+    assert error() < 0.2 * before
+    assert module.global_step == module.validated == 60
+    assert set(module.figures) == {"l2", "psnr_alpha", "psnr_color"}
+
+
+@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
+def test_so_many_steps_in_half_precision_are_taken_and_validated_in_32_bit_weights(settings):
+    dtypes = set()
+
+    class Watch(L.Callback):
+        def on_validation_batch_end(self, trainer, pl_module, outputs, *_):
+            dtypes.add(outputs.dtype)
+
+    module, rates = module_of(settings), Rates()
+    assert fit(module, None, Watch(), rates, max_steps=7, precision="bf16-mixed").global_step == 7 == len(rates.rates)
+    assert module.progress == 1
+    assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
+    assert {value.dtype for value in module.parameters()} == dtypes == {torch.float32}
+    assert math.isfinite(module.figures["l2"])
+
+
+def test_the_rate_rises_and_falls_to_its_end(monkeypatch):
+    monkeypatch.setattr(network_module, "WARMUP_STEPS", 20)
+    rates = Rates()
+    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), rates, max_epochs=50)
+    first, *_, last = curve = rates.rates
+    peak = curve.index(max(curve))
+    assert (first, 0.9 < curve[peak] <= 1, last < 0.02) == (0.05, True, True)
+    assert curve == sorted(curve[: peak + 1]) + sorted(curve[peak + 1 :], reverse=True)
+    unlimited = Rates()
+    fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(23), max_epochs=-1)
+    assert unlimited.rates[-1] == 1, "without a limit it stays up"
+
+
+@pytest.mark.parametrize("wrong", ["loss", "gradient", "critic"])
+def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
+    before, module = (module_of(CRITIC if wrong == "critic" else None) for _ in range(2))
+    fit(before, None, StopAt(2), max_epochs=3)
+    step = module.training_step
+
+    def training_step(batch, batch_idx):
+        if batch_idx < 2:
+            return step(batch, batch_idx)
+        if wrong == "critic":
+            with torch.no_grad():
+                list(module.critic.parameters())[-1].fill_(torch.nan)
+        loss = step(batch, batch_idx)
+        if wrong == "gradient":
+            weight = next(module.parameters())
+            return loss + (weight - weight.detach()).abs().sum().sqrt()  # 0 times infinity
+        if wrong != "critic":
+            module.terms["loss/l2"] = torch.tensor(torch.nan)
+        return loss
+
+    module.training_step = training_step
+    fit(module, None, max_epochs=3)
+    reason = {"loss": "loss/l2 is nan", "gradient": "the gradient is not finite", "critic": "loss/critic is nan"}
+    assert (module.stop, module.global_step) == (DIVERGED, 3)
+    assert module.trouble == f"step 3: {reason[wrong]}"
+    for (name, weight), expected in zip(module.named_parameters(), before.parameters(), strict=True):
+        assert name.startswith("critic") or torch.equal(weight, expected), name
+
+
+def test_strokes_are_counted_where_gradients_are_accumulated():
+    module = module_of()
+    fit(module, Strokes(20), max_epochs=2, accumulate_grad_batches=2)
+    assert (module.global_step, module.seen) == (4, 40)
+
+
+@pytest.mark.parametrize("validating", [False, True])
+def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
+    class Fail(L.Callback):
+        def on_train_batch_end(self, trainer, pl_module, *_):
+            if pl_module.global_step == 3 and not validating:
+                raise RuntimeError("no memory")
+
+        def on_validation_batch_end(self, trainer, *_):
+            if validating and trainer.state.fn == "fit":
+                raise RuntimeError("no memory")
+
+    stopped, module, average = module_of(), module_of(), MovingAverage(0.9)
+    fit(stopped, None, MovingAverage(0.9), StopAt(4 if validating else 3), max_epochs=1)
+    trainer = L.Trainer(callbacks=[average, Fail()], max_epochs=1, **OPTIONS)
+    with pytest.raises(RuntimeError, match="no memory"):
+        trainer.fit(module, Strokes())
+    trainer.validate(module, Strokes(), verbose=False)
+    assert module.global_step == (4 if validating else 3)
+    torch.testing.assert_close(module.state_dict(), stopped.state_dict(), rtol=0, atol=0)
+    figures = module.figures
+    L.Trainer(**OPTIONS).validate(module, Strokes(), verbose=False)
+    assert module.figures == figures
+
+
+def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
+    module = module_of(RendererSettings(critic=True, critic_width=2))
+    trainer = fit(module, None, max_epochs=2)
+    own, critic = trainer.optimizers[0].param_groups[0]["lr"], module.critic_optimizer.param_groups[0]["lr"]
+    assert critic == pytest.approx(4 * own)
+    cfg = config("task=train")
+    assert cfg.critic_lr == pytest.approx(4 * cfg.lr)
+    assert renderer_settings(cfg) == RendererSettings()
+
+
+# Four steps an epoch: Ctrl-C in the middle of the first one, right after one, and at the end of one; one step an epoch.
+@pytest.mark.parametrize(
+    ("step", "n", "settings"),
+    [*((step, 32, RendererSettings()) for step in (1, 8, 11)), (5, 32, CRITIC), (1, 8, CRITIC), (11, 8, CRITIC)],
+)
+def test_a_training_ends_at_ctrl_c_and_goes_on_to_the_same_weights(tmp_path, step, n, settings):
+    class Press(L.Callback):
+        def on_train_batch_end(self, trainer, pl_module, *_):
+            if pl_module.global_step == step:
+                checkpoint.pressed.set()
+
+    path, epochs = tmp_path / "checkpoint.ckpt", 12 * 8 // n
+    checkpoint, (whole, halved, resumed) = TimedCheckpoint(path, None), (module_of(settings, k) for k in (3, 3, 99))
+    fit(whole, Strokes(n), MovingAverage(0.99), TimedCheckpoint(path, None), max_epochs=epochs)
+    fit(halved, Strokes(n), Press(), MovingAverage(0.99), checkpoint, max_epochs=epochs)
+    assert step <= halved.global_step < 12
+    assert halved.stop == INTERRUPTED
+    spent = torch.load(path)["cpu_seconds"]
+    beside = (MovingAverage(0.99), TimedCheckpoint(path, None))
+    fit(resumed, Strokes(n), *beside, resume=str(path), max_epochs=epochs)
+    assert resumed.global_step == whole.global_step == 12
+    torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
+    assert resumed.figures == whole.figures
+    assert resumed.seen == whole.seen == 96
+    assert 0 < spent < resumed.cpu_seconds
+
+
+def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
+    monkeypatch.setattr(renderer_module, "START_STEPS", 2)
+    for dead in (True, False):
+        module = module_of(RendererSettings())
+        alive = copy.deepcopy(module.renderer)
+        if dead:
+            for weight in module.renderer.parameters():
+                torch.nn.init.constant_(weight, 0.0)
+            torch.nn.init.constant_(list(module.renderer.parameters())[-1], -1e3)
+        caplog.clear()
+        restart = renderer_module.FreshStart(lambda: alive)  # noqa: B023
+        fit(module, None, restart, max_epochs=2)
+        assert (restart.restarts, restart.lives) == (int(dead), True)
+        assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
+    module = SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=9)
+    never = renderer_module.FreshStart(Small, most=0)
+    never.on_train_batch_end(None, module, None, strokes(8), 0)
+    assert never.restarts == 0, "fresh_starts=0"
+
+
+def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
+    monkeypatch.setattr(renderer_module, "START_STEPS", 2)
+    restart = renderer_module.FreshStart(Small)
+    for step, n in ((2, 1), (3, 8)):
+        module = SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=step)
+        restart.on_train_batch_end(None, module, None, strokes(n), 0)
+        assert (restart.restarts, restart.lives) == (0, n == 8)
+
+
+def test_the_critic_pulls_as_hard_as_its_weight_says():
+    push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
+    added = balance(push, pull, 0.25) - push
+    torch.testing.assert_close(added.norm(), 0.25 * push.norm())
+    torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
+    assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
+
+
+def test_the_loss_is_rasgan_as_written():
+    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
+    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
+    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
+    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
+    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16, torch.float16])
+@pytest.mark.parametrize("score", [1e4, -1e4, 0.0])
+def test_the_loss_and_its_gradient_are_finite_for_any_score(score, dtype):
+    real = torch.full((4,), score, dtype=dtype, requires_grad=True)
+    drawn = torch.full((3,), -score, dtype=dtype, requires_grad=True)
+    loss = relativistic_loss(real, drawn)
+    loss.backward()
+    assert bool(real.grad.isfinite().all())
+    assert bool(drawn.grad.isfinite().all())
+    expected = 2 * torch.tensor(-2 * score, dtype=torch.float64).exp().log1p() if score >= 0 else 4e4
+    assert float(loss.detach()) == pytest.approx(float(expected), rel=1e-2, abs=1e-3)
+
+
+@pytest.mark.parametrize("window", [16, 64, 128])
+def test_the_critic_gives_one_score_a_picture(window):
+    critic = Critic(window, 4)
+    pictures = torch.rand(3, 4, window, window, requires_grad=True)
+    scores = critic(pictures)
+    assert scores.shape == (3,)
+    torch.testing.assert_close(critic(pictures[1:2]), scores[1:2], rtol=1e-4, atol=1e-6)
+    scores.sum().backward()
+    assert bool(pictures.grad.isfinite().all())
+    assert float(pictures.grad.abs().sum()) > 0
+
+
+def test_what_cannot_be_trained_is_refused_before_it_starts(config):
+    for renderer, window, cure in ((Analytic(), SIDE, "try renderer=neural"), (Small(), 64, "set renderer.window=64")):
+        with pytest.raises(UserError, match=cure):
+            RendererModule(renderer, window, RendererSettings())
+    with pytest.raises(UserError, match=r"critic=true halves .* which 48 do not lead to; .*engine.window=64"):
+        check(config("task=train", "critic=true", "engine.window=48", "renderer.window=48"))
+    for brushes, message in ((8, None), (16, None), (1, None), (12, "set renderer.brushes=8")):
+        cfg = config("task=train", "engine.brushes=8", f"renderer.brushes={brushes}")
+        with pytest.raises(UserError, match=message) if message else nullcontext():
+            check(cfg)
+    origin = Origin("spot", {"brushes": 8}, 64)
+    with pytest.raises(UserError, match=r"names 2 sets, .* give one set, and make it larger with n="):
+        check_brushes(config("task=train"), origin, 2)
+    check_brushes(config("task=train", "renderer=inverse_vgg"), origin, 2)
+
+
+def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
+    assert train.large_engine(Origin("disc", {"window": 64}, 64)).window == 512
+    assert train.large_engine(Origin("wash", {"window": 64}, 64)).window == 1024
+    small = ("renderer.variants=1", "renderer.rows=16", "renderer.columns=32")
+    data = SimpleNamespace(origin=Origin("disc", {"window": 64}, 64), first_seed=0)
+    before = build_named("renderer", "textured", {"variants": 1, "rows": 16, "columns": 32, "checkpoint": None})
+    renderer = train.first_renderer(config("task=train", "renderer=textured", *small), data)
+    assert not torch.equal(renderer.textures, before.textures)
+
+
+def test_errors_are_those_of_the_formulas():
+    images, truth = torch.rand(3, 4, 5, 7), torch.rand(3, 4, 5, 7)
+    figures = error_figures(error_sums(images[:1], truth[:1]) + error_sums(images[1:], truth[1:]))
+    a, b = images[:, 3:], truth[:, 3:]
+    difference = torch.cat([images[:, :3] * a - truth[:, :3] * b, a - b], 1)
+    assert figures["l2"] == pytest.approx(float(difference.square().mean()), rel=1e-5)
+    assert figures["psnr_alpha"] == pytest.approx(-10 * math.log10(float((a - b).square().mean())), rel=1e-5)
+    color = ((images[:, :3] - truth[:, :3]).square() * b).sum() / (3 * b.sum())
+    assert figures["psnr_color"] == pytest.approx(-10 * math.log10(float(color)), rel=1e-5)
+
+
+def test_a_colour_without_paint_counts_nothing():
+    truth = torch.rand(2, 4, 6, 8)
+    truth[:, 3, :, 4:] = 0
+    images = truth.clone()
+    images[:, :3, :, 4:] = torch.rand(2, 3, 6, 4)
+    assert squared_error(images, truth) == 0
+    figures = error_figures(error_sums(images, truth))
+    assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
+    assert torch.equal(premultiply(images)[:, 3], images[:, 3])
+    assert psnr_of(0.01) == pytest.approx(20)
+    truth[:, 3] = 0
+    assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory) -> Path:
+    """A set of 96 strokes, of which 64 are for training."""
+    return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
+
+
+@pytest.fixture
+def trained(run_task, stored):
+    common = ["task=train", f"data=[{stored}]", "minutes=null", "batch_size=32", "device=cpu"]
+    return partial(run_task, train, *common)
+
+
+def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path):
+    metrics = trained("epochs=2", "trainer.log_every_n_steps=2", *TINY)
+    names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    pictures = {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
+    assert names == {"neural.safetensors", "neural.json", "metrics.json", "curves/metrics.csv"} | pictures
+    assert (metrics["status"], metrics["steps"], metrics["strokes_seen"]) == ("completed", 4, 128)
+    assert metrics["cpu_seconds"] > 0
+    rows = read_csv(tmp_path / "curves" / "metrics.csv")
+    assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
+    path = tmp_path / "neural.safetensors"
+    recipe = RENDERERS.read_recipe(path)
+    written = json.loads((tmp_path / "metrics.json").read_text())
+    assert written["psnr_alpha"] == recipe["figures"]["test"]["psnr_alpha"]
+    assert written["fid_effl0"] > 0
+    assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
+    assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
+    loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
+    assert weights_hash(loaded) == metrics["renderer_hash"]
+
+
+def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog, monkeypatch):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.5)
+    words = ["renderer=inverse_vgg", "renderer.width=4", "renderer.widest=8", "renderer.coordconv=none"]
+    trained("epochs=0", "fid=0", "renderer.dense=[6,5]", "renderer.tint=false", *words)
+    command = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
+    weights = f"renderer.checkpoint={tmp_path / 'inverse_vgg.safetensors'}"
+    assert set(command) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
+    assert build(config(*command).renderer).weights_hash
+
+
+def test_a_network_that_draws_all_strokes_alike_is_not_said_to_paint(trained, monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.001)
+    trained("epochs=0", "fid=0", *TINY)
+    assert "it has learned nothing yet" in caplog.text
+    assert "paint with it" not in caplog.text
+
+
+def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):
+    def evaluate(*_):
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr(train, "evaluate", evaluate)
+    with pytest.raises(RuntimeError, match="no memory"):
+        trained("epochs=0", "fid=0", *TINY)
+    path = tmp_path / "neural.safetensors"
+    build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
+
+
+def test_training_goes_on_from_a_checkpoint_and_zero_epochs_only_measure(trained, tmp_path):
+    first = trained("epochs=1", "renderer=dual", "fid=0")
+    again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
+    assert again["renderer_hash"] == first["renderer_hash"]
+    assert (again["steps"], again["seconds"]) == (0, 0)
+    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
+
+
+def test_a_set_is_simulated_once_and_kept(config, tmp_path):
+    def paths(*more: str) -> list[Path]:
+        cfg = config("task=train", "engine=disc", "simulate=40", "epochs=1", f"sets={tmp_path}", *more)
+        return [one.path for one in stroke_data.stroke_data(cfg).sets]
+
+    (path,) = paths()
+    before = {file: file.stat().st_mtime_ns for file in path.glob("*.h5")}
+    assert paths() == [path]
+    assert {file: file.stat().st_mtime_ns for file in path.glob("*.h5")} == before
+    assert [path] not in (paths("seed=1"), paths("engine.window=128"))
+
+
+@pytest.mark.parametrize(("limit", "steps"), [
+    *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
+    *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
+    ("minutes=0.003", None),  # as many as fit
+])  # fmt: skip
+def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
+    words = ["task=train", "minutes=null", "ema=0"]
+    with pytest.raises(UserError, match="set minutes=60"):
+        check_ends(config(*words))
+    cfg, module = config(*words, *limit.split()), module_of()
+    check_ends(cfg)
+    fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
+    assert steps in (module.global_step, None)
+    assert steps == 0 or (module.progress == 1 and module.seconds > 0)
+    assert module.figures, "what it has is validated"
+
+
+def test_what_is_learnt_is_left_if_a_step_and_then_the_validation_fail(config, tmp_path, caplog):
+    class Damaged(Strokes):
+        def batches(self, epoch, first):
+            yield from islice(super().batches(epoch, first), 2)
+            raise UserError("shard 0 is damaged")
+
+        def val_dataloader(self):
+            return DataLoader(Nothing(), batch_size=None)
+
+    class Nothing(IterableDataset):
+        def __iter__(self):
+            raise UserError("shard 1 is damaged")
+
+    cfg, module = config("task=train", "minutes=null", "epochs=2", "ema=0"), module_of()
+    failure = fit_network(module, Damaged(), cfg, tmp_path, torch.device("cpu"), [])
+    assert str(failure) == "shard 0 is damaged"
+    assert module.global_step == 2
+    assert "what was learnt is written without its figures: shard 1 is damaged" in caplog.text
+    with pytest.raises(UserError, match="shard 1 is damaged"):
+        fit_network(module_of(), Damaged(), config("task=train", "epochs=0"), tmp_path, torch.device("cpu"), [])

@@ -1,0 +1,83 @@
+"""Say at once what a command line begins, before the imports of seconds; answer what needs none of them.
+
+Nothing here checks the words: a mistake is told a moment later, by those who read them (`brushexp.config.words`).
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+from brushexp.config.vocabulary import is_path, meaning_of, respelt, task_names
+from brushexp.pictures.folders import is_several
+
+MEDIA = ("oil", "gouache", "ink", "pastel", "watercolour", "impasto")  # looks in which one paints
+ENDS = (".png", ".jpg")  # of samples
+PAINTED = ("", "paint", "film")  # tasks whose line names the picture
+
+
+def open_with(words: Sequence[str]) -> list[str]:
+    """Answer ``--version`` and end; else say on a terminal what begins. Returns the words, ``help`` as ``--help``."""
+    if "--version" in words:
+        print(f"brushexp {version('brushexp')}")
+        sys.exit()
+    if words[:1] == ["help"] and not is_path("help"):
+        return [*words[1:], "--help"]
+    if sys.stderr.isatty() and (line := opening_line(words)):
+        print(line, file=sys.stderr, flush=True)
+    return [*words]
+
+
+def opening_line(words: Sequence[str]) -> str:
+    """Say in a few words what a command line begins; nothing where it only asks, or names a file that is not there.
+
+    >>> opening_line(["coffee", "look=ink", "strokes=300"])
+    'painting coffee in ink'
+    >>> opening_line(["--help"]), opening_line(["train"]), opening_line(["-m", "seed=1,2"])
+    ('', 'beginning: train', 'checking the jobs of a sweep')
+    """
+    flags = {word for word in words if word.startswith("-")}
+    keys, alone = _sorted([word for word in words if word not in flags])
+    if flags - {"-m", "--multirun"}:
+        return ""
+    if "resume" in keys:
+        return "going on with the sweep" if keys["resume"] == "sweep" else f"going on with {keys['resume']}"
+    if flags or "experiment" in keys:
+        return "checking the jobs of a sweep"
+    named = keys.get("task") or next((word for word in alone if not is_path(word) and word in task_names()), "")
+    return painting_line(keys, alone) if named in PAINTED else f"beginning: {named}"
+
+
+def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
+    """Say which pictures will be painted, and how; nothing if they are not there."""
+    pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
+    if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
+        return ""
+    look = keys.get("look", "oil")
+    look = respelt(look) if respelt(look) in MEDIA else look
+    way = f"in {look}" if look in MEDIA else f"with look={look}"
+    style = keys.get("style", keys.get("style.image"))
+    several = "the pictures of " if len(pictures) == 1 and is_several(pictures[0]) else ""
+    return f"painting {several}{', '.join(pictures)} {way}" + (f", in the style of {style}" if style else "")
+
+
+def is_sample(name: str) -> bool:
+    """Whether a picture of this name ships with scikit-image, or matplotlib."""
+    found = find_spec("skimage")
+    folders = [Path(folder, "data") for folder in (found.submodule_search_locations or () if found else ())]
+    return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)
+
+
+def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """Tell keys from words alone; those of painters are keys."""
+    keys: dict[str, str] = {}
+    alone = []
+    for word in words:
+        plain = word if is_path(word) else meaning_of(word) or word
+        key, equal, value = plain.partition("=")
+        if equal and not is_path(plain):
+            keys[key.lstrip("+~")] = value
+        else:
+            alone.append(word)
+    return keys, alone

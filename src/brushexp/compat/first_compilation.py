@@ -1,0 +1,26 @@
+"""Say once that Numba compiles: the first run on a machine waits for it, later ones load what it has stored."""
+
+import logging
+from functools import cache
+from typing import Any
+
+log = logging.getLogger(__name__)
+
+
+@cache
+def tell_of_compilation() -> None:
+    """Log the first compilation of this process when it begins; what is stored on disk is loaded without a word."""
+    from numba.core import event  # noqa: PLC0415  (a second)
+
+    class Teller(event.Listener):
+        told = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.told:
+                log.info("compiling for this machine, this first time only: some 40 s")
+            self.told = True
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    event.register("numba:compile", Teller())

@@ -1,0 +1,75 @@
+"""The words that a painter types beside keys, and other spellings of ours; nothing here is slow to import."""
+
+import os
+import re
+from importlib.metadata import entry_points
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1]
+SHIPPED = PACKAGE / "conf"
+TASK_POINTS = "brushexp.tasks"  # entry-point group: name of a task -> its class
+WORDS = {  # what a painter types -> what it means
+    "finer": "detail=2",
+    "bolder": "detail=0.25",
+    **{f"{key}={no}": "frames=0" for key in ("timelapse", "film") for no in ("none", "null", "no", "false")},
+}
+KEYS = {  # names that others have for a key of ours
+    **dict.fromkeys(("time", "duration"), "seconds"),
+    **dict.fromkeys(("size", "width", "height", "side"), "resolution"),
+    **dict.fromkeys(("iterations", "iters", "epochs"), "steps"),
+    **dict.fromkeys(("out", "folder", "save", "output_dir"), "output"),
+    **dict.fromkeys(("input", "photo", "picture", "file", "path"), "image"),
+    **dict.fromkeys(("gpu", "cuda", "accelerator"), "device"),
+    **dict.fromkeys(("medium", "filter"), "look"),
+    **dict.fromkeys(("format", "export"), "to"),
+}
+INSTEAD = {  # options of Lightning's Trainer that are keys of ours
+    **dict.fromkeys((f"trainer.{name}" for name in ("accelerator", "devices", "strategy", "num_nodes")), "device=cpu"),
+    **dict.fromkeys((f"trainer.{name}" for name in ("fast_dev_run", "overfit_batches")), "steps=3"),
+    "trainer.logger": "logger=csv",
+    "trainer.callbacks": "callbacks=early_stopping",
+    "trainer.default_root_dir": "output=FOLDER",
+    "trainer.enable_checkpointing": "checkpoint_every=null",
+}
+ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
+
+
+def members_alone() -> dict[str, str]:
+    """Map each look and each quality, those that ship and those of ``conf/``, to what it means as a word alone."""
+    paths = (path for group in ALONE for root in (SHIPPED, Path("conf")) for path in (root / group).glob("*.yaml"))
+    return {path.stem: f"{path.parent.name}={path.stem}" for path in paths}
+
+
+def meaning_of(word: str) -> str | None:
+    """Return what a painter's word means, as key=value; None for other words.
+
+    >>> meaning_of("finer"), meaning_of("watercolor"), meaning_of("photo.jpg")
+    ('detail=2', 'look=watercolour', None)
+    """
+    return WORDS.get(word) or members_alone().get(word) or members_alone().get(respelt(word))
+
+
+def members_of_group(group: str) -> set[str]:
+    """List the presets of a group, those that ship and those of ``conf/``."""
+    return {path.stem for root in (SHIPPED, Path("conf")) for path in (root / group).glob("*.yaml")}
+
+
+def respelt(text: str) -> str:
+    """Spell colour and grey the other way, British or American.
+
+    >>> respelt("watercolor"), respelt("style.colours"), respelt("grey")
+    ('watercolour', 'style.colors', 'gray')
+    """
+    pairs = {"colour": "color", "color": "colour", "grey": "gray", "gray": "grey"}
+    return re.sub("colour|color|grey|gray", lambda found: pairs[found[0]], text)
+
+
+def task_names() -> set[str]:
+    """List the tasks by their names, without their classes."""
+    own = {path.stem for path in (PACKAGE / "tasks").glob("[a-z]*.py")}
+    return own | {point.name for point in entry_points(group=TASK_POINTS)}
+
+
+def is_path(text: str) -> bool:
+    """Whether a text is the path of a file or folder that exists."""
+    return bool(text) and os.path.exists(os.path.expanduser(text))

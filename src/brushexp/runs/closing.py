@@ -1,0 +1,61 @@
+"""Say at the end of a painting where it is, how to look at it, and one thing to try next."""
+
+import logging
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+
+from brushexp.system.terminal import as_shown
+
+log = logging.getLogger(__name__)
+
+
+def say_where(folder: Path, strokes: int, start: float | None) -> None:
+    """Name the painting of ``strokes`` and its page; ``start`` is `time.monotonic` at the start of the program.
+
+    A job of a sweep says the first in a line; from Python nothing is said.
+    """
+    if not HydraConfig.initialized():
+        return
+    took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
+    log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
+    if not is_job():
+        say_page(folder, "how it was painted")
+        log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
+
+
+def is_job() -> bool:
+    """Whether this run is a job of a sweep."""
+    return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
+
+
+def say_page(folder: Path, what: str) -> None:
+    """Name the page of a run or sweep, if there is one, and how to look at it."""
+    if (folder / "report.html").is_file():
+        newest = folder.resolve().parent == Path("outputs").resolve()
+        view = ["brushexp", "view", *([] if newest else [as_shown(folder)])]
+        log.info("%s  %s; look at it: %s", as_shown(folder / "report.html"), what, shlex.join(view))
+
+
+def suggestion(words: Sequence[str], folder: Path) -> str:
+    """Choose one thing to try after a painting of these words of a command line.
+
+    >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
+    'fewer and larger strokes: brushexp photo.jpg strokes=300'
+    >>> suggestion(["image=photo.jpg", "strokes=300"], Path("outputs/x"))
+    'another look: brushexp photo.jpg strokes=300 look=watercolour'
+    >>> suggestion(["look=ink", "strokes=300"], Path("outputs/x"))
+    'large, for print: brushexp export outputs/x resolution=4096'
+    """
+    keys = {word.partition("=")[0] for word in words}
+    others = [word for word in words if not word.startswith(("output=", "overwrite=", "resume="))]
+    typed = [word if word.startswith('image="') else word.removeprefix("image=") for word in others]
+    more = {"strokes": ("fewer and larger strokes", "strokes=300"), "look": ("another look", "look=watercolour")}
+    for key, (what, word) in more.items():
+        if not keys & {key, "detail", "resume"}:
+            return f"{what}: {shlex.join(['brushexp', *typed, word])}"
+    return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"

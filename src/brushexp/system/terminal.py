@@ -1,0 +1,30 @@
+"""Say on the terminal what a person wants to know, in plain words; run.log has everything, with dates and figures."""
+
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+IN_LOG: dict[str, Any] = {"in_log_only": True}  # ``extra`` of what the terminal does not show
+HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICAL: "brushexp: "}
+
+
+class Terminal(logging.Handler):
+    """Write messages to the terminal without dates and modules, warnings and errors to stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if getattr(record, "in_log_only", False):
+            return
+        try:
+            stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
+            stream.write(f"{HEADS.get(record.levelno, '')}{self.format(record).strip()}\n")
+            stream.flush()
+        except Exception:  # a closed pipe, a full disk
+            self.handleError(record)
+
+
+def as_shown(path: Path) -> str:
+    """Write a path as it is typed from the working folder, if it lies in there."""
+    near = os.path.relpath(path)
+    return str(path) if near.startswith("..") else near
