@@ -61,8 +61,9 @@ class InverseVGG(PatchRenderer):
             each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
         tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
         noise: strength at first of the noise that is added to every convolution, learned per channel (Karras et al.,
-            2019, arXiv:1812.04948, who begin at 0); at 1 it is of the size of the signal, as in the source; 0 = none.
-            Fresh in training, in painting the same for every stroke.
+            2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
+            training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
+            signal: it is one plane, which all channels share.
         activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
         upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
