@@ -72,7 +72,8 @@ class InverseVGG(PatchRenderer):
         precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
             on GPUs; training has its own.
         project: bring strokes into the range of training before they are drawn; false shows what it draws outside.
-        checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
+        checkpoint: trained weights: a .safetensors file of task=train, or the name of one that comes with a package;
+            null for random weights, to be trained.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class InverseVGG(PatchRenderer):
         channels: list[int] | None = None,
         precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
         project: bool = True,
-        checkpoint: str | None = None,
+        checkpoint: str | None = "inverse_vgg",
     ) -> None:
         super().__init__()
         if channels is None and checkpoint is not None:

@@ -46,7 +46,7 @@ class Pdf(PrintExporter):
                     file.write(b"stream\n" + content + b"\nendstream\n")
                 if number == 5:
                     file.write(b"stream\n")
-                    length = sum(file.write(piece) for piece in self.pack_rows(job, self.compression))
+                    length = sum(file.write(piece) for piece in self.pack_rows(self.rows(job), self.compression))
                     file.write(b"\nendstream\n")
                 file.write(b"endobj\n")
             places.append(file.tell())

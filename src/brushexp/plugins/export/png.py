@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, Compression, PrintExporter, chunk, header
+from brushexp.plugins.export.prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
 
@@ -29,10 +29,14 @@ class Png(PrintExporter):
         path, (height, width) = folder / "painting.png", job.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
-            file.write(SIGNATURE + header(width, height, RGB))
+            file.write(SIGNATURE + header(width, height, RGB if job.saved.alpha is None else RGBA))
             if self.density:
                 metre = round(100 * self.density / CM)
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
-            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job, self.compression) if piece)
+            file.writelines(
+                chunk(b"IDAT", piece)
+                for piece in self.pack_rows(self.rows(job, transparent=True), self.compression)
+                if piece
+            )
             file.write(chunk(b"IEND", b""))
         return [path]
