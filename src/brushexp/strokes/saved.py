@@ -141,7 +141,9 @@ def alpha_of(png: bytes) -> Tensor:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
                 raise UserError(f"alpha is a picture of {picture.size} {picture.mode}; a grey PNG is needed")
             return torch.from_numpy(np.array(picture))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except UserError:
+        raise
+    except Exception as error:  # decoders have a dozen kinds
         raise UserError(f"alpha is no PNG ({error}); mend it, or leave it out") from error
 
 
