@@ -58,14 +58,20 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.components import check_losses, check_size, stroke_budget  # noqa: PLC0415
+    from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
+    from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     check_trainer(cfg)
     warn_of_unused_keys(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+    typed = [word.partition("=")[2] for word in overrides if word.startswith("renderer=")]
+    *warm_ups, last = build_stages(cfg, keep_built)
+    for stage in warm_ups:
+        check_trained(stage.renderer, stage.name)
+    check_trained(last.renderer, typed[-1] if typed else last.name)
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None
