@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.load import HeldPicture, is_picture, load_picture
+from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
