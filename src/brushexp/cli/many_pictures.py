@@ -1,6 +1,7 @@
 """Turn many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, into a sweep."""
 
 import glob
+import logging
 import os
 import re
 import sys
@@ -13,12 +14,13 @@ from pathlib import Path
 from brushexp.config.compose import files_of, quote
 from brushexp.config.words import verbatim
 from brushexp.errors import UserError
-from brushexp.pictures.folders import is_several, pictures_in
+from brushexp.pictures.folders import is_several, left_out, pictures_in
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.reading import digest_of, read_text, yaml_of
 
+log = logging.getLogger(__name__)
 SETS = "pictures="
 ENDING = ".yaml"  # of files with sets of pictures
 PROCESSES, AUTO = "jobs=", "auto"  # number of jobs of a sweep at once
@@ -100,7 +102,7 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
-        return pictures_in(name) if is_several(name) else [name]
+        return _pictures_in(name) if is_several(name) else [name]
     try:
         digests = read_set(path)
     except UserError as error:
@@ -119,6 +121,14 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     return [str(place) if place.is_file() else one for one, place in places.items()]
 
 
+def _pictures_in(name: str) -> list[str]:
+    """List the pictures of a folder or pattern, and log what is left out of it."""
+    paths = pictures_in(name)
+    for line in left_out(name):
+        log.warning("image=%s: %s", name, line)
+    return paths
+
+
 def read_set(path: Path) -> dict[str, str]:
     """Read the pictures of a set with their SHA-256, "" where a line, ``- photo.jpg: 0ab3...``, gives none."""
     lines = yaml_of(read_text(path, "give a file with a list of pictures"), list)
@@ -134,7 +144,7 @@ def _place_of(picture: str, folder: Path) -> Path:
 def name_of(image: str) -> str:
     """Name the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
-    return Path(folder).expanduser().resolve().name or "pictures"
+    return Path(os.path.expanduser(folder)).resolve().name or "pictures"  # that of pathlib raises for ~nobody
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:
