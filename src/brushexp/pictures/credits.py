@@ -63,13 +63,14 @@ def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
 
 def write_credited(path: Path, pixels: np.ndarray, entries: Mapping[str, str]) -> None:
     """Write a PNG of bytes (H, W, 3), sRGB, with the entries of `credits_of`."""
-    about, encoded, exif = PngImagePlugin.PngInfo(), io.BytesIO(), b""
+    about, encoded = PngImagePlugin.PngInfo(), io.BytesIO()
+    options: dict[str, Any] = {"pnginfo": about, **PNG}
     for name, data in chunks_about(entries):
         if name == b"eXIf":
-            exif = data
+            options["exif"] = data
         else:
             about.add(name, data)
-    Image.fromarray(pixels).save(encoded, pnginfo=about, **PNG, **({"exif": exif} if exif else {}))
+    Image.fromarray(pixels).save(encoded, **options)
     write_bytes(path, encoded.getvalue())
 
 
@@ -85,7 +86,7 @@ def _of_exif(picture: Image.Image) -> dict[str, Any]:
     return found | {"Creation Time": exif.get_ifd(SHOT).get(TAKEN) or found["Creation Time"]}
 
 
-def _of_iptc(picture: Image.Image) -> dict[str, Any]:
+def _of_iptc(picture: Any) -> dict[str, Any]:
     entries: Any = IptcImagePlugin.getiptcinfo(picture) or {}
     return {name: entries.get(key) for name, key in IPTC.items()}
 
