@@ -62,7 +62,7 @@ def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
 
 
 def write_credited(path: Path, pixels: np.ndarray, entries: Mapping[str, str]) -> None:
-    """Write a PNG of bytes (H, W, 3), sRGB, with the entries of `credits_of`."""
+    """Write a PNG of bytes (H, W, 3 or 4), sRGB, with the entries of `credits_of`."""
     about, encoded = PngImagePlugin.PngInfo(), io.BytesIO()
     options: dict[str, Any] = {"pnginfo": about, **PNG}
     for name, data in chunks_about(entries):
