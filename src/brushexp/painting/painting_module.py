@@ -59,7 +59,7 @@ class Epoch:
 
 
 class PaintingModule(QuickModule):
-    """Base module of all painters: it counts steps, draws the picture, and publishes losses, PSNR and why it has stopped."""
+    """Base module of all painters: it counts steps, draws the picture, and publishes losses, PSNR and why it ends."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
 

@@ -1,4 +1,4 @@
-"""Draw from the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); turn strokes into plain numbers and back."""
+"""Draw from the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); turn strokes into numbers and back."""
 
 from collections.abc import Callable
 from dataclasses import replace
