@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.folders import PICTURES
+from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of, plugins
@@ -37,7 +37,7 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
     """Read the number of strokes of a saved painting, and the height and width of its canvas."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
-    if path.lower().endswith(PICTURES):
+    if Path(path).suffix.lower() in picture_suffixes():
         cure = f"paint it first, brushexp {path} output=outputs/x, and give {option}=outputs/x"
         raise UserError(f"{option}={path} is a picture, not a painting with its strokes; {cure}")
     saved = load_catalogue(Path(path), option)
