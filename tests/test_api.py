@@ -44,6 +44,7 @@ def test_importing_the_package_loads_nothing_slow():
     assert {name for name in dir(brushexp) if getattr(brushexp, name)} == {
         *brushexp.__all__,
         "analyse",
+        "recover",
         "simulate",
         "train_renderer",
     }

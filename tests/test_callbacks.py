@@ -10,7 +10,6 @@ from lightning.pytorch.loggers import CSVLogger
 from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
-from brushexp.registry import plugins
 from brushexp.runs.trainer import make_trainer
 from brushexp.system.callbacks import INTERRUPTED, MovingAverage
 
@@ -83,11 +82,6 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fit(tmp_path, Line(beside=lambda step: 1 / 0))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-@pytest.mark.parametrize("plugin", plugins("callbacks"), ids=lambda plugin: plugin.name)
-def test_lightnings_callbacks_can_be_chosen(tmp_path, plugin):
-    assert fit(tmp_path, Line(), chosen={plugin.name: {"_target_": plugin.target}}).global_step == 8
 
 
 def test_the_average_lags_behind_and_is_left_in_place(tmp_path):

@@ -35,6 +35,8 @@ MISTAKES = {
     "~logger": "~logger deletes nothing; type logger=[]",
     "trainer.accelerator=cpu": "this program has a key for it: type device=cpu",
     "trainer.fast_dev_run=true": "this program has a key for it: type steps=3",
+    "trainer.max_epochs=3": "trainer.max_epochs=3 is for training networks, and painting has steps only; type steps=",
+    "trainer.accumulate_grad_batches=2": "painting has steps only; type sampler=whole",
     "logger.offline=true": "options stand below one, logger.<name>.offline=...",
     "logger.tags=[a]": "it is an option of one logger; type logger.wandb.tags",
     "callbacks=rich_progress_bar": "a file of plugins wraps any other one of Lightning",

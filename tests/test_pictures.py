@@ -17,7 +17,8 @@ import torch
 from PIL import Image, ImageCms
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, read_picture
+from brushexp.pictures.decode import read_picture
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.pictures.load import background_color, load_picture, samples
 
 HEIGHT, WIDTH = 5, 7

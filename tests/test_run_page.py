@@ -182,7 +182,7 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", html)
     assert not re.search(r"<[^>]* (style|on\w+)=", re.sub(r"<script.*?</script>", "", html, flags=re.S))
     menu = re.findall(r'href="#([\w-]+)">([^<]+)</a>', html)[1:]  # the first one skips to the content
-    assert len(menu) == 7
+    assert len(menu) == 8
     for part, word in menu:
         assert f'<h2 id="{part}-head">{word}</h2>' in html
     (run / "a b.txt").write_text("x")
@@ -317,6 +317,22 @@ def test_charts_need_something_to_show():
     assert rose_chart("x", np.array([math.nan]), np.ones(1)) is None
     shares = rose_chart("x", np.array([0.0, 3.13, math.pi / 2]), np.ones(3))["shares"]
     assert shares[::9] == pytest.approx([2 / 3, 1 / 3])
+
+
+def test_the_painting_can_be_seen_alone_at_any_size(visited):
+    page = visited.page
+    page.get_by_role("button", name="Look at it alone").click()
+    alone = page.get_by_role("dialog", name="The picture alone")
+    picture = alone.get_by_alt_text("painting")
+    alone.get_by_text("%").wait_for()
+    fits = picture.bounding_box()["width"]
+    assert fits > SIZE[1], "it is as large as the window"
+    alone.get_by_role("button", name="Larger").click()
+    assert picture.bounding_box()["width"] == pytest.approx(1.5 * fits, rel=0.05)
+    page.keyboard.press("0")
+    assert picture.bounding_box()["width"] == pytest.approx(fits, rel=0.01)
+    page.keyboard.press("Escape")
+    assert not alone.is_visible()
 
 
 def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(visited):

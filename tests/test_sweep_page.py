@@ -171,11 +171,17 @@ def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened):
 
 
 def test_seeds_have_means_and_differences(tmp_path):
-    for k, (steps, seed, psnr) in enumerate((("1", "0", 20.0), ("1", "1", 22.0), ("2", "0", 30.0), ("2", "1", 31.0))):
+    runs = [("1", "0", 20.0), ("1", "1", 22.0), ("2", "0", 30.0), ("2", "1", 31.0)]
+    for k, (steps, seed, psnr) in enumerate(runs):
         make_run(tmp_path, {"steps": steps, "seed": seed}, color=50, psnr=psnr, seconds=1.0 + k)
     html = page_of(tmp_path).read_text()
+    assert 'id="paired"' not in html, "two say nothing about differences"
+    assert html.index('id="runs"') < html.index('id="plots"') < html.index('id="means"'), "paintings come first"
+    for steps, psnr in (("1", 21.0), ("2", 30.0)):
+        make_run(tmp_path, {"steps": steps, "seed": "2"}, color=50, psnr=psnr, seconds=1.0)
+    html = page_of(tmp_path).read_text()
     means = html[html.index('<section id="means"') : html.index('<section id="paired"')]
-    assert re.findall(r"<td.*?>(.*?)</td>", means)[:3] == ["1", "2", "21.00 ± 1.41"]
+    assert re.findall(r"<td.*?>(.*?)</td>", means)[:3] == ["1", "3", "21.00 ± 1.00"]
     assert "<td>steps=2</td>" in html[html.index('<section id="paired"') :]
     assert "the mean over its seeds" in html
     ids = re.findall(r' id="([^"]+)"', html)

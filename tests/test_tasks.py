@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -183,6 +184,10 @@ def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
     lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in lines), name
+    assert any(line.startswith("Samples, in place of a picture: astronaut, ") for line in lines)
+    export = run("export", "--help", cwd=tmp_path).stdout
+    assert export.startswith("brushexp export outputs/x [key=value ...]\n\ntask=export: Write a saved painting")
+    assert run("--version", cwd=tmp_path).stdout == f"brushexp {version('brushexp')}\n"
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
         assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem

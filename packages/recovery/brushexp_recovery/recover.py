@@ -15,6 +15,7 @@ from brushexp.system.progress import showing
 from brushexp_recovery.curves import Fitted, fit_curves
 from brushexp_recovery.finding import Regions, find_regions
 from brushexp_recovery.model import NAME, RecoveryModel, load_model
+from brushexp_recovery.refining import refine
 from brushexp_recovery.stacking import evidence_of, stack
 from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
 
@@ -54,8 +55,8 @@ def recover_with(
 ) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
     regions = find_regions(model, image, scale, copies, show)
-    fitted = fit_curves(regions, image)
     order = stack(len(regions.chance), *evidence_of(regions))
+    fitted = refine(fit_curves(regions, image), regions.labels, order, show=show)
     chance = np.interp(regions.chance, np.linspace(0, 1, len(model.confidence)), model.confidence.numpy())
     return in_order(regions, fitted, chance, order, image)
 

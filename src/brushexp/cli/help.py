@@ -13,19 +13,23 @@ from brushexp.config.compose import presets_of
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import as_typed
+from brushexp.pictures.load import samples
 from brushexp.registry import FAMILIES, plugins
 
 INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
 
   brushexp photo.jpg                              paint a picture, in oil; without a word: a sample
-  brushexp photo.jpg look=watercolour             another look
+  brushexp photo.jpg watercolour                  another look: look=watercolour
+  brushexp photo.jpg finer                        smaller strokes; bolder: larger ones; fine, best: with more time
   brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
   brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
   brushexp experiment=loss_by_init                a named study
   brushexp photos/                                every picture of a folder, some at a time (jobs=2: two): one page
   brushexp pictures=thesis12 look=ink             a set of pictures, conf/pictures/thesis12.yaml: one page
-  brushexp task=export catalogue=outputs/x/catalogue.h5 resolution=4096
+  brushexp export outputs/x resolution=4096       a finished painting at any size; to=svg,pdf: in other forms
+  brushexp view                                   look at the newest run in the browser
 """
+PATHS = {"catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
 WIDTH = 120  # letters of a line
 COLUMN = 28  # letters up to a meaning
@@ -34,7 +38,8 @@ COLUMN = 28  # letters up to a meaning
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
     """Write the help for a composed config and the typed overrides; presets are in the folders."""
     schema = TASKS[cfg.task]
-    lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    lines = [INTRODUCTION if schema.alone == "image" else usage_of(cfg.task, schema.alone), *lines]
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
     typed = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides}
     for name, key in keys_of(schema).items():
@@ -47,10 +52,21 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     lines += ["", f"Its plugins, family=name; {about}"]
     for group in groups_of(schema):
         lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
-    lines += ["", "Other tasks; their keys: task=name --help"]
+    if schema.alone == "image":
+        lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", WIDTH).splitlines()]
+    lines += ["", "Other tasks; their keys: brushexp name --help"]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
     return "\n".join([*lines, "", MORE])
+
+
+def usage_of(task: str, alone: str) -> str:
+    r"""Write how a task that does not paint is typed.
+
+    >>> usage_of("export", "catalogue"), usage_of("train", "")
+    ('brushexp export outputs/x [key=value ...]\n', 'brushexp train [key=value ...]\n')
+    """
+    return " ".join(["brushexp", task, *([PATHS[alone]] if alone in PATHS else []), "[key=value ...]\n"])
 
 
 def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:

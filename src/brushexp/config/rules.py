@@ -66,7 +66,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None
     if cfg.focus not in (None, AUTO):
-        check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
+        check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus", max(size)), size, "focus")
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")

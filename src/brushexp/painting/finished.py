@@ -142,7 +142,9 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, flo
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, Style)
-    return {f"style_{name}": value for name, value in style.measure(painter.draw(), painter.picture.target).items()}
+    return {
+        f"style_{name}": value for name, value in style.measure(painter.draw_whole(), painter.picture.target).items()
+    }
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:

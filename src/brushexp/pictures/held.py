@@ -14,7 +14,8 @@ import torch
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, decode_image, read_picture
+from brushexp.pictures.decode import decode_image, read_picture
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.system.files import replacing, write_picture
 
 KINDS = (

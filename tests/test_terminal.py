@@ -1,0 +1,85 @@
+"""What the terminal says: at once, in plain words, and with the figures left to run.log."""
+
+import logging
+import os
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+from program import ended
+
+from brushexp.cli.opening import opening_line
+from brushexp.errors import UserError
+from brushexp.results.runs import newest_run
+from brushexp.runs.run_folder import take_name
+from brushexp.system.terminal import IN_LOG, Terminal, as_shown
+
+
+@pytest.mark.parametrize(("typed", "said"), [
+    ("", "painting astronaut in oil"),
+    ("photo.jpg", "painting photo.jpg in oil"),
+    ("photo.jpg watercolor finer", "painting photo.jpg in watercolour"),
+    ("image=photo.jpg look=vangogh", "painting photo.jpg with look=vangogh"),
+    ("coffee style=photo.jpg", "painting coffee in oil, in the style of photo.jpg"),
+    ("photos", "painting the pictures of photos in oil"),
+    ("a=b.jpg pastel", "painting a=b.jpg in pastel"),
+    ("phto.jpg", ""),
+    ("--help", ""),
+    ("photo.jpg --cfg job", ""),
+    ("export outputs/x", "beginning: export"),
+    ("task=train minutes=3", "beginning: train"),
+    ("-m seed=1,2", "checking the jobs of a sweep"),
+    ("experiment=losses", "checking the jobs of a sweep"),
+    ("resume=outputs/x", "going on with outputs/x"),
+])  # fmt: skip
+def test_the_first_line_says_what_begins(typed, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("photo.jpg", "a=b.jpg"):
+        (tmp_path / name).touch()
+    (tmp_path / "photos").mkdir()
+    assert opening_line(typed.split()) == said
+
+
+def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, tmp_path, monkeypatch):
+    log = logging.getLogger("plain")
+    monkeypatch.setattr(log, "handlers", [Terminal()])
+    monkeypatch.setattr(log, "propagate", False)
+    log.setLevel(logging.INFO)
+    log.info("writing the page")
+    log.info("24.5 dB", extra=IN_LOG)
+    log.warning("it is slow")
+    log.error("it is broken")
+    assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\n")
+    monkeypatch.chdir(tmp_path)
+    assert (as_shown(tmp_path / "a" / "b"), as_shown(tmp_path.parent)) == ("a/b", str(tmp_path.parent))
+
+
+def test_runs_of_one_second_have_folders_of_their_own_and_the_newest_is_found(config, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first, second, named = config(), config(), config("output=outputs/mine")
+    place = Path(first.output)
+    OmegaConf.copy_cache(first, second)  # the same moment
+    assert take_name(first, Path(first.output)) == place
+    assert take_name(second, Path(second.output)) == Path(f"{place}_2")
+    assert (first.output, second.output) == (str(place), f"{place}_2"), "and so for every job of a sweep"
+    assert take_name(named, Path(named.output)) == Path("outputs/mine")
+    with pytest.raises(UserError, match="no run is in outputs/ here; name what to look at: brushexp view FOLDER"):
+        newest_run()
+    for folder, changed in ((place, 100), (Path(f"{place}_2"), 50)):
+        (folder / "report.html").touch()
+        os.utime(folder / "report.html", (changed, changed))
+    assert newest_run() == place
+
+
+def test_a_run_says_where_its_profile_is_and_goes_on_in_its_own_folder(tmp_path):
+    words = ["chelsea", "resolution=16", "strokes=4", "steps=3", "frames=0", "threads=1", "report=false", "output=a"]
+    code, output = ended(tmp_path, *words, "trainer.profiler=simple")
+    assert code == 0, output
+    assert "a/profile.txt  where the time was spent" in output
+    assert "FIT Profiler Report" in (tmp_path / "a" / "profile.txt").read_text()
+    kill = ("checkpoint.ckpt", 1, True)
+    assert ended(tmp_path, *words[:-1], "output=b", "checkpoint_every=0", kill=kill)[0] < 0
+    code, output = ended(tmp_path, "resume=b")
+    assert code == 0, output
+    assert "b/painting.png" in output
+    assert not (tmp_path / "outputs").exists()
