@@ -18,6 +18,7 @@ from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.schedule import add_pair
 from brushexp.painting.wet import drag_paint
+from brushexp.pictures.credits import credits_of, write_credited
 from brushexp.pictures.load import TRANSPARENT, load_cutout
 from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
@@ -30,7 +31,7 @@ from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.files import to_bytes, write_json
 from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
 
@@ -60,9 +61,11 @@ class Finished:
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
+        about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
             pixels, alpha = self.pictures[name], self.job.alpha()
-            write_picture(folder / f"{name}.png", pixels if alpha is None else np.dstack([pixels, alpha]))
+            shown = pixels if alpha is None else np.dstack([pixels, alpha])
+            write_credited(folder / f"{name}.png", shown, about)
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
         status = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}

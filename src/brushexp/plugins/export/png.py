@@ -4,6 +4,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
+from brushexp.pictures.credits import chunks_about, credits_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.registry import register
@@ -30,6 +31,7 @@ class Png(PrintExporter):
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(SIGNATURE + header(width, height, RGB if job.saved.alpha is None else RGBA))
+            file.writelines(chunk(*one) for one in chunks_about(credits_of(job.source)))
             if self.density:
                 metre = round(100 * self.density / CM)
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
