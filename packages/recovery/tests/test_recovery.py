@@ -5,7 +5,7 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import judging
+from brushexp_recovery import finding, judging, refining
 from brushexp_recovery.curves import Fitted, fit_curve
 from brushexp_recovery.finding import Candidate, assemble, tiles
 from brushexp_recovery.maps import predict
@@ -26,6 +26,8 @@ from brushexp_recovery.tree import Tree, cut
 
 from brushexp.errors import UserError
 from brushexp.strokes.storage import load_catalogue, save_catalogue
+
+ROUGH = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])  # curves near those of `bars`
 
 
 def silent(share: float, state: str) -> None:
@@ -158,8 +160,7 @@ def test_a_straight_region_becomes_its_stroke():
 def test_refining_moves_strokes_onto_their_regions():
     painted = bars()
     labels = painted.labels.astype(np.int32)
-    curve = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])
-    rough = Fitted(curve, np.array([12.0, 28.0]), np.zeros((2, 3)))
+    rough = Fitted(ROUGH, np.array([12.0, 28.0]), np.zeros((2, 3)))
     before, after = (seen(fitted, labels) for fitted in (rough, refine(rough, labels, np.arange(2), show=silent)))
     assert after > before + 0.1
     assert after > 0.9
@@ -272,6 +273,32 @@ def test_two_bars_are_found_again():
         best = max(((recovered.labels == k) & mine).sum() / ((recovered.labels == k) | mine).sum()
                    for k in range(len(recovered.confidence)))  # fmt: skip
         assert best > 0.5
+
+
+def test_tiles_find_what_the_whole_picture_shows(monkeypatch):
+    image = np.tile(bars().image, (2, 2, 1)).astype(np.float32) / 255
+    whole = recover_with(shipped(), image, 0.7, 1, silent).labels
+    monkeypatch.setattr(finding, "TILE", 128)
+    monkeypatch.setattr(finding, "MARGIN", 40)
+    assert len(list(tiles(*image.shape[:2], 0.7))) > 1
+    tiled = recover_with(shipped(), image, 0.7, 1, silent).labels
+    assert ((whole >= 0) == (tiled >= 0)).mean() > 0.95
+    for number in range(whole.max() + 1):
+        mine = whole == number
+        best = np.bincount(tiled[mine] + 1, minlength=2)[1:].argmax()
+        assert (mine & (tiled == best)).sum() / (mine | (tiled == best)).sum() > 0.5
+
+
+def test_a_large_picture_is_refined_as_a_small_one(monkeypatch):
+    labels = np.tile(bars().labels.astype(np.int32), (1, 3))
+    labels[labels >= 0] += 2 * (np.arange(384) // 128)[None].repeat(96, 0)[labels >= 0]
+    curve = np.concatenate([ROUGH + np.array([128.0 * k, 0]) for k in range(3)])
+    rough = Fitted(curve, np.tile([12.0, 28.0], 3), np.zeros((6, 3)))
+    whole = refine(rough, labels, np.arange(6), show=silent)
+    monkeypatch.setattr(refining, "SIDE", 200)
+    tiled = refine(rough, labels, np.arange(6), show=silent)
+    np.testing.assert_allclose(tiled.width, whole.width, rtol=0.1)
+    np.testing.assert_allclose(tiled.curve, whole.curve, atol=5)
 
 
 def test_pieces_sum_up_to_the_picture():

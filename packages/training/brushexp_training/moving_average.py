@@ -1,4 +1,4 @@
-"""An average of the weights of a training, which is better than the last of them."""
+"""Average the weights of a training, which makes a better network than the last of them."""
 
 from typing import Any
 

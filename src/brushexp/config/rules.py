@@ -37,7 +37,7 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
     """Read the number of strokes of a saved painting, and the height and width of its canvas."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
-    if Path(path).suffix.lower() in picture_suffixes():
+    if path.lower().endswith(tuple(picture_suffixes())):
         cure = f"paint it first, brushexp {path} output=outputs/x, and give {option}=outputs/x"
         raise UserError(f"{option}={path} is a picture, not a painting with its strokes; {cure}")
     saved = load_catalogue(Path(path), option)

@@ -1,4 +1,4 @@
-"""A finished catalogue is kept on disk as HDF5, with all that is needed to render it again; docs/formats.md.
+"""Store a finished catalogue as HDF5, with all that is needed to render it again; docs/formats.md.
 
 Texts have a fixed length, because HDF5 has no checksums for others: one wrong byte there can make it loop for ever.
 """
