@@ -84,7 +84,7 @@ def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path
 
 def error_of(painter: StrokeOptimizer) -> float:
     """Mean squared error of the picture as it is now."""
-    return float((painter.draw() - painter.picture.target).square().mean())
+    return float((painter.draw_whole() - painter.picture.target).square().mean())
 
 
 def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:

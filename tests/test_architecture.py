@@ -133,10 +133,7 @@ def test_every_family_is_a_package_with_a_contract(family):
     assert f"{family}=" in (folder / "__init__.py").read_text()
 
 
-IN_ONE_FILE = {"callbacks"}  # families whose members wrap classes of Lightning in a few lines each
-
-
-@pytest.mark.parametrize("family", sorted(FAMILIES.keys() - IN_ONE_FILE))
+@pytest.mark.parametrize("family", FAMILIES)
 def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
     from brushexp.registry import plugins  # noqa: PLC0415
 

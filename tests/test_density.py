@@ -153,7 +153,7 @@ def test_coarse_steps_leave_the_strokes_in_place_and_their_error_is_that_of_what
     coarse = painted(Fixed(), steps=40, coarse=0.99, target=torch.rand(3, *SIZE))
     assert psnr_of(coarse.picture.error) < psnr_of(error_of(coarse)) + 1, "never better than the painting looks"
     odd = painted(Fixed(), n=4, target=torch.rand(3, 7, 5), coarse=0.5, focus=torch.ones(7, 5), steps=10)
-    assert odd.draw().isfinite().all()
+    assert odd.draw_whole().isfinite().all()
 
 
 PARTS = {"sampler": Patches(n_active=20, n_ring=10, patch=32)}

@@ -204,7 +204,7 @@ def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: T
 
 def painted(painter: StrokeOptimizer, steps: int) -> Tensor:
     take(painter, steps)
-    return painter.draw()
+    return painter.draw_whole()
 
 
 SQUARE = torch.zeros(CANVAS)

@@ -99,7 +99,7 @@ def test_precisions_of_lightning_work(precision):
     painter = painter_of(steps=20)
     before = error_of(painter)
     fit(painter, precision=precision)
-    assert painter.draw().dtype == (torch.float64 if precision == "64-true" else torch.float32)
+    assert painter.draw_whole().dtype == (torch.float64 if precision == "64-true" else torch.float32)
     assert error_of(painter) < before
 
 

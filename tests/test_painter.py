@@ -82,14 +82,14 @@ def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_a
 
     size, held = (1000, 33), []
     painter = some_painter(strokes=clamp_to_prior(random_strokes(60, size)), size=size, renderer=Few())
-    picture = painter.draw()
+    picture = painter.draw_whole()
     assert max(held) <= 10
     monkeypatch.setattr(Few, "at_once", None)
-    torch.testing.assert_close(picture, painter.draw(), atol=1 / 255, rtol=0)
+    torch.testing.assert_close(picture, painter.draw_whole(), atol=1 / 255, rtol=0)
     assert held[-1] > 10
     monkeypatch.setattr(bands, "BAND", 33 * 50)
     held.clear()
-    painter.draw()
+    painter.draw_whole()
     assert sum(held) < 2 * 60
 
 
@@ -120,4 +120,4 @@ def test_a_line_search_may_look_anywhere():
     painter.components.optimizer.options = {}
     take(painter, 1)
     assert torch.stack(seen).isfinite().all()
-    assert painter.draw().isfinite().all()
+    assert painter.draw_whole().isfinite().all()

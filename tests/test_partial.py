@@ -39,7 +39,7 @@ def test_a_patch_that_covers_the_canvas_paints_the_same_picture_as_the_whole(ren
     take(whole, 12)
     take(part, 12)
     assert_close(dict(whole.strokes().items()), dict(part.strokes().items()), rtol=1e-4, atol=1e-3)
-    assert_close(whole.draw(), part.draw(), rtol=0, atol=1e-3)
+    assert_close(whole.draw_whole(), part.draw_whole(), rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -79,7 +79,7 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
 @pytest.mark.parametrize("soft", [2.0, 20.0])
 def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
     painter = painter_of(renderer=Analytic(soft=soft), sampler=few(patch=24))
-    strokes, whole = painter.strokes(), painter.draw()
+    strokes, whole = painter.strokes(), painter.draw_whole()
     for step in range(6):
         view = painter.components.sampler(strokes, SIZE, step, painter.generator)
         painter.training_step(view, 0)
@@ -121,7 +121,7 @@ def test_the_kept_picture_stays_near_the_truth_and_its_error_is_known(renderer, 
         take(painter, 1, loop)
         error = float((painter.latest() - painter.picture.target).square().mean())
         assert painter.picture.error == pytest.approx(error, rel=1e-5)
-    assert float((painter.latest() - painter.draw()).abs().mean()) < 0.01
+    assert float((painter.latest() - painter.draw_whole()).abs().mean()) < 0.01
     painter.picture.forget()
     assert painter.picture.error == pytest.approx(error, rel=1e-5), "known when another renderer takes over"
 
@@ -161,7 +161,7 @@ def test_random_coverage_takes_the_nearest_strokes_to_a_point():
 def test_odd_sizes_are_defined(n, options):
     painter = painter_of(sampler=Patches(**options), n=n)
     take(painter, 6)
-    assert painter.draw().isfinite().all()
+    assert painter.draw_whole().isfinite().all()
     assert painter.visits.sum() > 0, "strokes are found, however few there are"
 
 

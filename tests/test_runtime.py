@@ -2,14 +2,16 @@
 
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
 
 import numpy as np
+import pytest
 from lightning_utilities.core.imports import RequirementCache
 
 from brushexp.compat.hidden_packages import hidden
 from brushexp.system import runtime
-from brushexp.system.runtime import forget_peak_memory, peak_memory
+from brushexp.system.runtime import forget_peak_memory, peak_memory, share
 
 SCRIPT = """
 import sys
@@ -21,14 +23,56 @@ assert "numba" not in sys.modules, "it takes a second to import, and comes with 
 torch.set_num_threads(1)
 from brushexp.plugins.engine.disc import Disc
 Disc(window=8)(torch.zeros(2, 10), seed=0)
-import numba
-print(torch.get_num_threads(), numba.get_num_threads())
+assert torch.get_num_threads() == 1
+"""
+FORKS = """
+import multiprocessing
+import brushexp
+import torch
+
+def paint(seed):
+    torch.rand(2**20).exp()  # by all threads
+    painting = brushexp.paint("astronaut", strokes=40, resolution=32, steps=2, seed=seed, threads=2, look="plain")
+    return painting.strokes.position.numpy().tobytes()
+
+if __name__ == "__main__":
+    own = paint(0)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert pool.map(paint, [0, 0, 1])[:2] == [own, own]
 """
 
 
-def test_kernels_take_the_threads_of_torch_and_leave_them():
-    result = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
-    assert result.stdout.split() == ["1", "1"]
+def test_kernels_are_loaded_at_their_first_call_and_leave_the_threads_of_torch():
+    subprocess.run([sys.executable, "-c", SCRIPT], check=True)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("n", [0, 1, 2, 7, 100])
+def test_threads_share_all_work_and_do_nothing_twice(threads, n, monkeypatch):
+    monkeypatch.setattr("torch.get_num_threads", lambda: threads)
+    done = np.zeros(n, int)
+
+    def work(begin, end, step):
+        done[begin:end] += step
+
+    share(work, n, 1)
+    assert (done == 1).all()
+
+
+def test_a_mistake_in_any_thread_is_told(monkeypatch):
+    monkeypatch.setattr("torch.get_num_threads", lambda: 3)
+
+    def work(begin, end):
+        time.sleep(0.001)  # so that all threads take part
+        assert end < 50
+
+    with pytest.raises(AssertionError):
+        share(work, 50)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
+def test_a_fork_paints_after_a_painting():
+    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 def test_the_peak_of_a_job_is_not_that_of_one_before_it():

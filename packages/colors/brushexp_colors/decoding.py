@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import Compiled, inline, kernel, prange
+from brushexp.compat.compiled import Compiled, function, inline
+from brushexp.system.runtime import share
 
 F = np.float32
 STEEPEST, KNEE, KNEE_SHOWN = 12.92, 0.0031308, 0.04045  # slope of the curve of displays at black, and where that ends
@@ -84,17 +85,17 @@ class Decoded(torch.autograd.Function):
 
 def _run(compiled: Compiled, picture: Tensor, rows: np.ndarray, *others: Tensor) -> None:
     flat = [tensor.detach().contiguous().flatten(1).numpy() for tensor in (picture, *others)]
-    compiled(flat[0], rows, *flat[1:])
+    share(compiled, -(-flat[0].shape[1] // BLOCK), flat[0], rows, *flat[1:])
 
 
-def _root() -> tuple[float, ...]:
+def _fit_root() -> tuple[float, ...]:
     """Coefficients, the highest first, of a polynomial in u = light^(1/8) that is light^(1 / POWER) above the knee."""
     u = np.cos(np.pi * (np.arange(400) + 0.5) / 400) * 0.5 * (1 - KNEE**0.125) + 0.5 * (1 + KNEE**0.125)
     fit = np.polynomial.Chebyshev.fit(u, u ** (8 / POWER), 7).convert(kind=np.polynomial.Polynomial)
     return tuple(fit.coef[::-1].tolist())
 
 
-ROOT = _root()
+ROOT = _fit_root()
 
 
 @inline
@@ -132,10 +133,10 @@ def _gather(picture, rows, block, channels, light):
     return begin, size
 
 
-@kernel
-def _decode(picture, rows, shown):
-    """Write pixels (3, P) of channels (C, P); ``rows`` is the matrix (3, C)."""
-    for block in prange(-(-picture.shape[1] // BLOCK)):
+@function
+def _decode(first_block, end_block, picture, rows, shown):
+    """Write pixels (3, P) of channels (C, P) in some of their blocks; ``rows`` is the matrix (3, C)."""
+    for block in range(first_block, end_block):
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
         begin, size = _gather(picture, rows, block, channels, light)
         for k in range(3):
@@ -145,10 +146,10 @@ def _decode(picture, rows, shown):
                 shown[k, begin + q] = min(max(y, F(0)), F(1))
 
 
-@kernel
-def _decode_back(picture, rows, grad, out):
-    """Write the gradient (C, P) of the channels from that of the pixels ``grad`` (3, P)."""
-    for block in prange(-(-picture.shape[1] // BLOCK)):
+@function
+def _decode_back(first_block, end_block, picture, rows, grad, out):
+    """Write the gradient (C, P) of channels in some of their blocks from that of the pixels ``grad`` (3, P)."""
+    for block in range(first_block, end_block):
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
         begin, size = _gather(picture, rows, block, channels, light)
         for k in range(3):

@@ -1,31 +1,34 @@
-"""Films are read picture by picture, and their sound is copied; `brushexp.pictures.video` writes pictures."""
+"""Films are read picture by picture, each with its time; `brushexp.pictures.video` writes pictures."""
 
-import heapq
 import importlib
 import logging
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS
-from brushexp.pictures.video import FAST_START
-from brushexp.system.files import replacing
+from brushexp.pictures.decode import picture_size
+from brushexp.pictures.kinds import FILM_SUFFIXES
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.system.reading import check_file, in_short
+from brushexp_films.frames import size_of, srgb_of
+from brushexp_films.moving import Timed, is_moving, moving_pictures
 
 log = logging.getLogger(__name__)
-SUFFIXES = (
-    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".wmv", ".flv"),
-    *(".ogv", ".3gp"),
-)
 USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
+MOST_RATE = 480  # pictures per second; a film that says more counts the ticks of its clock
+SAMPLE = 9  # pictures at the start of such a film, whose intervals tell its rate
+SHORTEST = Fraction(1, 500)  # seconds: what would be seen for less, because clocks are rounded, is not shown
+MISSING = 0.5  # seconds by which a film may end before its header says
+LOCAL = {"protocol_whitelist": "file"}  # a playlist may name addresses
+WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders leave the transparency of these out
 CURE = "convert it to an MP4 (H.264)"
 
 
@@ -34,50 +37,163 @@ class Clip:
     """A film that can be read."""
 
     path: Path
-    size: tuple[int, int]  # height and width of its pictures, upright
+    size: tuple[int, int]  # height and width of its pictures, upright, with square pixels
     rate: Fraction  # pictures per second, on average
     count: int  # of its pictures, as the file says or estimated from its length; 0 if nothing is known
+    is_counted: bool = False  # whether the file says it
+    seconds: float = 0.0  # length of its pictures as the file says; 0 if it does not
+
+
+class Shown(NamedTuple):
+    """A picture (H, W, 3) uint8, sRGB, and from when to when it is seen, in seconds."""
+
+    picture: np.ndarray
+    begin: Fraction
+    end: Fraction
 
 
 def is_film(path: str | Path) -> bool:
     """Test whether a path has the suffix of a film."""
-    return Path(path).suffix.lower() in SUFFIXES
+    return Path(path).suffix.lower() in FILM_SUFFIXES
 
 
 def open_clip(path: Path, key: str = "image") -> Clip:
     """Open a film and read its header and first picture (UserError); ``key`` sets the path, for messages."""
     path = Path(os.path.expanduser(path))
+    if is_moving(path):
+        lengths = [length for _, _, length in moving_pictures(path)]
+        rate = (len(lengths) / sum(lengths)).limit_denominator(1000)
+        return Clip(path, picture_size(path, key=key), rate, len(lengths))
     with _decoding(path, key) as (container, stream):
         try:
-            first = next(container.decode(stream), None)
+            first = list(islice(_frames(container, stream), 1 if _is_rate(stream.average_rate) else SAMPLE))
         except _errors() as error:
             raise UserError(f"{key}={path}: no picture of it can be decoded ({in_short(error)}); {CURE}") from error
-        if first is None:
+        if not first:
             raise UserError(f"{key}={path} is a film without pictures; {CURE}")
-        rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
-        seconds = float((stream.duration or 0) * (stream.time_base or 0)) or (container.duration or 0) / 1e6
-        height, width = _upright(first).shape[:2]
-        return Clip(path, (height, width), Fraction(rate), stream.frames or round(seconds * rate))
+        rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
+        own = float((stream.duration or 0) * (stream.time_base or 0))  # sound may last longer than pictures
+        seconds = own or (container.duration or 0) / 1e6
+        size = size_of(first[0], _aspect(stream))
+        if size[0] * size[1] > MAX_PIXELS:
+            raise UserError(f"{key}={path} has pictures of more than {MAX_PIXELS // 10**6} megapixels; make it smaller")
+        is_counted = bool(stream.frames)
+        return Clip(path, size, Fraction(rate), stream.frames or round(seconds * rate), is_counted, own)
+
+
+def _is_rate(rate: Fraction | None) -> bool:
+    return rate is not None and 0 < rate <= MOST_RATE
+
+
+def _rate_of(frames: list[Any]) -> Fraction:
+    """Estimate the rate of a film that does not say it from its first pictures."""
+    times = sorted(frame.pts * frame.time_base for frame in frames if frame.pts is not None)
+    steps = sorted(after - before for before, after in pairwise(times) if after > before)
+    return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
 def decode_pictures(clip: Clip) -> Iterator[np.ndarray]:
     """Decode the pictures (H, W, 3) uint8, sRGB, upright, one by one, until the film ends or breaks off."""
-    count = 0
+    return (shown.picture for shown in timed_pictures(clip))
+
+
+def timed_pictures(clip: Clip) -> Iterator[Shown]:
+    """Decode the pictures as `decode_pictures` does, with their times since the film began.
+
+    Each is seen until the next one, the last one for as long as the film says or as the one before.
+    """
+    last: Timed | None = None
+    for picture, time, length in _decoded(clip):
+        if last is None:
+            last = picture, time, length
+            continue
+        begin = max(time, last[1] + SHORTEST)
+        yield Shown(last[0], last[1], begin)
+        last = picture, begin, length or begin - last[1]
+    if last is not None:
+        yield Shown(last[0], last[1], last[1] + (last[2] or 1 / clip.rate))
+
+
+def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[Shown]:
+    """Decode every n-th picture that is seen from one second to another one, with times from ``start`` on."""
+    first = Fraction(start).limit_denominator(10**6)
+    last = None if stop is None else Fraction(stop).limit_denominator(10**6)
+    held: Shown | None = None
+    number = 0
+    for shown in timed_pictures(clip):
+        if shown.end <= first + SHORTEST:
+            continue
+        if last is not None and shown.begin + SHORTEST >= last and number:
+            break
+        begin, end = max(shown.begin, first), shown.end if last is None else min(shown.end, last)
+        if number % every:
+            assert held is not None
+            held = held._replace(end=end - first)
+        else:
+            if held is not None:
+                yield held._replace(end=begin - first)
+            held = Shown(shown.picture, begin - first, end - first)
+        number += 1
+    if held is not None:
+        yield held
+
+
+def _decoded(clip: Clip) -> Iterator[Timed]:
+    """Decode pictures with their seconds and lengths (0: unknown), and tell of a film that ends before its time."""
+    if is_moving(clip.path):
+        yield from moving_pictures(clip.path)
+        return
+    count, end = 0, Fraction(0)
     with _decoding(clip.path, "image") as (container, stream):
+        zero, aspect, base = beginning_of(container), _aspect(stream), stream.time_base
         try:
-            for frame in container.decode(stream):
-                yield _upright(frame)
-                count += 1
+            for frame in _frames(container, stream):
+                time = end if frame.pts is None else frame.pts * base - zero
+                length = (getattr(frame, "duration", 0) or 0) * base
+                length = length if length > SHORTEST else Fraction(0)  # a tick of a recorder's clock
+                yield srgb_of(frame, aspect), max(time, Fraction(0)), length
+                count, end = count + 1, time + (length or 1 / clip.rate)
         except _errors() as error:
             log.warning("%s breaks off after %d pictures: %s", clip.path, count, in_short(error))
             return
-    if count < clip.count:
+    is_short = count + 1 < clip.count if clip.is_counted else float(end + zero) + MISSING < clip.seconds
+    if is_short:
         log.warning("%s has %d pictures, and not the %d of its header", clip.path, count, clip.count)
 
 
-def _upright(frame: Any) -> np.ndarray:
-    turns = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), turns))
+def _frames(container: Any, stream: Any) -> Iterator[Any]:
+    """Decode a stream, with its transparency."""
+    has_alpha = {key.lower(): value for key, value in stream.metadata.items()}.get("alpha_mode") == "1"
+    coder = WITH_ALPHA.get(stream.codec_context.name, "") if has_alpha else ""
+    av = importlib.import_module("av")
+    if coder not in av.codecs_available:
+        yield from container.decode(stream)
+        return
+    own = av.CodecContext.create(coder, "r")
+    for packet in container.demux(stream):
+        for frame in own.decode(packet if packet.size else None):
+            frame.time_base = stream.time_base
+            yield frame
+
+
+def _aspect(stream: Any) -> Fraction:
+    """Read width / height of a pixel."""
+    aspect = stream.sample_aspect_ratio
+    return Fraction(aspect) if aspect else Fraction(1)
+
+
+def beginning_of(container: Any) -> Fraction:
+    """Find the second of the film's own clock at which picture or sound begins, whichever is first.
+
+    Sound that leads by less than a picture counts as if it began with that: its codec needs some to start.
+    """
+    streams = [*container.streams.video[:1], *container.streams.audio[:1]]
+    begins = [(stream.start_time or 0) * stream.time_base for stream in streams if stream.time_base]
+    if not begins:
+        return Fraction(0)
+    rate = container.streams.video[0].average_rate if container.streams.video else None
+    lead = 1 / rate if rate is not None and _is_rate(rate) else 1 / USUAL_RATE
+    return Fraction(begins[0] if container.streams.video and begins[0] - min(begins) < lead else min(begins))
 
 
 @contextmanager
@@ -89,7 +205,7 @@ def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
     except ImportError as error:
         raise UserError(f"{key}={path} is a film, which needs PyAV; pip install 'brushexp[video]'") from error
     try:
-        container = av.open(str(path), options={"protocol_whitelist": "file"})  # a playlist may name addresses
+        container = av.open(str(path), options=LOCAL)
     except _errors() as error:
         raise UserError(f"{key}={path} cannot be read as a film ({in_short(error)}); {CURE}") from error
     with container:
@@ -104,31 +220,3 @@ def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
 
 def _errors() -> tuple[type[Exception], ...]:
     return (importlib.import_module("av").error.FFmpegError, OSError, ValueError, RuntimeError)
-
-
-def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
-    """Copy the sound of ``source`` from second ``start`` on into an MP4, as long as it is, if an MP4 can hold it."""
-    av = importlib.import_module("av")
-    local = {"protocol_whitelist": "file"}
-    with av.open(str(source), options=local) as original, av.open(str(film), options=local) as painted:
-        if not original.streams.audio:
-            return
-        sound, end = original.streams.audio[0], start + (painted.duration or 0) / av.time_base
-        try:
-            with replacing(film) as temporary, av.open(str(temporary), "w", options=FAST_START) as both:
-                into = [both.add_stream_from_template(stream) for stream in (painted.streams.video[0], sound)]
-                pictures = _packets(painted, painted.streams.video[0], into[0], 0.0, math.inf)
-                sounds = _packets(original, sound, into[1], start, end)
-                for packet in heapq.merge(pictures, sounds, key=lambda packet: packet.dts * packet.time_base):
-                    both.mux(packet)
-        except (av.error.FFmpegError, ValueError):
-            log.warning("the sound of %s (%s) is left out: an MP4 cannot hold it", source, sound.codec.name)
-
-
-def _packets(container: Any, stream: Any, into: Any, start: float, end: float) -> Iterator[Any]:
-    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
-    before = round(start / stream.time_base)
-    for packet in container.demux(stream):
-        if packet.pts is not None and start <= packet.pts * packet.time_base < end:
-            packet.pts, packet.dts, packet.stream = packet.pts - before, packet.dts - before, into
-            yield packet

@@ -17,6 +17,7 @@ from brushexp.pictures.load import size_at
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
 from brushexp_films.clips import is_film, open_clip
+from brushexp_films.moving import is_moving
 
 FRAMES = "frames"  # folder of the catalogues, in a run's
 OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
@@ -47,7 +48,9 @@ class FilmTask(PaintTask):
     def suits(typed: Mapping[str, Any]) -> bool:
         image, resumed = str(typed.get("image") or ""), typed.get("resume")
         files = [image] if os.path.exists(image) else image.split(",")
-        return all(map(is_film, files)) or (resumed is not None and (Path(resumed) / FRAMES).is_dir())
+        can_move = typed.get("task") != "paint"  # else the first picture is asked for
+        moves = all(is_film(file) or (can_move and is_moving(os.path.expanduser(file))) for file in files)
+        return moves or (resumed is not None and (Path(resumed) / FRAMES).is_dir())
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -58,6 +61,8 @@ class FilmTask(PaintTask):
         for name, default in OF_PICTURES.items():
             if (value := OmegaConf.select(cfg, name)) != default:
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+        if cfg.background == "transparent":
+            raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")

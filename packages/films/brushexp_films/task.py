@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from itertools import islice
+from itertools import chain
 from pathlib import Path
 from threading import Event
 
@@ -36,12 +36,13 @@ from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import interruptible, peak_memory
 from brushexp_films.carrying import Carrier, Cel, Reel
 from brushexp_films.changes import Flicker
-from brushexp_films.clips import add_sound, decode_pictures, open_clip
+from brushexp_films.clips import Shown, open_clip, pictures_between
 from brushexp_films.schema import FRAMES
+from brushexp_films.sound import add_sound
 
 log = logging.getLogger(__name__)
 SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
-MOST_TICKS = 65_535  # of a second, in which players count
+TICKS = Fraction(120_000)  # of a second: all usual rates, and clocks of milliseconds, are whole numbers of them
 
 
 class PaintedFilm:
@@ -52,7 +53,7 @@ class PaintedFilm:
         self.before = before  # a folder with pictures of this film that were painted before
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
-        self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
+        self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(1001)
         parts = build_components(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
         for loss in parts.losses.values():
@@ -68,11 +69,11 @@ class PaintedFilm:
         end = self.clip.count if last is None else min(last, self.clip.count)
         return max(1, math.ceil((end - first) / self.cfg.film.every))
 
-    def targets(self) -> Iterator[Tensor]:
-        """Decode the pictures (3, H, W) that are to be painted, one after another."""
-        first, last = self._span()
-        for picture in islice(decode_pictures(self.clip), first, last, self.cfg.film.every):
-            yield planes_of(picture, self.cfg.resolution).to(self.device)
+    def targets(self) -> Iterator[tuple[Tensor, Shown]]:
+        """Decode the pictures (3, H, W) that are to be painted, one after another, with their times."""
+        film = self.cfg.film
+        for shown in pictures_between(self.clip, film.start, film.stop, film.every):
+            yield planes_of(shown.picture, self.cfg.resolution).to(self.device), shown
 
     def _span(self) -> tuple[int, int | None]:
         """Number the first picture and the one behind the last."""
@@ -156,28 +157,29 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
+    targets = film.targets()
+    if (first := next(targets, None)) is None:
+        raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
     with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
         torch.save({RECORD: record_of(cfg, folder)}, temporary)
-    with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
-        with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
-            for number, target in enumerate(film.targets()):
-                if number and stop.is_set():  # there is a next picture, whatever the film says of its length
-                    failure = KeyboardInterrupt()
-                    break
-                try:
-                    picture = film.take(number, target)
-                except (Exception, KeyboardInterrupt, SystemExit) as error:
-                    if not number:
-                        raise
-                    failure = error
-                    break
-                video.show(picture, 1)
-                show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
-        if not film.psnr:
-            (folder / CHECKPOINT).unlink()
-            raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
+    reel = filming(folder / "film", "mp4", film.size, TICKS, usual=film.rate, begin=round(first[1].begin * TICKS))
+    until_stopped = interruptible(stop.set, "stopping after this picture; the film so far will be written")
+    with reel as video, showing("painting the film") as show, until_stopped:
+        for number, (target, shown) in enumerate(chain([first], targets)):
+            if number and stop.is_set():  # there is a next picture, whatever the film says of its length
+                failure = KeyboardInterrupt()
+                break
+            try:
+                picture = film.take(number, target)
+            except (Exception, KeyboardInterrupt, SystemExit) as error:
+                if not number:
+                    raise
+                failure = error
+                break
+            video.show(picture, max(1, round(shown.end * TICKS) - round(shown.begin * TICKS)))
+            show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
     for path in (path for path in video.paths if path.suffix == ".mp4"):
         add_sound(path, film.clip.path, cfg.film.start)
     return conclude_film(film, None if checkpoint else start, failure)

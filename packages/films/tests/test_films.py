@@ -19,7 +19,8 @@ import torch
 from brushexp_films import task
 from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_within
 from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
-from brushexp_films.clips import add_sound, decode_pictures, open_clip
+from brushexp_films.clips import decode_pictures, open_clip
+from brushexp_films.sound import add_sound
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended

@@ -8,9 +8,10 @@ from typing import Annotated
 import numpy as np
 
 from brushexp.bounds import at_least, between
-from brushexp.compat.compiled import inline, kernel, prange
+from brushexp.compat.compiled import function, inline
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
+from brushexp.system.runtime import share
 from brushexp_painters._laying import Array, numpy_generator, portions, strokes_from_arrays, vectors
 
 SAMPLES = 400  # pixels at which the error of a candidate is measured, about
@@ -74,7 +75,7 @@ class Greedy(Painter):
 
         def best_of(strokes: Array) -> tuple[Array, Array, float]:
             gain, color = np.zeros(len(strokes)), np.zeros((len(strokes), 3), np.float32)
-            judge_strokes(target, canvas, strokes, np.float32(self.opacity), gain, color)
+            share(judge_strokes, len(strokes), target, canvas, strokes, np.float32(self.opacity), gain, color)
             best = int(gain.argmax())
             return strokes[best], color[best], gain[best]
 
@@ -138,14 +139,14 @@ def _box(curve, half, height, width):
     return x0, x1, y0, y1
 
 
-@kernel
-def judge_strokes(target, canvas, strokes, opacity, gain, color):
+@function
+def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
     """By how much each of strokes (K, 7) lowers the squared error of the canvas (H, W, 3), and in which colour.
 
     With coverage a, canvas v and r = target - (1 - a) v the error is the sum of (a c - r)^2, least at sum ar / sum aa.
     """
     height, width = target.shape[0], target.shape[1]
-    for k in prange(len(strokes)):
+    for k in range(begin, end):
         x0, x1, y0, y1 = _box(strokes[k], strokes[k, 6], height, width)
         step = max(1, int(np.sqrt(max(x1 - x0, 0) * max(y1 - y0, 0) / SAMPLES)))
         power, lower, red, green, blue = 1e-6, 0.0, 0.0, 0.0, 0.0
@@ -170,11 +171,11 @@ def judge_strokes(target, canvas, strokes, opacity, gain, color):
         gain[k] = (lower + color[k, 2] * (2 * blue - color[k, 2] * power)) * step * step
 
 
-@kernel
+@function
 def lay_stroke(canvas, curve, half, opacity, color):
     """Paint one stroke onto a canvas (H, W, 3)."""
     x0, x1, y0, y1 = _box(curve, half, canvas.shape[0], canvas.shape[1])
-    for y in prange(y0, y1):
+    for y in range(y0, y1):
         for x in range(x0, x1):
             a = opacity * _coverage(np.float32(x + 0.5), np.float32(y + 0.5), curve, half)
             for c in range(3):

@@ -61,7 +61,7 @@ def test_all_states_are_shown_filmed_and_counted():
     assert painter.schedule.step == painter.schedule.steps == 30
     assert painter.trainer.global_step == 10
     assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
-    assert_close(painter.latest(), painter.draw())
+    assert_close(painter.latest(), painter.draw_whole())
     assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
 
@@ -129,7 +129,7 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
     assert len(drawn) > 3
     check_strokes(painters[0].strokes())
     monkeypatch.undo()
-    assert painters[0].draw().isfinite().all()
+    assert painters[0].draw_whole().isfinite().all()
 
 
 @pytest.mark.parametrize(("broken", "message"), [

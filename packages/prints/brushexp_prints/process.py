@@ -22,7 +22,7 @@ from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import Impasto, typical_width
 from brushexp.shading.light import normals_of, shade_picture
-from brushexp.strokes.bezier import shorten
+from brushexp.strokes.bezier import cut_short
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
@@ -124,7 +124,7 @@ def _lay_in_steps(
         if begun > bottom:
             picture = canvas.clone()
             growing = torch.from_numpy(share[bottom:begun]).to(strokes.start)
-            _lay(picture, shorten(strokes[bottom:begun], growing), renderer, job.blend, space)
+            _lay(picture, cut_short(strokes[bottom:begun], growing), renderer, job.blend, space)
         yield space.decode(picture)
 
 

@@ -17,7 +17,7 @@ from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
-from brushexp.strokes.bezier import curve_of, point_at, shorten
+from brushexp.strokes.bezier import curve_of, cut_short, point_at
 from brushexp.system.files import to_bytes
 
 
@@ -31,7 +31,7 @@ def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
     """This share of each stroke, the bottom one first, drawn directly."""
     n = int((share > 0).sum())
     with torch.no_grad():
-        layers = job.renderer(shorten(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
+        layers = job.renderer(cut_short(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
         return job.blend(layers, torch.arange(n).flip(0), job.size, job.saved.background).image
 
 
@@ -81,8 +81,8 @@ def test_a_growing_stroke_is_a_part_of_it():
     along = torch.linspace(0, 1, 9)[:, None]
     for point in along:
         expected = point_at(curve_of(strokes), point * share)
-        torch.testing.assert_close(point_at(curve_of(shorten(strokes, share)), point.expand(5)), expected)
-    assert torch.equal(shorten(strokes, share).end[-1], strokes.end[-1])
+        torch.testing.assert_close(point_at(curve_of(cut_short(strokes, share)), point.expand(5)), expected)
+    assert torch.equal(cut_short(strokes, share).end[-1], strokes.end[-1])
 
 
 @pytest.mark.parametrize("blend", [Tiled(), TopK(k=5)])

@@ -12,7 +12,9 @@ from brushexp.errors import UserError
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.saved import Saved
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.hdf5 import opened
 from brushexp_recovery.outlines import covers_of, seen_of
+from brushexp_recovery.storage import GROUP, Recovered, read_recovered
 from brushexp_recovery.truth import ROUND, mean_colors, pixels_of, read_arrays
 
 Array = NDArray[Any]
@@ -86,6 +88,23 @@ def given_catalogue(saved: Saved, size: tuple[int, int]) -> Given:
     return given_curves(curve, width, strokes.color.numpy()[up], strokes.opacity.numpy()[up], size)
 
 
+def given_recovered(found: Recovered) -> Given:
+    """Take what was recovered: strokes with the regions in which they are seen, and their confidence."""
+    given, up = given_catalogue(found.saved, found.labels.shape), found.saved.depth.argsort().numpy()
+    rank = np.append(np.argsort(up), -1)
+    labels = rank[found.labels].astype(np.int32)
+    area = pixels_of(labels, len(given)).astype(float)
+    return replace(given, labels=labels, area=area, confidence=found.confidence[up].astype(float))
+
+
+def is_recovered(path: Path) -> bool:
+    """Tell whether a catalogue has regions and confidences of recovered strokes."""
+    if path.suffix.lower() != ".h5":
+        return False
+    with opened(path, "give another one") as file:
+        return GROUP in file
+
+
 def read_given(path: Path, size: tuple[int, int], image: Array | None = None, key: str = "strokes") -> Given:
     """Read somebody's strokes for a canvas (H, W); a UserError says what would be right.
 
@@ -95,7 +114,10 @@ def read_given(path: Path, size: tuple[int, int], image: Array | None = None, ke
     """
     suffix = path.suffix.lower()
     if suffix in (".h5", ".json"):
-        return given_catalogue(load_catalogue(path, key), size)
+        saved = load_catalogue(path, key)
+        if saved.size == size and is_recovered(path):
+            return given_recovered(read_recovered(path))
+        return given_catalogue(saved, size)
     if suffix == ".npz":
         return _given_arrays(path, read_arrays(path), size, image)
     if suffix not in (".npy", ".png"):

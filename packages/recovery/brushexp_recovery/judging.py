@@ -28,7 +28,7 @@ CLEAR = 0.6  # share of a region that one stroke has, for it to be an example
 EXAMPLES = 9000  # pairs of one painting and one stage at most
 SMALLER = 0.35  # power of the smaller area that an example counts with
 STAGES = (0.9, 0.75, 0.5, 0.3)  # chances at which joining is looked at
-STEPS = (2500, 4000, 6000)  # of the first and the second judge of pairs, and the judge of nodes
+STEPS = (1500, 3000, 5000)  # of the first and the second judge of pairs, and the judge of nodes
 SIDE = 640  # pixels of the parts of paintings that are looked at, zoomed
 
 
@@ -59,9 +59,9 @@ def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, sh
     return losses
 
 
-def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int) -> None:
-    """Learn which share of the regions of each chance are strokes, on other paintings; see `RecoveryModel`."""
-    random, chances, hits = np.random.default_rng(seed), list[Array](), list[Array]()
+def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int) -> dict[str, float]:
+    """Learn which share of the regions of each chance are strokes, on other paintings; returns F1 and that share."""
+    random, parts = np.random.default_rng(seed), list[tuple[Array, Array, int]]()
     pairs, nodes = model.pairs.asked(), model.nodes.asked()
     for painted in paintings:
         for aged in (False, True):
@@ -70,9 +70,12 @@ def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int
             chance = nodes(node_features(tree))
             kept = np.unique(cut(tree, value_of(tree, chance)))
             kept = kept[kept >= 0]
-            chances.append(chance[kept, 0])
-            hits.append(best_overlaps(one, tree)[kept] >= HIT)
-    model.confidence.copy_(torch.from_numpy(isotonic(np.concatenate(chances), np.concatenate(hits))))
+            visible = (np.bincount(one.truth[one.truth >= 0]) >= LEAST).sum()
+            parts.append((chance[kept, 0], best_overlaps(one, tree)[kept] >= HIT, int(visible)))
+    chances, hits = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    model.confidence.copy_(torch.from_numpy(isotonic(chances, hits)))
+    f1 = 2 * hits.sum() / max(len(hits) + sum(part[2] for part in parts), 1)
+    return {"f1": float(f1), "precision": float(hits.mean())}
 
 
 def isotonic(chance: Array, hit: Array) -> Array:
@@ -101,14 +104,13 @@ def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
 
 def simple_examples(one: Known, random: Random) -> tuple[Array, Array, Array]:
     """Make examples of pairs of pieces, and of regions made by joining what has the highest mean affinity."""
-    pieces, between = one.pieces, one.pieces.between
+    pieces = one.pieces
     weight = np.array([4.0, 2.0, 1.0, 1.0])
 
     def judge(features: Array) -> Array:
         mean, count = features[:, :GROUPS], np.expm1(features[:, GROUPS : 2 * GROUPS])
         return ((mean * count * weight).sum(1) / np.maximum((count * weight).sum(1), 1e-9))[:, None]
 
-    del between
     return stage_examples(one, grow(pieces, judge, min(STAGES)), random)
 
 

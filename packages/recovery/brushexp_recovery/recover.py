@@ -8,13 +8,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.load import HeldPicture, is_picture, load_picture
+from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
 from brushexp_recovery.curves import Fitted, fit_curves
 from brushexp_recovery.finding import Regions, find_regions
 from brushexp_recovery.model import NAME, RecoveryModel, load_model
+from brushexp_recovery.refining import refine
 from brushexp_recovery.stacking import evidence_of, stack
 from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
 
@@ -22,6 +24,7 @@ __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
 Array = NDArray[Any]
 
 COPIES = 2  # of a picture that are looked at, turned and mirrored
+SAMPLED = 100_000  # pixels whose colours tell that of the ground
 RENDERER = "analytic"  # draws a stroke as it was fitted
 
 
@@ -54,8 +57,8 @@ def recover_with(
 ) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
     regions = find_regions(model, image, scale, copies, show)
-    fitted = fit_curves(regions, image)
     order = stack(len(regions.chance), *evidence_of(regions))
+    fitted = refine(fit_curves(regions, image), regions.labels, order, show=show)
     chance = np.interp(regions.chance, np.linspace(0, 1, len(model.confidence)), model.confidence.numpy())
     return in_order(regions, fitted, chance, order, image)
 
@@ -66,7 +69,9 @@ def in_order(regions: Regions, fitted: Fitted, chance: Array, order: Array, imag
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = np.where(regions.labels >= 0, rank[regions.labels], -1).astype(np.int32) if len(rank) else regions.labels
     curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
-    ground = image[labels < 0] if (labels < 0).mean() > 0.01 else image.reshape(-1, 3)
+    every = max(1, labels.size // SAMPLED)
+    sample, empty = image.reshape(-1, 3)[::every], labels.ravel()[::every] < 0
+    ground = sample[empty] if empty.mean() > 0.01 else sample
     saved = Saved(
         strokes=strokes_along(curve, width, color, 1.0),
         depth=torch.arange(len(order), dtype=torch.int32),

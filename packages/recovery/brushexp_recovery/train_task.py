@@ -3,13 +3,18 @@
 from pathlib import Path
 
 import torch
-from brushexp_training.network_fitting import NetworkJob, train_network
+from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
 from brushexp.pictures.folders import pictures_in
+from brushexp.system.progress import showing
+from brushexp_recovery.judging import fit_confidence, fit_judges
+from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel
 from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES
-from brushexp_recovery.training import RecoveryData, RecoveryModule
+from brushexp_recovery.training import HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
+
+CALIBRATED = 22  # held-out paintings from this number on are for the confidence, those before for the judges
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -18,22 +23,47 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings that are made meanwhile."""
+    """Train a network on paintings that are made meanwhile, and then what judges its answers."""
 
     module: RecoveryModule
+    data: RecoveryData
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg = cfg
+        self.pictures_painted = pictures_of(cfg.subjects)
         self.data = RecoveryData(
-            Path(cfg.sets), pictures_of(cfg.subjects), cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
+            Path(cfg.sets), self.pictures_painted, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
         )
         self.module = RecoveryModule(StrokeNetwork(), cfg.lr)
-        self.weights = folder / "recovery.safetensors"
-        self.use = f"brushexp recover IMAGE weights={self.weights}"
+        self.weights = folder / f"{NAME}.safetensors"
+        self.use = f"brushexp recover image=PICTURE weights={self.weights}"
 
     def finish(self) -> dict[str, object]:
-        torch.save(self.module.network.state_dict(), self.weights.with_suffix(".pt"))
-        return {}
+        model = RecoveryModel()
+        model.network.load_state_dict(self.module.network.state_dict())
+        model.eval()
+        self._save(model, {})  # whatever may fail below
+        self.data.paint()
+        with showing("learning to judge") as show:
+            judged = fit_judges(model, self.data.held_out(CALIBRATED, VALIDATED), self.cfg.seed, show)
+        judged |= fit_confidence(model, self.data.held_out(HELD_OUT_COUNT, CALIBRATED), self.cfg.seed)
+        self.data.teardown("fit")
+        figures: dict[str, object] = {**self.module.figures, **judged}
+        return {
+            **figures,
+            "recovery_hash": self._save(model, figures),
+            "parameters": sum(parameter.numel() for parameter in model.parameters()),
+            "bytes": self.weights.stat().st_size,
+        }
+
+    def _save(self, model: RecoveryModel, figures: dict[str, object]) -> str:
+        recipe = {
+            "options": {},
+            "data": {"subjects": [Path(name).name for name in self.pictures_painted], "seed": self.cfg.seed},
+            "training": training_recipe(self.module, self.cfg),
+            "figures": figures,
+        }
+        return RECOVERIES.save(self.weights, NAME, model, recipe)
 
 
 def pictures_of(names: list[str] | None) -> list[str]:

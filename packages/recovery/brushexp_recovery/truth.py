@@ -84,7 +84,8 @@ def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Ar
     return Truth(
         labels=labels.astype(np.int32), curve=curve, width=width, color=color,
         seen=mean_colors(labels, image, count), depth=np.arange(count, dtype=np.int32),
-        share=pixels_of(labels, count) / np.maximum(area, 1), area=area, pairs=overlapping(covers, LEAST, OVERLAP),
+        share=np.minimum(pixels_of(labels, count) / np.maximum(area, 1), 1), area=area,
+        pairs=overlapping(covers, LEAST, OVERLAP),
     )  # fmt: skip
 
 

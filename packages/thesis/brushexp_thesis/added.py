@@ -10,7 +10,7 @@ import numpy as np
 
 from brushexp.errors import UserError
 from brushexp.painting.metrics import measure, official_lpips, standard_metrics
-from brushexp.pictures.decode import FORMATS
+from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
 from brushexp.shading.light import UNLIT
@@ -19,7 +19,6 @@ from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.run_files import METRICS_FILE
 
 CATALOGUES = (".h5", ".json")
-PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
 
 
 def add_paintings(
@@ -71,8 +70,8 @@ def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
         raise UserError(
             f"add={painting} is a folder and target={target} is none; give a folder with files of the same names"
         )
-    targets = {path.stem: path for path in sorted(Path(target).iterdir()) if path.suffix.lower() in PICTURES}
-    paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in (*PICTURES, *CATALOGUES)]
+    targets = {path.stem: path for path in sorted(Path(target).iterdir()) if path.suffix.lower() in picture_suffixes()}
+    paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in {*picture_suffixes(), *CATALOGUES}]
     if not paths:
         raise UserError(f"add={painting}: there is no painting in it; give pictures or catalogues")
     for before, path in pairwise((Path(), *paths)):

@@ -162,7 +162,9 @@ def _extent(study: Study) -> str:
     kind = study.table.index.names[1]
     of_all = f" of {study.n_jobs}" * (study.n_finished < study.n_jobs)
     failures = f", {study.n_runs - study.n_finished} not finished" * (study.n_runs > study.n_finished)
-    units = f"{len(study.units)} {kind}s ({', '.join(study.units)})"
+    others = study.table.index.get_level_values(1).nunique() - len(study.units)
+    more = f", {others} more with some of the settings" * (others > 0)
+    units = f"{len(study.units)} {kind}s ({', '.join(study.units)}){more}"
     return f"{units}, {study.n_finished}{of_all} runs{failures}; {study.cost}."
 
 

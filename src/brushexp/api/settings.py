@@ -21,6 +21,7 @@ from brushexp.config.words import as_typed, expand_shorthand, parse_value, types
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
 from brushexp.registry import drop_built
+from brushexp.system.runtime import use_threads
 
 PICTURE = "image="
 _composed = lru_cache(maxsize=32)(composed)  # which takes Hydra a while
@@ -60,7 +61,7 @@ class Settings:
         remarks, threads = logging.getLogger("lightning.pytorch"), torch.get_num_threads()
         level = remarks.level
         remarks.setLevel(max(level, logging.WARNING))  # else it reports its hardware
-        torch.set_num_threads(self.cfg.threads or threads)
+        use_threads(self.cfg.threads or threads)
         try:
             with isolate_rng():
                 yield
@@ -113,7 +114,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
             full = "style.image" if name == "style" else name
-            held[full] = hold(value, name, backdrop=float(name != "focus"))
+            held[full] = hold(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:
             if not value:

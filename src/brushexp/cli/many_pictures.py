@@ -1,6 +1,7 @@
 """Turn many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, into a sweep."""
 
 import glob
+import logging
 import os
 import re
 import sys
@@ -13,12 +14,13 @@ from pathlib import Path
 from brushexp.config.compose import files_of, quote
 from brushexp.config.words import verbatim
 from brushexp.errors import UserError
-from brushexp.pictures.folders import is_several, pictures_in
+from brushexp.pictures.folders import is_several, left_out, pictures_in
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.reading import digest_of, read_text, yaml_of
 
+log = logging.getLogger(__name__)
 SETS = "pictures="
 ENDING = ".yaml"  # of files with sets of pictures
 PROCESSES, AUTO = "jobs=", "auto"  # number of jobs of a sweep at once
@@ -100,7 +102,7 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
-        return pictures_in(name) if is_several(name) else [name]
+        return _pictures_in(name) if is_several(name) else [name]
     try:
         digests = read_set(path)
     except UserError as error:
@@ -117,6 +119,14 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
                 f"pictures={name}: {places[one]} is not the file that {path} means, whose SHA-256 is {digest}"
             )
     return [str(place) if place.is_file() else one for one, place in places.items()]
+
+
+def _pictures_in(name: str) -> list[str]:
+    """List the pictures of a folder or pattern, and log what is left out of it."""
+    paths = pictures_in(name)
+    for line in left_out(name):
+        log.warning("image=%s: %s", name, line)
+    return paths
 
 
 def read_set(path: Path) -> dict[str, str]:

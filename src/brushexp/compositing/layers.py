@@ -11,7 +11,7 @@ from torch import Tensor
 
 from brushexp.compat.compiled import Compiled
 from brushexp.compositing.nearest import find_nearest, recall_nearest
-from brushexp.compositing.passes import backward_pass, channel_rows, forward_pass, weigh
+from brushexp.compositing.passes import backward_pass, channel_rows, forward_pass
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
@@ -45,12 +45,11 @@ class TileKernel:
         self.columns, self.curved, self.gather = columns, curved, gather
 
     @cache  # noqa: B019  (kernels live as long as the program)
-    def passes(self, channels: int) -> tuple[Compiled, Compiled, Compiled]:
-        """Compile what paints colours of so many channels, what finds gradients of strokes, and their importance."""
+    def passes(self, channels: int) -> tuple[Compiled, Compiled]:
+        """Compile what paints colours of so many channels, and what finds gradients of strokes and their importance."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
-        backward = backward_pass.having(**parts, pull=self._pull)
-        return forward_pass.having(**parts), backward, backward_pass.having(**parts, visit=weigh)
+        return forward_pass.having(**parts), backward_pass.having(**parts, pull=self._pull)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from brushexp.compat.compiled import inline
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 
 LEAST_SLOPE = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
-NEWTON_STEPS, HALLEY_STEPS = 3, 5
 LAST = F(1 / 32)  # of the curve: Halley's method is as near as that after its steps
 TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as can be told, the first one is taken
 
@@ -51,17 +50,38 @@ def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):
             high, t_high = (at2, F(0.75)) if at2 < at3 else (at3, F(1))
             best, t = (low, t_low) if low < high else (high, t_high)
             own[NEAREST * AREA + q] = t if best < F(0) else F(0)
-    a3, b2 = F(3) * a, F(2) * b
     for q in range(AREA):
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
         t = own[NEAREST * AREA + q]
         low, high = max(t - step, F(0)), min(t + step, F(1))
-        for _ in range(NEWTON_STEPS):
-            f = ((a * t + b) * t + c) * t + d
-            g = (a3 * t + b2) * t + c
-            t = min(max(t - f / max(g, floor), low), high)
-        own[NEAREST * AREA + q] = t
+        t = _newton(a, b, c, d, floor, t, low, high)
+        t = _newton(a, b, c, d, floor, t, low, high)
+        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, low, high)
+
+
+@inline
+def _newton(a, b, c, d, floor, t, low, high):
+    f = ((a * t + b) * t + c) * t + d
+    g = (F(3) * a * t + F(2) * b) * t + c
+    return min(max(t - f / max(g, floor), low), high)
+
+
+@inline
+def _halley(a, b, c, d, t):
+    """What Halley's method takes off ``t``."""
+    f, g = ((a * t + b) * t + c) * t + d, max((F(3) * a * t + F(2) * b) * t + c, LEAST_SLOPE)
+    return F(2) * f * g / max(F(2) * g * g - f * (F(6) * a * t + F(2) * b), g * g)
+
+
+@inline
+def _valley(a, b, c, d, t, low, high):
+    """Five steps from an end; written out, as a loop of them would keep that over the pixels from being SIMD code."""
+    t = min(max(t - _halley(a, b, c, d, t), low), high)
+    t = min(max(t - _halley(a, b, c, d, t), low), high)
+    t = min(max(t - _halley(a, b, c, d, t), low), high)
+    t = min(max(t - _halley(a, b, c, d, t), low), high)
+    return min(max(t - _halley(a, b, c, d, t), low), high)
 
 
 @inline
@@ -76,18 +96,10 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
     a, b, c0 = a * unit, b * unit, c0 * unit
     tie = TIE * np.sqrt(size)
     turn = min(max(-b / (F(3) * a + F(1e-20)), F(0)), F(1))
-    a3, b2 = F(3) * a, F(2) * b
     for q in range(AREA):
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
-        t, u = F(0), F(1)
-        for _ in range(HALLEY_STEPS):  # with six the compiler makes no SIMD code of it
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, LEAST_SLOPE)
-            t = t - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
-            t = min(max(t, F(0)), turn)
-            f, g = ((a * u + b) * u + c) * u + d, max((a3 * u + b2) * u + c, LEAST_SLOPE)
-            u = u - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * u + b2), g * g)
-            u = min(max(u, turn), F(1))
+        t, u = _valley(a, b, c, d, F(0), F(0), turn), _valley(a, b, c, d, F(1), turn, F(1))
         tx, ty = (bx * t + F(2) * fx) * t + mx, (by * t + F(2) * fy) * t + my
         ux, uy = (bx * u + F(2) * fx) * u + mx, (by * u + F(2) * fy) * u + my
         nearer = np.sqrt(tx * tx + ty * ty) <= np.sqrt(ux * ux + uy * uy) + tie
@@ -97,11 +109,8 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
         t = own[NEAREST * AREA + q]
         low, high = (F(0), turn) if t <= turn else (turn, F(1))
-        for _ in range(2):
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, LEAST_SLOPE)
-            step = F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
-            t = min(max(t - min(max(step, -LAST), LAST), low), high)
-        own[NEAREST * AREA + q] = t
+        t = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), low), high)
+        own[NEAREST * AREA + q] = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), low), high)
 
 
 @inline

@@ -24,10 +24,10 @@ what is expected; `TileKernel` puts those of a kind in their place. They are giv
 
 import numpy as np
 
-from brushexp.compat.compiled import inline, kernel, prange
+from brushexp.compat.compiled import function, inline
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
 
-WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
+WORKERS = 64  # every so many tiles are one worker's: enough to share the work evenly
 ROWS = TEMPORARY = 1
 
 
@@ -141,11 +141,12 @@ def _show(buf, background, top, left, image):
                 image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
 
 
-@kernel
+@function
 def forward_pass(
-    p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near, errors
-):
-    """Paint all tiles.
+    begin, end, p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near,
+    errors,
+):  # fmt: skip
+    """Paint the tiles of workers ``begin`` to ``end``, of which there are WORKERS.
 
     ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and ``slot`` are those of `TileLists`,
     with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is finished when no pixel lets more light
@@ -156,7 +157,7 @@ def forward_pass(
     ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
-    for worker in prange(min(WORKERS, len(used))):
+    for worker in range(begin, end):
         buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
         for tile in range(worker, len(used), WORKERS):
             top, left = tile // columns * TILE, tile % columns * TILE
@@ -181,15 +182,15 @@ def forward_pass(
 
 
 @inline
-def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary):
+def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary):
     """Repeat the forward pass of a tile from the nearest points; keep the rows of each stroke and the light above."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
     for k in range(n):
-        if not there[slot[begin + k]]:
+        if not there[slot[at + k]]:
             continue
-        i = order[stroke[begin + k]]
+        i = order[stroke[at + k]]
         own = kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]  # a view: its indices are plainly not negative
-        recall(p, i, ox, oy, own, near, begin + k)
+        recall(p, i, ox, oy, own, near, at + k)
         cover(p, i, data, ox, oy, own, temporary)
         look = tint(p, i)
         for q in range(AREA):
@@ -212,19 +213,6 @@ def _step_back(look, own, buf):
 
 
 @inline
-def visit(p, i, data, ox, oy, own, temporary, buf, out):
-    """What is done with stroke ``i`` on the way back: here, write the gradient of its numbers into ``out``."""
-    _step_back(tint(p, i), own, buf)
-    pull(p, i, data, ox, oy, own, temporary, buf, out)
-
-
-@inline
-def weigh(p, i, data, ox, oy, own, temporary, buf, out):
-    """In place of `visit`: write what the weighted squared error would grow by in the tile without the stroke."""
-    out[0] = _miss(tint(p, i), own, buf)
-
-
-@inline
 def _miss(look, own, buf):
     """What the weighted squared error would grow by in a tile without a stroke; the colour behind then includes it."""
     total = F(0)
@@ -238,36 +226,43 @@ def _miss(look, own, buf):
     return total
 
 
-@kernel
-def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, picture, pairs):
-    """Visit the strokes of all tiles back to front: by default, for the gradients of all pairs.
+@function
+def backward_pass(
+    begin, end, p, data, order, first, stroke, slot, columns, background, used, there, near, picture, weighs, pairs
+):
+    """Visit the strokes of these workers' tiles back to front, for the gradients of all pairs.
 
-    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (C, H, W); for `weigh`
-    it is image less target, and the weight of each pixel (C + 1, H, W). ``pairs`` (pairs, .) is written where they are
-    ``there``.
+    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (C, H, W). If it
+    ``weighs``, it is image less target, and the weight of each pixel (C + 1, H, W), and what is written is what the
+    weighted squared error would grow by without a stroke. ``pairs`` (pairs, .) is written where they are ``there``.
     """
-    for worker in prange(min(WORKERS, len(used))):
+    for worker in range(begin, end):
         buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
         kept = np.empty(used[worker::WORKERS].max() * ROWS * AREA, F)
         for tile in range(worker, len(used), WORKERS):
-            top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
+            top, left, at, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
             ox, oy = F(left), F(top)
-            _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary)
+            _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary)
             _load(picture, top, left, buf)
             for c in range(CHANNELS):  # the bare canvas lies behind the last stroke
                 buf[c * AREA : (c + 1) * AREA] = background[c]
             for back in range(n):
                 k = n - 1 - back
-                if not there[slot[begin + k]]:
+                if not there[slot[at + k]]:
                     continue
-                i, own = order[stroke[begin + k]], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
-                visit(p, i, data, ox, oy, own, temporary, buf, pairs[slot[begin + k]])
+                i, own = order[stroke[at + k]], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
+                look, out = tint(p, i), pairs[slot[at + k]]
+                if weighs:
+                    out[0] = _miss(look, own, buf)
+                else:
+                    _step_back(look, own, buf)
+                    pull(p, i, data, ox, oy, own, temporary, buf, out)
 
 
-@kernel
-def sum_by_stroke(pairs, there, row, order, out):
+@function
+def sum_by_stroke(begin, end, pairs, there, row, order, out):
     """Sum the rows of each stroke's pairs, in double precision and always in the same order."""
-    for i in prange(len(order)):
+    for i in range(begin, end):
         for c in range(pairs.shape[1]):
             total = 0.0
             for j in range(row[i], row[i + 1]):

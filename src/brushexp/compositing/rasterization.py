@@ -6,11 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import Compiled
 from brushexp.compositing.layers import KernelInput, Layers, Size
-from brushexp.compositing.passes import sum_by_stroke
+from brushexp.compositing.passes import WORKERS, sum_by_stroke
 from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
-from brushexp.system.runtime import share_threads
+from brushexp.system.runtime import share
 
 
 class Rasterization:
@@ -25,15 +24,15 @@ class Rasterization:
     def __init__(
         self, inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
     ) -> None:
-        share_threads()
         curve, reach = inputs.boxes or (layers.curve, layers.reach)
         lists = tile_lists(curve, reach, front_to_back, size, boxes_only=inputs.boxes is not None)
         self.kernel, self.lists, self.size, self.opaque = inputs.kernel, lists, size, opaque
         self.channels, self.order = len(background), front_to_back.numpy()
-        self._forward, self._backward, self._weigh = inputs.kernel.passes(self.channels)
+        self._forward, self._backward = inputs.kernel.passes(self.channels)
         data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in inputs.data)
         self._strokes = np.ascontiguousarray(inputs.strokes.detach().numpy()), data
         self._tiles = (self.order, lists.first, lists.stroke, lists.slot, lists.shape[1], background.numpy())
+        self._workers = min(WORKERS, len(lists.first) - 1)
         self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
     def paint(self, target: Array | None, *, keep: bool) -> Array:
@@ -44,14 +43,24 @@ class Rasterization:
         image = np.empty((self.channels, *self.size), F)
         errors = np.empty((0 if target is None else pairs, 2), F)
         goal = np.zeros((self.channels, 0, 0), F) if target is None else target
-        self._forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._trace, errors)
+        share(
+            self._forward,
+            self._workers,
+            *self._strokes,
+            *self._tiles,
+            F(self.opaque),
+            goal,
+            image,
+            *self._trace,
+            errors,
+        )
         if target is not None:
             self.errors = self._sums(errors)
         return image
 
     def gradient(self, grad_image: Array) -> tuple[Array, ...]:
         """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""
-        pairs = self._run_back(self._backward, grad_image, self.kernel.columns or self._strokes[0].shape[1])
+        pairs = self._run_back(grad_image, self.kernel.columns or self._strokes[0].shape[1])
         if self.kernel.gather is None:
             return (self._sums(pairs),)
         return tuple(self.kernel.gather(pairs, self._trace[1], self.lists.row, self.order, grad_image, *self._strokes))
@@ -59,17 +68,17 @@ class Rasterization:
     def importance(self, target: Array, weight: Array) -> Array:
         """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
         error = self.paint(None, keep=True) - target
-        return self._sums(self._run_back(self._weigh, np.concatenate([error, weight[None]]), 1))[:, 0]
+        return self._sums(self._run_back(np.concatenate([error, weight[None]]), 1, weighs=True))[:, 0]
 
-    def _run_back(self, backward: Compiled, picture: Array, columns: int) -> Array:
+    def _run_back(self, picture: Array, columns: int, *, weighs: bool = False) -> Array:
         pairs = np.empty((len(self.lists.stroke), columns), F)
-        backward(*self._strokes, *self._tiles, *self._trace, picture, pairs)
+        share(self._backward, self._workers, *self._strokes, *self._tiles, *self._trace, picture, weighs, pairs)
         return pairs
 
     def _sums(self, pairs: Array) -> Array:
         """Sum the rows (pairs, C) of each stroke: (N, C)."""
         sums = np.zeros((len(self._strokes[0]), pairs.shape[1]), F)
-        sum_by_stroke(pairs, self._trace[1], self.lists.row, self.order, sums)
+        share(sum_by_stroke, len(sums), pairs, self._trace[1], self.lists.row, self.order, sums)
         return sums
 
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from brushexp.compat.compiled import inline, kernel, prange
+from brushexp.compat.compiled import function, inline
 from brushexp.compositing.frame import SLOWEST, SLOWEST_PIXELS
 from brushexp.compositing.nearest import find_nearest
 from brushexp.compositing.textures import LONG
@@ -51,11 +51,14 @@ def place_in_texture(p, i, ox, oy, frame, own):
         own[Y * AREA + q] = min(max(middle + flip * scale * across, F(0)), rows + F(1))
 
 
-@kernel
-def places_in_windows(p, frames, places):
-    """Write the places (n, S, S, 2) in its texture, from -1 to 1, where each pixel of a canvas sees each stroke."""
+@function
+def places_in_windows(begin, end, p, frames, places):
+    """Write the ``places`` (n, S, S, 2) where the pixels of a canvas see strokes ``begin`` to ``end``.
+
+    They are in the stroke's texture, from -1 to 1.
+    """
     side = places.shape[1]
-    for i in prange(len(p)):
+    for i in range(begin, end):
         own, near = np.empty(PLACES * AREA, F), np.empty((1, AREA), np.uint16)
         rows, columns = frames[i, 0], frames[i, 1]
         for oy in range(0, side, TILE):

@@ -20,7 +20,7 @@ from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.texture_places import PLACES, X, Y, curve_size, place_in_texture, places_in_windows
 from brushexp.compositing.textures import LONG, Sheets
 from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
-from brushexp.system.runtime import share_threads
+from brushexp.system.runtime import share
 
 I = np.int32  # noqa: E741
 COLOR = 9  # column of the first channel; before it are control points, half width, opacity and texels per pixel
@@ -104,8 +104,7 @@ class TexturedProfile(Layers):
         strokes = torch.zeros(len(frame), COLOR)
         strokes[:, :6], strokes[:, 6], strokes[:, 8] = self.curve.flatten(1), self.half_width, scale
         places = torch.empty(len(frame), side, side, 2)
-        share_threads()
-        places_in_windows(strokes.detach().numpy(), frame.numpy(), places.numpy())
+        share(places_in_windows, len(frame), strokes.detach().numpy(), frame.numpy(), places.numpy())
         height, width = (size[0] + 2).tolist() if len(size) else (2, 2)
         own = self.sheets.first[self.look][:, None] + torch.arange(height * width)
         texels = functional.embedding(own, self.sheets.texels[:, :2].float()).reshape(-1, height, width, 2)

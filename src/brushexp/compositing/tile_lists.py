@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from brushexp.compat.compiled import inline, kernel, prange
+from brushexp.compat.compiled import function, inline
+from brushexp.system.runtime import share
 
 F = np.float32
 TILE = 8  # pixels
@@ -51,12 +52,14 @@ def tile_lists(
     per_tile = np.zeros(rows * columns, np.int64)
     per_band = np.zeros((len(reaches), BANDS), np.int64)
     hits = np.empty(space[-1], np.int32)
-    _find(points.reshape(-1, 6), reaches, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band)
+    share(
+        _find, BANDS, points.reshape(-1, 6), reaches, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band
+    )
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(per_tile)])
     ends = np.cumsum(per_band.reshape(-1)).reshape(per_band.shape)
     row = np.concatenate([np.zeros(1, np.int64), ends[:, -1]])
     stroke, slot = np.empty(first[-1], np.int32), np.empty(first[-1], np.int64)
-    _fill(hits, space, boxes, rows, first[:-1].copy(), ends - per_band, per_band, stroke, slot)
+    share(_fill, BANDS, hits, space, boxes, rows, first[:-1].copy(), ends - per_band, per_band, stroke, slot)
     return TileLists(first, stroke, slot, row, (rows, columns))
 
 
@@ -130,14 +133,14 @@ def _flatten(curve, points):
     return np.sqrt(bx * bx + by * by) / (4 * PIECES * PIECES)
 
 
-@kernel
-def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
-    """Test the tiles in the boxes of strokes: write those that touch, and count them.
+@function
+def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
+    """Test the tiles in the boxes of strokes, in some bands: write those that touch, and count them.
 
     Stroke ``i`` has room in ``hits`` for all the tiles of its box from ``space[i]`` on, row by row, so that each band
     of it has a place of its own.
     """
-    for band in prange(BANDS):
+    for band in range(first_band, end_band):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
         points = np.empty((PIECES + 1, 2), np.float64)
         for i in range(len(curve)):
@@ -158,10 +161,10 @@ def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile,
             per_band[i, band] = place - begin
 
 
-@kernel
-def _fill(hits, space, boxes, rows, place, row, per_band, stroke, slot):
-    """Put the hits, which come by stroke, where their tile and their stroke want them."""
-    for band in prange(BANDS):
+@function
+def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, stroke, slot):
+    """Put the hits of some bands, which come by stroke, where their tile and their stroke want them."""
+    for band in range(first_band, end_band):
         low = band * rows // BANDS
         for i in range(len(row)):
             begin = space[i] + max(low - boxes[1, i], 0) * (boxes[2, i] - boxes[0, i] + 1)

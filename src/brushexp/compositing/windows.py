@@ -14,10 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import Compiled, inline, kernel, prange
+from brushexp.compat.compiled import Compiled, function, inline
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
+from brushexp.system.runtime import share
 
 ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
 ALPHA, PAINTED = 1, 2  # rows of a stroke in a tile: alpha and the channels times alpha, before opacity
@@ -179,7 +180,7 @@ def _gather(
 ) -> tuple[Array, Array]:
     """Gradients of places (N, 4) and images (N, C + 1, S, S)."""
     gradients = np.zeros_like(places), np.zeros_like(data[0])
-    _gathering(len(grad_image))(places, *data, order, row, there, left, grad_image, *gradients)
+    share(_gathering(len(grad_image)), len(order), places, *data, order, row, there, left, grad_image, *gradients)
     return gradients
 
 
@@ -188,15 +189,15 @@ def _gathering(channels: int) -> Compiled:
     return _over_strokes.having(CHANNELS=channels)
 
 
-@kernel
-def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather each stroke's gradient from what `_pull` ``left`` behind in its tiles, always in the same order.
+@function
+def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
+    """Gather some strokes' gradients from what `_pull` ``left`` behind in their tiles, always in the same order.
 
     ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S); ``grad_places`` and
     ``grad_images``, as large and 0 before, are written.
     """
     side = images.shape[-1]
-    for s in prange(len(row) - 1):
+    for s in range(begin, end):
         i = order[s]
         index, weight, inside = np.empty(AXES, np.int32), np.empty(AXES, F), np.empty(AXES, F)
         per_pixel, total = F(side) / places[i, 2], np.zeros(4, np.float64)

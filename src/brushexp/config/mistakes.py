@@ -111,7 +111,7 @@ def wrong_type(text: str, task: str) -> str | None:
     else:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
-        example = EXAMPLES.get(type_without_null(annotation), example) if default is None else example
+        example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: several are not taken", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
@@ -130,7 +130,7 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
     return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
 
 
-def type_without_null(annotation: Any) -> Any:
+def strip_null(annotation: Any) -> Any:
     """Return the type of a value that is not null."""
     if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
         return next(part for part in get_args(annotation) if part is not NoneType)
@@ -140,7 +140,7 @@ def type_without_null(annotation: Any) -> Any:
 def in_words(annotation: Any) -> str:
     """Describe the values of a type."""
     parts = get_args(annotation)
-    if (plain := type_without_null(annotation)) is not annotation:
+    if (plain := strip_null(annotation)) is not annotation:
         return in_words(plain)
     if isinstance(annotation, EnumType):
         return f"one of {', '.join(annotation.__members__)}"

@@ -59,7 +59,7 @@ class Epoch:
 
 
 class PaintingModule(QuickModule):
-    """A picture that approaches its target step by step, as goals, bar, film, curves and page read it."""
+    """Base module of all painters: it counts steps, draws the picture, and publishes losses, PSNR and why it ends."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
 
@@ -112,13 +112,13 @@ class PaintingModule(QuickModule):
         words = f", loss {loss:.5f}" if self.terms else ""
         return f"step {self.schedule.step} of {self.schedule.steps}{words}, {psnr_of(self.picture.error):.2f} dB"
 
-    def draw(self) -> Tensor:
+    def draw_whole(self) -> Tensor:
         """Draw the whole picture (3, H, W)."""
         return self.picture.draw(self.strokes(), self.depth.front_to_back)
 
     def latest(self) -> Tensor:
         """Return the whole picture as the steps last painted it; draw it before the first step."""
-        return self.draw() if (last := self.picture.last) is None else last
+        return self.draw_whole() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
         """Make the strokes those that a run leaves."""

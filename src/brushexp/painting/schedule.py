@@ -2,6 +2,7 @@
 
 import math
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
@@ -35,7 +36,7 @@ class Schedule:
     @property
     def stage(self) -> int:
         """Number of the present stage; the last one after the last step."""
-        return next((k for k, end in enumerate(self.ends) if self.step < end), len(self.ends) - 1)
+        return min(bisect_right(self.ends, self.step), len(self.ends) - 1)
 
     @property
     def is_last_stage(self) -> bool:
@@ -44,8 +45,9 @@ class Schedule:
     @property
     def stage_progress(self) -> tuple[int, int]:
         """Steps of the present stage: those that are done, and all of them."""
-        begin = self.ends[self.stage - 1] if self.stage else 0
-        return self.step - begin, self.ends[self.stage] - begin
+        stage = self.stage
+        begin = self.ends[stage - 1] if stage else 0
+        return self.step - begin, self.ends[stage] - begin
 
     @property
     def seconds(self) -> float:

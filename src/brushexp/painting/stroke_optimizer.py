@@ -47,7 +47,7 @@ class StrokeOptimizer(PaintingModule):
     >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
     >>> trainer = L.Trainer(max_steps=3, enable_model_summary=False, **quiet)
     >>> trainer.fit(painter)
-    >>> trainer.global_step, painter.draw().shape
+    >>> trainer.global_step, painter.draw_whole().shape
     (3, torch.Size([3, 24, 32]))
 
     The same without a Trainer, by an optimiser of one's own:
@@ -91,7 +91,7 @@ class StrokeOptimizer(PaintingModule):
     @property
     def is_coarse(self) -> bool:
         done, steps = self.schedule.stage_progress
-        return self.schedule.stage == 0 and done < self.coarse * steps
+        return done < self.coarse * steps and self.schedule.stage == 0
 
     @property
     def title(self) -> str:

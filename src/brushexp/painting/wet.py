@@ -12,7 +12,7 @@ from brushexp.compositing.layers import Layers
 from brushexp.compositing.tile_lists import TILE
 from brushexp.painting.picture import Picture
 from brushexp.plugins.blend.dense import over
-from brushexp.strokes.bezier import curve_of, shorten
+from brushexp.strokes.bezier import curve_of, cut_short
 from brushexp.strokes.catalogue import Strokes
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def drag_paint(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
     parts, height = [strokes], [torch.empty_like(front_to_back)]
     height[0][front_to_back] = torch.arange(len(strokes), 0, -1, device=front_to_back.device) * (len(REACHES) + 1)
     for k, reach in enumerate(REACHES, start=1):
-        film = shorten(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
+        film = cut_short(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
         opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
         parts.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
         height.append(height[0][dragging] + k)

@@ -1,56 +1,86 @@
 """Picture files of many formats are decoded to display-referred sRGB."""
 
-import io
 import logging
-import math
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext
+from functools import cache
 from pathlib import Path
 from threading import RLock
+from typing import IO
 
 import numpy as np
-from PIL import Image, ImageCms, UnidentifiedImageError
+from PIL import Image, UnidentifiedImageError
 from PIL.ImageFile import ImageFile
+from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
+from brushexp.pictures.carriers import Colors, colors_of
+from brushexp.pictures.cut_short import check_missing, lenient, looks_whole, rescued
+from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
+from brushexp.pictures.kinds import (
+    CURE,
+    FORMATS,
+    HEAD,
+    RAW,
+    TIFF_MAGIC,
+    WITH_CODECS,
+    check_not_raw,
+    codec_for,
+    has_codec,
+    is_raw,
+    what_it_is,
+)
+from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
+from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
+from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, read_tiff
 from brushexp.system.reading import check_file, explaining
 
-MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
-# Raster formats only: for EPS, Pillow would start another program.
-FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
+log = logging.getLogger(__name__)
 WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
-TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, PROFILE = 258, 259, 262, 274, 284, 34675  # TIFF tags
-UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
-WHITE_IS_ZERO, BLACK_IS_ZERO, RGB = 0, 1, 2  # values of PHOTOMETRIC
-ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
-SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
-CURE = "convert it to a PNG or a JPEG"
+MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one another in time
+MOVES = "moves, and its first picture is taken; to paint all of it as a film, type: brushexp {}"
+JPEG_HALVINGS = 3  # at most
 _alone = RLock()  # a process has one stderr, and one list of warnings
 
 
-def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np.ndarray:
+def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
     """Decode the first frame of a picture, upright, over a ``backdrop`` of white (1) or black (0), in sRGB.
 
     It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits are kept; PNG of 16 bits other than plain grey,
-    CMYK, and TIFF that Pillow alone can unpack keep 8. An embedded ICC profile is converted, to 8 bits, unless it is
-    broken. UserError, with the ``key`` that the user types before the path, if the picture cannot be read, is too
-    large, or has floats outside [0, 1].
+    CMYK, and TIFF that Pillow alone can unpack keep 8. Whatever a file says of its colours is heeded: an ICC profile
+    (in 8 bits, unless it is broken), numbers of ITU-T H.273, gamma and corners, a camera's Adobe RGB. A JPEG, TIFF or
+    JPEG 2000 of more than 100 megapixels is read smaller, with ``side`` pixels or more on its longer side. What is
+    noteworthy, that the file is cut short or that it moves, is logged once. UserError, with the ``key`` that the user
+    types before the path, if the picture cannot be read, is too large, or has floats outside [0, 1].
     """
     with _explained(path, key):
-        return np.ascontiguousarray(_read(path, backdrop))
+        pixels, remark = _read(path, backdrop, side)
+    if remark:
+        _tell(f"{key}={path} {remark}")
+    return np.ascontiguousarray(pixels)
 
 
-def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Read height and width of a picture as `read_picture` decodes it, and its errors, from its first bytes."""
-    with _explained(path, key), _opened(path) as picture:
-        if picture is None or isinstance(picture, TiffImageFile):
-            height, width = _read(path, 1.0).shape[:2]
-        else:
-            width, height = picture.size if _orientation(picture) < SWAPPED else picture.size[::-1]
+@cache
+def _tell(line: str) -> None:
+    log.warning(line)
+
+
+def picture_size(path: Path, *, key: str = "image", side: int | None = None) -> tuple[int, int]:
+    """Read height and width of a whole picture, and the errors of `read_picture`, from its first and last bytes."""
+    with _explained(path, key), _opened(path, side) as (_, picture):
+        if picture is None:
+            return _read(path, 1.0, side)[0].shape[:2]
+        width, height = picture.size
+        if isinstance(picture, TiffImageFile):
+            width, height = (picture.tag_v2[tag] for tag in (WIDTH, LENGTH))
+        if orientation_of(picture) >= SWAPPED:
+            width, height = height, width
+        check_decoder(picture)
+        if not looks_whole(path, picture.format or ""):
+            _read(path, 1.0, side)
     return height, width
 
 
@@ -63,16 +93,15 @@ def _explained(path: Path, key: str) -> Iterator[None]:
             return
         except UserError as error:
             reason = str(error)
-        except Image.DecompressionBombError:
-            reason = _too_large(f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} megapixels")
         except UnidentifiedImageError:
-            reason = f"is not a picture of a known format; {CURE}"
+            with path.open("rb") as file:
+                reason = RAW if is_raw(str(path)) else what_it_is(file.read(HEAD))
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
             else:
                 words = " ".join(str(error).split()) or type(error).__name__
-                reason = f"is damaged or cannot be decoded ({words}); {CURE}"
+                reason = f"is damaged or cannot be decoded ({words}); get it again, or {CURE}"
     raise UserError(f"{key}={path} {reason}")
 
 
@@ -81,169 +110,124 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     """Open a picture of a run, not decoded yet; whatever is wrong with it is a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), Image.open(path, formats=WRITTEN) as picture:
-        _check_size(*picture.size)
+        check_pixels(*picture.size, "", None)
         yield picture
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep the remarks of decoders from the terminal: what matters of them ends as an error."""
+    """Keep the remarks of decoders from the terminal: what matters of them ends as an error.
+
+    Pillow's own limit of pixels makes way for that of `check_pixels`.
+    """
     with _alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
-        stderr, level = os.dup(2), logging.root.manager.disable
+        stderr, level, most = os.dup(2), logging.root.manager.disable, Image.MAX_IMAGE_PIXELS
         logging.disable(logging.CRITICAL)
         os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there
+        Image.MAX_IMAGE_PIXELS = None
         try:
             yield
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
             logging.disable(level)
+            Image.MAX_IMAGE_PIXELS = most
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[ImageFile | None]:
+def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], ImageFile | None]]:
     """Open a picture and read its first bytes; None for a TIFF that Pillow does not know."""
     with path.open("rb") as file:
-        magic = file.read(4)
-    if not magic:
+        head = file.read(HEAD)
+    if not head:
         raise UserError("is empty (0 bytes); give a file that holds a picture")
+    _load_codec(head)
     try:
         picture = Image.open(path)
     except UnidentifiedImageError:
-        if magic not in TIFF_MAGIC:
+        if head[:4] not in TIFF_MAGIC or is_raw(str(path)):
             raise
-        yield None
+        yield path, None
         return
     with picture:
-        if picture.format not in FORMATS:
+        if picture.format not in FORMATS and picture.format not in WITH_CODECS:
             raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
-        _check_size(*picture.size)
-        yield picture
+        check_not_raw(picture, head)
+        page = main_page(path, picture)
+        with nullcontext(picture) if page is None else Image.open(page) as main:
+            check_pixels(*main.size, main.format or "", side)
+            yield page or path, main
 
 
-def _read(path: Path, backdrop: float) -> np.ndarray:
-    with _opened(path) as picture:
-        if picture is None or _needs_tifffile(picture):
-            return _read_tiff(path, backdrop)
-        return decode_image(picture, backdrop)
+def _load_codec(head: bytes) -> None:
+    """Teach Pillow the format of a picture with these first bytes, if it needs an extra; a UserError names it."""
+    extra = codec_for(head)
+    if extra and not has_codec(extra):
+        name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]
+        raise UserError(f"is a picture of the format {name}, which needs a decoder; pip install 'brushexp[{extra}]'")
+    if extra == "jxl":  # it decodes as it opens
+        check_pixels(*size_of_jxl(head), "JXL", None)
+
+
+def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
+    """Decode a picture, and say what is noteworthy of it."""
+    with _opened(path, side) as (file, picture):
+        if picture is None:
+            return read_tiff(path, backdrop, None, side), ""
+        moves = picture.format in MOVING and getattr(picture, "is_animated", False)
+        try:
+            return _decoded(file, picture, backdrop, side), MOVES.format(path) if moves else ""
+        except UserError:
+            raise
+        except (OSError, ValueError, SyntaxError):
+            if (again := rescued(path, picture.format or "")) is None:
+                raise
+    with again, lenient():
+        colors = colors_of(again)
+        draft(again, side)
+        again.load()
+        remark = check_missing(again)
+        return _to_srgb(again, colors, backdrop), remark
+
+
+def _decoded(file: Path | IO[bytes], picture: ImageFile, backdrop: float, side: int | None) -> np.ndarray:
+    """Decode an opened picture, each kind by the library that is right about it."""
+    colors = colors_of(picture)
+    if needs_tifffile(picture):
+        return read_tiff(file, backdrop, colors, side)
+    if isinstance(file, Path) and (bits := bits_of(picture)):
+        deep = floats_to_srgb(*read_jp2(file, picture, bits, side), colors, backdrop)
+        return upright(deep, orientation_of(picture))
+    draft(picture, side)
+    return _to_srgb(picture, colors, backdrop)
+
+
+def draft(picture: ImageFile, side: int | None) -> None:
+    """Let a picture of more than 100 megapixels be decoded with fewer, at least ``side`` on its longer side."""
+    width, height = picture.size
+    if isinstance(picture, JpegImageFile):
+        if "progressive" in picture.info:  # all of its numbers would be in memory
+            check_whole(width, height)
+        times = 2 ** halvings(width, height, side or 1, JPEG_HALVINGS)
+        if times > 1:
+            picture.draft(picture.mode, (width // times, height // times))
+    else:
+        check_whole(width, height)
 
 
 def decode_image(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
     """Decode an image of Pillow as `read_picture` does; its decoder may raise anything."""
+    check_not_raw(picture)
+    return _to_srgb(picture, colors_of(picture), backdrop)
+
+
+def _to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
     if picture.mode == "F" or picture.mode.startswith("I"):
         samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
         alpha = None if key is None else (samples != key).astype(np.float32)
         bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
-        rgb = _float_to_srgb(_unit_range(samples, bits), alpha, picture.info.get("icc_profile"), backdrop)
+        rgb = floats_to_srgb(unit_range(samples, bits), alpha, colors, backdrop)
     else:
-        rgb = _bytes_to_srgb(picture, backdrop)
+        rgb = bytes_to_srgb(picture, colors, backdrop)
     # Pillow turns a TIFF itself as it loads, and nothing else.
-    return rgb if isinstance(picture, TiffImageFile) else _upright(rgb, _orientation(picture))
-
-
-def _check_size(width: int, height: int) -> None:
-    if width * height > MAX_PIXELS:
-        raise UserError(_too_large(f"{width} x {height} pixels"))
-
-
-def _too_large(size: str) -> str:
-    return f"has {size}; at most {MAX_PIXELS // 10**6} megapixels are read: make it smaller and give that file"
-
-
-def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
-    picture.load()
-    alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
-    profile = picture.info.get("icc_profile")
-    if picture.mode not in ("L", "RGB", "CMYK"):
-        picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
-    rgb = _converted(picture, profile)
-    if alpha is not None:
-        rgb = Image.composite(rgb, Image.new("RGB", rgb.size, (round(255 * backdrop),) * 3), alpha)
-    return np.asarray(rgb)
-
-
-def _converted(picture: Image.Image, profile: bytes | None) -> Image.Image:
-    """Convert a picture of mode L, RGB or CMYK to sRGB; its raw values if the profile does not work."""
-    converted = None
-    if profile:
-        with suppress(ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
-            source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
-            converted = ImageCms.profileToProfile(picture, source, target, outputMode="RGB")
-    return picture.convert("RGB") if converted is None else converted
-
-
-def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes | None, backdrop: float) -> np.ndarray:
-    """Convert colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] to (H, W, 3) float32."""
-    if profile:
-        # What the conversion does in 8 bits is added to the exact values, so that an sRGB profile changes nothing.
-        eight_bit = np.rint(color * 255).astype(np.uint8)
-        coarse = Image.fromarray(eight_bit[..., 0] if eight_bit.shape[2] == 1 else eight_bit)
-        change = np.asarray(_converted(coarse, profile), np.float32) - eight_bit
-        color = (color + change / 255).clip(0, 1)
-    if alpha is not None:
-        color = color * alpha + backdrop * (1 - alpha)
-    return np.broadcast_to(color, (*color.shape[:2], 3))
-
-
-def _needs_tifffile(picture: ImageFile) -> bool:
-    """Decide whether a TIFF has more than 8 bits and Pillow misreads it or tifffile can unpack it."""
-    if not isinstance(picture, TiffImageFile) or max(picture.tag_v2.get(BITS, (1,))) <= 8:
-        return False
-    tags = picture.tag_v2
-    misread = tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
-    return misread or tags.get(COMPRESSION, 1) in UNPACKED
-
-
-def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
-    from tifffile import TiffFile, TiffPage  # noqa: PLC0415  (rarely needed)
-
-    with TiffFile(path) as tiff:
-        page = tiff.pages[0]
-        assert isinstance(page, TiffPage)
-        _check_size(page.imagewidth, page.imagelength)
-        n_colors = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3}.get(page.photometric, 0)
-        if not n_colors or not n_colors <= page.samplesperpixel <= 4 or page.axes not in ("YX", "YXS", "SYX"):
-            raise UserError(f"is a TIFF that is neither grey nor RGB; {CURE}")
-        if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
-            raise UserError(f"is damaged or cannot be decoded (rows are missing); {CURE}")
-        samples = np.atleast_3d(page.asarray())
-        orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
-    if samples.dtype.kind not in "uf":
-        raise UserError(f"is a TIFF of signed or complex numbers; {CURE}")
-    unit = _unit_range(np.moveaxis(samples, 0, 2) if page.axes == "SYX" else samples, page.bitspersample)
-    color = 1 - unit[..., :1] if page.photometric == WHITE_IS_ZERO else unit[..., :n_colors]
-    extra = next(iter(page.extrasamples), None)
-    alpha = unit[..., n_colors : n_colors + 1] if extra in (ASSOCIATED, UNASSOCIATED) else None
-    if alpha is not None and extra == ASSOCIATED:
-        color = np.divide(color, alpha, out=np.ones_like(color), where=alpha > 0).clip(0, 1)
-    return _upright(_float_to_srgb(color, alpha, profile, backdrop), orientation or 1)
-
-
-def _unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats are taken as they are, and refused outside that range."""
-    unit = samples.astype(np.float32)
-    if samples.dtype.kind != "f":
-        unit /= 2**bits - 1
-    if not np.isfinite(unit).all():
-        raise UserError(f"has pixels that are NaN or infinite; {CURE}")
-    if unit.min() < 0 or unit.max() > 1:
-        raise UserError(f"has values from {samples.min():g} to {samples.max():g}; scale them to 0 to 1, or {CURE}")
-    return unit
-
-
-def _orientation(picture: Image.Image) -> int:
-    """Read the EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
-    try:
-        return int(picture.getexif().get(ORIENTATION, 1))
-    except Exception:  # damaged EXIF data raise nearly anything; they do not make the picture worse
-        return 1
-
-
-def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    if orientation >= SWAPPED:
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels
+    return rgb if isinstance(picture, TiffImageFile) else upright(rgb, orientation_of(picture))

@@ -1,11 +1,28 @@
-"""The pictures of a folder, or of a pattern such as ``photos/*.jpg``, are found."""
+"""The pictures of a folder, or of a pattern such as ``photos/*.jpg``, are found, and what is left out is told."""
 
 import glob
 import os
+from collections import Counter
+from functools import cache
+from pathlib import Path
 
 from brushexp.errors import UserError
+from brushexp.pictures.kinds import FILM_SUFFIXES, FORMATS, RAW_SUFFIXES, WITH_CODECS, has_codec
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")  # endings of files
+CODEC_SUFFIXES = {".heic": "heic", ".heics": "heic", ".heif": "heic", ".heifs": "heic", ".hif": "heic", ".jxl": "jxl"}
+VECTORS = (".svg", ".svgz", ".pdf", ".eps", ".ps", ".ai")
+OF_PROGRAMS = (".xcf", ".kra", ".clip", ".ora", ".procreate", ".afphoto", ".exr", ".hdr")
+NAMED = 3  # files of a kind that a line names
+
+
+@cache
+def picture_suffixes() -> frozenset[str]:
+    """List the endings, in small letters, of the files that are read."""
+    from PIL import Image  # noqa: PLC0415  (the first words of the program do not need it)
+
+    Image.init()
+    codecs = {kind for kind, extra in WITH_CODECS.items() if has_codec(extra)}
+    return frozenset(suffix for suffix, kind in Image.registered_extensions().items() if kind in {*FORMATS, *codecs})
 
 
 def is_several(image: str) -> bool:
@@ -16,11 +33,52 @@ def is_several(image: str) -> bool:
 
 def pictures_in(image: str) -> list[str]:
     """List the picture files that a folder holds, or a pattern names; UserError if there are none."""
+    paths = [name for name in _named(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
+    if not paths:
+        others = "; ".join(left_out(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
+        raise UserError(f"image={image}: no picture is there; {others}")
+    return paths
+
+
+def left_out(image: str) -> list[str]:
+    """Say in a line for each kind what a folder or pattern has that `pictures_in` leaves out; hidden files, never."""
+    names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kinds.setdefault(_cure_of(name, image), []).append(name)
+    return [f"{_in_words(found)} left out: {cure}" for cure, found in kinds.items()]
+
+
+def _named(image: str) -> list[str]:
     path = os.path.expanduser(image)
     pattern = os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path
-    paths = sorted(
-        name for name in glob.glob(pattern, recursive=True) if name.lower().endswith(PICTURES) and os.path.isfile(name)
-    )
-    if not paths:
-        raise UserError(f"image={image}: no picture is there; give a folder or pattern of {', '.join(PICTURES)}")
-    return paths
+    return sorted(glob.glob(pattern, recursive=True))
+
+
+def _suffix(name: str) -> str:
+    return Path(name).suffix.lower()
+
+
+def _cure_of(name: str, image: str) -> str:
+    """Say what to do with a file or folder that is left out."""
+    suffix = _suffix(name)
+    if os.path.isdir(name):
+        inner = ("*", "*.jpg") if os.path.isdir(os.path.expanduser(image)) else ("*.jpg",)
+        return f"for what is in such folders, image='{os.path.join(image, *inner)}'"
+    if not os.path.exists(name):
+        return "they lead to no file"
+    if suffix in FILM_SUFFIXES:
+        return "a film is painted alone, image=clip.mp4"
+    if suffix in CODEC_SUFFIXES:
+        return f"they need a decoder, pip install 'brushexp[{CODEC_SUFFIXES[suffix]}]'"
+    if suffix in RAW_SUFFIXES:
+        return "raw photographs are to be developed first"
+    return "they are to be saved as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "no pictures by their names"
+
+
+def _in_words(names: list[str]) -> str:
+    """Count files of a kind by their endings, or name a few."""
+    if len(names) <= NAMED:
+        return ", ".join(map(os.path.basename, names))
+    counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an ending" for name in names)
+    return ", ".join(f"{count} {suffix}" for suffix, count in sorted(counts.items()))

@@ -18,10 +18,13 @@ from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
-from brushexp.pictures.folders import PICTURES
+from brushexp.pictures.decode import picture_size, read_picture
+from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
+from brushexp.pictures.limits import MAX_PIXELS
 
+LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
+TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
@@ -33,7 +36,22 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     side in pixels, None that of the file; ``key`` is what the user types before the path, for messages. UserError if
     there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
-    return planes_of(_pixels_of(image, key), resolution)
+    return planes_of(_pixels_of(image, key, side=resolution), resolution)
+
+
+def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple[Tensor, Tensor]:
+    """Read a picture as `load_picture` does, but for what is transparent: (3, H, W), and its alpha (H, W) in [0, 1].
+
+    Colours are straight, and the mean of all that can be seen where nothing can.
+    """
+    white, black = (
+        planes_of(_pixels_of(image, key, backdrop=backdrop, side=resolution), resolution) for backdrop in (1.0, 0.0)
+    )
+    alpha = (1 - (white - black).mean(0)).clamp(0, 1)
+    seen = alpha > LEAST_ALPHA
+    color = (black / alpha.clamp_min(LEAST_ALPHA)).clamp(0, 1)
+    rest = color[:, seen].mean(1) if seen.any() else torch.ones(3)
+    return torch.where(seen, color, rest[:, None, None]), torch.where(seen, alpha, 0.0)
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
@@ -59,18 +77,18 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
         height, width = held.shape[:2]
     else:
         path = _path_of(image, key, also)
-        height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
+        height, width = _size_of_file(path, key, resolution, path.stat().st_mtime_ns)
     return size_at(resolution, height, width)
 
 
-def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
-    held = pixels_of(image)
-    return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop) if held is None else held
+def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
+    held = pixels_of(image, backdrop)
+    return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop, side=side) if held is None else held
 
 
 @cache
-def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
-    return picture_size(path, key=key)  # of a PNG it may take as long as decoding
+def _size_of_file(path: Path, key: str, side: int | None, changed: int) -> tuple[int, int]:
+    return picture_size(path, key=key, side=side)  # of a PNG it may take as long as decoding
 
 
 PICTURE = Rule(size_of_picture)
@@ -82,7 +100,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
     ``also`` is what else the key takes, for messages: "auto, " for instance. UserError if its sides have another ratio.
     """
-    picture = _pixels_of(image, key, also, backdrop=0.0)
+    picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
     scale = 255 if picture.dtype == np.uint8 else 1
     grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
@@ -107,11 +125,14 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes; ``mean``, that of the target, to None (else UserError)."""
+    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes (else UserError).
+
+    ``mean``, that of the target, and ``transparent``, below which it is the same, are None.
+    """
     digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
-    if spec != "mean" and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
-        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, white, black or '#rrggbb'")
-    return None if spec == "mean" else bytes.fromhex(digits[1:])
+    if spec not in ("mean", TRANSPARENT) and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
+        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, transparent, white, black or '#rrggbb'")
+    return None if spec in ("mean", TRANSPARENT) else bytes.fromhex(digits[1:])
 
 
 def samples() -> dict[str, Path]:
@@ -143,7 +164,11 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
     """List the three pictures of a folder, and ``others``, whose names are most like a path; none if no one is."""
     folder, name = os.path.split(image)
     with suppress(OSError):
-        beside = [file for file in os.listdir(os.path.expanduser(folder) or ".") if file.lower().endswith(PICTURES)]
+        beside = [
+            file
+            for file in os.listdir(os.path.expanduser(folder) or ".")
+            if Path(file).suffix.lower() in picture_suffixes()
+        ]
         others = [*beside, *(() if folder else others)]
     return [os.path.join(folder, file) for file in get_close_matches(name, [*others], 3)]
 

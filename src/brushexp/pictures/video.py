@@ -38,11 +38,15 @@ class Film(NamedTuple):
 
 
 @contextmanager
-def filming(stem: Path, kind: str, size: tuple[int, int], rate: Fraction) -> Iterator[Film]:
+def filming(
+    stem: Path, kind: str, size: tuple[int, int], rate: Fraction, *, usual: Fraction | None = None, begin: int = 0
+) -> Iterator[Film]:
     """Write ``stem`` as mp4, gif or both; where PyAV is missing, a GIF takes the place of the video.
 
     A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
-    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``. UserError if a file cannot be written.
+    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a picture that
+    stays for several; with a ``usual`` number of pictures per second it has each once, at its own time, and ticks may
+    be much finer. The first one is shown at tick ``begin``. UserError if a file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
@@ -51,7 +55,7 @@ def filming(stem: Path, kind: str, size: tuple[int, int], rate: Fraction) -> Ite
         files = {}
         if av is not None:
             path = stem.with_name(f"{stem.name}.mp4")
-            files[path] = opened.enter_context(_mp4(path, size, rate, av))
+            files[path] = opened.enter_context(_mp4(path, size, rate, usual, begin, av))
         if av is None or kind == "both":
             path = stem.with_name(f"{stem.name}.gif")
             files[path] = opened.enter_context(_gif(path, rate))
@@ -80,24 +84,27 @@ def _encoder(kind: str) -> ModuleType | None:
 
 
 @contextmanager
-def _mp4(path: Path, size: tuple[int, int], rate: Fraction, av: ModuleType) -> Iterator[Show]:
+def _mp4(
+    path: Path, size: tuple[int, int], rate: Fraction, usual: Fraction | None, begin: int, av: ModuleType
+) -> Iterator[Show]:
     odd = [(0, side % 2) for side in size]  # the colours of H.264 come in squares of two pixels
     with replacing(path) as temporary, av.open(str(temporary), "w", options=FAST_START) as container:
-        stream = container.add_stream("libx264", rate=rate, options=X264)
+        stream = container.add_stream("libx264", rate=usual or rate, options=X264)
         stream.height, stream.width = (side + side % 2 for side in size)
         stream.pix_fmt = "yuv420p"
         coding = stream.codec_context  # said in the file, because players guess differently where it is not
         coding.colorspace = coding.color_primaries = coding.color_trc = coding.color_range = BT709
-        tick = 0
+        coding.time_base = 1 / rate
+        tick = begin
 
         def show(picture: Array, ticks: int) -> None:
             nonlocal tick
             frame = av.VideoFrame.from_ndarray(np.pad(picture, [*odd, (0, 0)], mode="edge"), format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-            for _ in range(ticks):
-                frame.pts, frame.time_base = tick, 1 / rate
+            for length in [1] * ticks if usual is None else [ticks]:
+                frame.pts, frame.time_base, frame.duration = tick, 1 / rate, length
                 container.mux(stream.encode(frame))
-                tick += 1
+                tick += length
 
         yield show
         container.mux(stream.encode())

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
@@ -19,6 +18,7 @@ from brushexp.results.runs import words_of
 from brushexp.runs.run_folder import note_words
 from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.system.runtime import use_threads
 
 RECORD = "brushexp"  # key of the settings in a checkpoint
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
@@ -68,7 +68,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
     if settings.threads:  # which the present command line need not repeat; networks round by the number of threads
-        torch.set_num_threads(settings.threads)
+        use_threads(settings.threads)
     note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # of the whole run
     return settings, path
 

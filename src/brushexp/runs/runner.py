@@ -27,7 +27,15 @@ from brushexp.runs.run_folder import lock, release, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
 from brushexp.system.run_files import METRICS_FILE
-from brushexp.system.runtime import cores, forget_peak_memory, jobs_at_once, pass_signal_on, peak_memory, was_signalled
+from brushexp.system.runtime import (
+    cores,
+    forget_peak_memory,
+    jobs_at_once,
+    pass_signal_on,
+    peak_memory,
+    use_threads,
+    was_signalled,
+)
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of torch and NumPy
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
@@ -80,7 +88,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
     if not gc.isenabled():  # the program disables it until its first job
         gc.freeze()
         gc.enable()
-    torch.set_num_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
+    use_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
     if "blend" in cfg or "engine" in cfg:
         tell_of_compilation()
     result = perform(task, cfg, folder, start)

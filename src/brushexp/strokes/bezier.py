@@ -68,7 +68,7 @@ def strokes_along(
     )
 
 
-def shorten(strokes: Strokes, share: Tensor) -> Strokes:
+def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
     """Cut strokes (n) off at parameter ``share`` (n,) of their curve (de Casteljau)."""
     t, rest = share[:, None], 1 - share[:, None]
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end

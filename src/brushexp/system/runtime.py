@@ -8,7 +8,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
@@ -19,18 +21,16 @@ log = logging.getLogger(__name__)
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
+THREADS = 256  # of kernels, at most
+PARTS = 4  # of the work of a kernel for each thread, so that none waits long for another
 _received: list[int] = []  # signals so far
+_most_threads = [THREADS]
 _earlier_peak = [0.0]  # MB of the jobs before this one
 
 
 def let_threads_sleep() -> None:
-    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported.
-
-    Numba uses OpenMP, too: with TBB, a program whose kernels ran in a finished thread never ends on one core
-    (Numba 0.68).
-    """
+    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 
 def keep_memory() -> None:
@@ -42,15 +42,53 @@ def keep_memory() -> None:
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 
-def share_threads() -> None:
-    """Let compiled kernels use as many threads as PyTorch does."""
-    import numba  # noqa: PLC0415  (a second; --help should not wait for it)
+def share(work: Callable[..., object], n: int, *args: object) -> None:
+    """Call ``work(begin, end, *args)`` for all parts of ``range(n)``, on as many threads as PyTorch has.
+
+    Threads run at once where ``work`` lets go of Python's lock, as compiled functions do; which runs which part is left
+    to chance, so that parts must not meet.
+    """
     import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
 
-    n, most = torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    numba.set_num_threads(max(1, min(n, most)))
-    if torch.get_num_threads() != n:  # Numba enlarges the pool of OpenMP that both share
-        torch.set_num_threads(n)
+    threads = min(torch.get_num_threads(), n)
+    if threads < 2:
+        work(0, n, *args)
+        return
+    count = min(PARTS * threads, n)
+    numbers = iter(range(count))  # each goes to one thread
+
+    def take_parts() -> None:
+        for k in numbers:
+            work(k * n // count, (k + 1) * n // count, *args)
+
+    helpers = [_pool().submit(take_parts) for _ in range(threads - 1)]
+    take_parts()
+    for helper in helpers:
+        if not helper.cancel():
+            helper.result()
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(THREADS, "brushexp")
+
+
+def use_threads(n: int) -> None:
+    """Let PyTorch and kernels use ``n`` threads; but one in a fork of a process that may have used several."""
+    import torch  # noqa: PLC0415
+
+    torch.set_num_threads(min(n, _most_threads[0]))
+
+
+def _begin_anew() -> None:
+    """Forget threads that a fork has not: OpenMP would wait for those of the parent for ever."""
+    _pool.cache_clear()
+    if "torch" in sys.modules and sys.modules["torch"].get_num_threads() > 1:
+        _most_threads[0] = 1
+        use_threads(1)
+
+
+os.register_at_fork(after_in_child=_begin_anew)
 
 
 def end_on_signals() -> None:

@@ -6,7 +6,7 @@ Lengths are in pixels of that canvas, which is finer than the picture; the pictu
 import numpy as np
 import torch
 
-from brushexp.compat.compiled import function, kernel, prange
+from brushexp.compat.compiled import function
 from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.catalogue import Strokes
 
@@ -34,16 +34,16 @@ def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
     return Simulated(torch.cat([color, cover[:, None]], dim=1), cover)
 
 
-@kernel
-def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
-    """Soft dabs at equal steps along each curve, displaced at random; numbers (n,) are those of the strokes.
+@function
+def dabs(begin, end, curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
+    """Soft dabs at equal steps along curves ``begin`` to ``end``, displaced at random.
 
     ``look`` is hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random; ``pressure``
     that in the middle, at both ends, and the shares of the length where the middle begins and ends. ``seed`` and the
     strokes' ``number`` (n,) are uint64.
     """
     side = alpha.shape[1] * block
-    for i in prange(len(curve)):
+    for i in range(begin, end):
         bare = np.ones((side, side), F)
         _dab_along(bare, curve[i], radius[i], per_radius, look, pressure, _mix(_mix(seed) + GOLDEN * number[i]))
         _average(bare, block, alpha[i])

@@ -11,7 +11,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share_threads
+from brushexp.system.runtime import share
 from brushexp_dabs._stamps import curves_of, dabs, one_colour, opacity_of
 
 SMALLEST = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
@@ -81,7 +81,6 @@ class Dabs(Engine):
         self.half_width = half_width(hard, opacity, self.dabs_per_radius, pressure * offset_by_random)
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        share_threads()
         strokes = strokes_of(parameters.detach().cpu().float())
         side = self.supersample * self.window
         curve, width = curves_of(strokes, side)
@@ -89,7 +88,7 @@ class Dabs(Engine):
         number = np.uint64(first) + np.arange(len(curve), dtype=np.uint64)
         alpha = np.empty((len(curve), self.window, self.window), np.float32)
         settings = (self.dabs_per_radius, self.look, self.pressure, np.uint64(seed))
-        dabs(curve, radius, *settings, number, self.supersample, alpha)
+        share(dabs, len(curve), curve, radius, *settings, number, self.supersample, alpha)
         return one_colour(strokes, alpha)
 
 

@@ -5,9 +5,8 @@ Lengths are in units of the canvas (a window is `UNITS` wide), z points up from 
 """
 
 import numpy as np
-from numba import prange
 
-from brushexp.compat.compiled import function, kernel
+from brushexp.compat.compiled import function
 
 F = np.float32
 UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
@@ -115,16 +114,16 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
                 old[i] = new[i]
 
 
-@kernel
-def settle(scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
-    """Let brushes come to rest on the canvas, trailing behind the way that they came.
+@function
+def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
+    """Let brushes ``begin`` to ``end`` come to rest on the canvas, trailing behind the way that they came.
 
     Without it a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
     ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N),
     ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N) the positions around the
     handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
-    for b in prange(len(scales)):
+    for b in range(begin, end):
         scale = scales[b]
         n = roots.shape[2]
         p = np.empty((3, VERTICES, n), F)

@@ -4,9 +4,8 @@ Grids are flat arrays of rows with one cell of margin around the canvas, so that
 """
 
 import numpy as np
-from numba import prange
 
-from brushexp.compat.compiled import function, inline, kernel
+from brushexp.compat.compiled import function, inline
 from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, F, move
 from brushexp_training.engine._lit_paint import picture
 
@@ -229,9 +228,13 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
     return (dx / length, dy / length) if length > F(1e-3) else (F(1), F(0))
 
 
-@kernel
-def draw(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights):  # type: ignore[no-untyped-def]
-    """Paint every stroke on a canvas of its own: ``images`` (n, 4, S, S) and ``heights`` (n, S, S) are written.
+@function
+def draw(  # type: ignore[no-untyped-def]
+    begin, end, strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
+):
+    """Paint strokes ``begin`` to ``end``, each on a canvas of its own.
+
+    Written are ``images`` (n, 4, S, S) and ``heights`` (n, S, S).
 
     ``strokes`` (n, 10) are start, control, end (x, y each, units), radius of the brush, red, green, blue; ``brush`` and
     ``first_pose`` (n,) are which brush, with ``roots`` (., 2, N) and ``stiffness`` (., N), and which of the ``poses``
@@ -241,7 +244,7 @@ def draw(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, co
     gravity, damping, opacity, drag, fluidity, relief = physics
     frames, iterations, rounds, fine, after = counts
     side = images.shape[2] * fine + 2
-    for m in prange(len(strokes)):
+    for m in range(begin, end):
         curve, scale, color, which = strokes[m, :6], strokes[m, 6], strokes[m, 7:10], brush[m]
         hind, fore = reach[first_pose[m], 0] * scale, reach[first_pose[m], 1] * scale
         p, turned = np.empty((3, VERTICES, roots.shape[2]), F), np.empty((2, roots.shape[2]), F)

@@ -11,7 +11,7 @@ from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share_threads
+from brushexp.system.runtime import share
 
 GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
@@ -98,7 +98,6 @@ class Fluid(Engine):
         self._seed: int | None = None
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        share_threads()
         if seed != self._seed:
             self._draw_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
@@ -114,7 +113,7 @@ class Fluid(Engine):
         reach = np.array(self._reach, np.float32).reshape(-1, 2)
         brushes = (poses, reach, self._roots, self._stiffness)
         settings = (self.physics, self.counts, self.projection)
-        self._deposition.draw(rows, brush, pose, *brushes, *settings, images, heights)
+        share(self._deposition.draw, len(rows), rows, brush, pose, *brushes, *settings, images, heights)
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
@@ -142,9 +141,8 @@ class Fluid(Engine):
             scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
             poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
             motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
-            self._bristles.settle(
-                scales, self._roots[which], self._splay[which], self._stiffness[which], *motion, poses
-            )
+            brushes = (self._roots[which], self._splay[which], self._stiffness[which])
+            share(self._bristles.settle, len(fresh), scales, *brushes, *motion, poses)
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)

@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import between
-from brushexp.compat.compiled import function, kernel, prange
+from brushexp.compat.compiled import function
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share_threads
+from brushexp.system.runtime import share
 
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction
@@ -42,26 +42,25 @@ class Disc(Engine):
         self.window = window
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        share_threads()
         strokes = strokes_of(parameters.detach().cpu().float())
         side = SUPERSAMPLE * self.window
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
         curve = (points.clamp(-FARTHEST, FARTHEST) + 1) * (0.5 * side)
         radius = (0.5 * side * strokes.width.double().clamp(0, WIDEST)).clamp_min(MIN_RADIUS)
         alpha = torch.empty(len(curve), self.window, self.window)
-        _paint(curve.numpy(), radius.numpy(), alpha.numpy())
+        share(_paint, len(curve), curve.numpy(), radius.numpy(), alpha.numpy())
         color = strokes.color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *alpha.shape[1:])
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), alpha)
 
 
-@kernel
-def _paint(curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Write the share of each pixel that a stroke's discs cover to ``alpha`` (n, S, S).
+@function
+def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
+    """Write the share of each pixel that the discs of strokes ``begin`` to ``end`` cover to ``alpha`` (n, S, S).
 
     Start, control and end (n, 6) and ``radius`` (n,) are in pixels of the canvas.
     """
     side = alpha.shape[1] * SUPERSAMPLE
-    for i in prange(len(curve)):
+    for i in range(begin, end):
         bare = np.ones((side, side), F)
         for k in range(DISCS):
             t = k / DISCS

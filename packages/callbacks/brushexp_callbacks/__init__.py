@@ -1,0 +1,1 @@
+"""Callbacks that come with Lightning, as members of the family ``callbacks``."""

@@ -1,0 +1,60 @@
+"""The sound of a film is copied into its painting, in step with the pictures."""
+
+import heapq
+import importlib
+import logging
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from brushexp.pictures.video import FAST_START
+from brushexp.system.files import replacing
+from brushexp_films.clips import LOCAL, beginning_of
+from brushexp_films.moving import is_moving
+
+log = logging.getLogger(__name__)
+
+
+def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
+    """Copy the sound of ``source`` from second ``start`` on into an MP4, as long as it is, if an MP4 can hold it.
+
+    Seconds are counted from where the source begins. Whatever else it has beside pictures is told.
+    """
+    if is_moving(source):
+        return
+    av = importlib.import_module("av")
+    with av.open(str(source), options=LOCAL) as original, av.open(str(film), options=LOCAL) as painted:
+        tell_what_is_left(original, source)
+        if not original.streams.audio:
+            return
+        sound, since = original.streams.audio[0], beginning_of(original) + Fraction(start).limit_denominator(10**6)
+        pictures = painted.streams.video[0]
+        end = since + Fraction((painted.duration or 0) + (painted.start_time or 0), av.time_base)
+        try:
+            with replacing(film) as temporary, av.open(str(temporary), "w", options=FAST_START) as both:
+                into = [both.add_stream_from_template(stream) for stream in (pictures, sound)]
+                seen = _packets(painted, pictures, into[0], Fraction(0), math.inf)
+                heard = _packets(original, sound, into[1], since, end)
+                for packet in heapq.merge(seen, heard, key=lambda packet: packet.dts * packet.time_base):
+                    both.mux(packet)
+        except (av.error.FFmpegError, ValueError):
+            log.warning("the sound of %s (%s) is left out: an MP4 cannot hold it", source, sound.codec.name)
+
+
+def tell_what_is_left(container: Any, source: Path) -> None:
+    """Log further tracks of sound, and subtitles, which the painted film does not have."""
+    tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
+    if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):
+        cure = "add them with: ffmpeg -i film.mp4 -i source -map 0 -map 1:a:1 -map 1:s? -c copy out.mkv"
+        log.warning("the first track of sound of %s is kept; further tracks are left out (%s); %s", source, left, cure)
+
+
+def _packets(container: Any, stream: Any, into: Any, start: Fraction, end: Fraction | float) -> Iterator[Any]:
+    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
+    before = round(start / stream.time_base)
+    for packet in container.demux(stream):
+        if packet.pts is not None and start <= packet.pts * packet.time_base < end:
+            packet.pts, packet.dts, packet.stream = packet.pts - before, packet.dts - before, into
+            yield packet

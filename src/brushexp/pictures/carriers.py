@@ -1,0 +1,118 @@
+"""What a picture file says of its colours is found: an ICC profile, numbers of a standard, or a camera's setting."""
+
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+from PIL import Image
+
+from brushexp.pictures.colorimetry import (
+    ADOBE_RGB,
+    BT709,
+    CLOSE,
+    CURVES,
+    SRGB,
+    Encoding,
+    decode_srgb,
+    encoding_of,
+    gamma,
+    unless_srgb,
+)
+
+Colors = bytes | Encoding | None  # an ICC profile, an encoding, or None: sRGB, or nothing is said
+
+HEAD = 2**20  # bytes from the start of a file, where formats name their colours
+WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # tags and parts of EXIF data
+INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
+UNCALIBRATED, ADOBE = 65535, 2  # values of COLOR_SPACE
+UNSAID = (0, 2)  # numbers of H.273 that say nothing
+SRGB_GAMMA = 0.45455  # of PNG files that mean sRGB
+PROFILE_IN_FILE, PROFILE_OFFSET, QOI_SPACE = b"DEBM", 126, 13  # of BMP: "MBED" backwards; bytes from the start of files
+ICC_METHODS = (b"\2", b"\3")  # of a JPEG 2000 "colr" box: its rest is a profile
+
+
+def colors_of(picture: Image.Image) -> Colors:
+    """Find out what the numbers of a picture mean, before it is decoded; the strongest word of its file counts."""
+    head, profile = head_of(picture), picture.info.get("icc_profile")
+    said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
+    if said is None:
+        with suppress(Exception):  # damaged EXIF data raise nearly anything
+            said = _of_exif(picture.getexif())
+    return unless_srgb(said) if isinstance(said, Encoding) else said
+
+
+def head_of(picture: Image.Image) -> bytes:
+    """Read the first bytes of the file of a picture; none if it is closed."""
+    with suppress(AttributeError, OSError, ValueError):
+        file: Any = picture.fp  # type: ignore[attr-defined]
+        place = file.tell()
+        file.seek(0)
+        head: bytes = file.read(HEAD)
+        file.seek(place)
+        return head
+    return b""
+
+
+def _of_png(head: bytes, picture: Image.Image) -> Colors:
+    """Follow the order of the PNG specification (third edition): cICP, iCCP, sRGB, gAMA with cHRM."""
+    numbers = next((data for name, data in chunks_of(head) if name == b"cICP" and len(data) == 4), None)
+    if numbers is not None:
+        return encoding_of(numbers[0], numbers[1])
+    info = picture.info
+    if "icc_profile" in info or "srgb" in info:
+        return info.get("icc_profile", SRGB)
+    exponent, corners = info.get("gamma"), info.get("chromaticity")
+    if not exponent and not corners:
+        return None
+    curve = gamma(1 / exponent) if exponent and abs(exponent - SRGB_GAMMA) > CLOSE else decode_srgb
+    return Encoding(_pairs((*corners[2:], *corners[:2])) if corners and all(corners) else BT709, curve)
+
+
+def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """List the chunks of a PNG before its pixels."""
+    at = 8
+    while at + 8 <= len(png) and png[at + 4 : at + 8] != b"IDAT":
+        length = int.from_bytes(png[at : at + 4])
+        yield png[at + 4 : at + 8], png[at + 8 : at + 8 + length]
+        at += length + 12
+
+
+def _of_others(head: bytes, picture: Image.Image) -> Colors:
+    """Read what Pillow leaves unread in files of other formats."""
+    if picture.format in ("AVIF", "HEIF"):
+        primaries, transfer = struct.unpack(">HH", head.partition(b"colrnclx")[2][:4].ljust(4, b"\0"))
+        return encoding_of(primaries, transfer) if transfer not in UNSAID else None
+    if picture.format == "JPEG2000":
+        return _profile_in_jp2(head)
+    if picture.format == "BMP" and head[70:74] == PROFILE_IN_FILE:
+        offset, size = struct.unpack("<II", head[PROFILE_OFFSET : PROFILE_OFFSET + 8])
+        return head[14 + offset : 14 + offset + size]
+    if picture.format == "QOI" and head[QOI_SPACE : QOI_SPACE + 1] == b"\1":
+        return Encoding(BT709, CURVES[8])
+    return None
+
+
+def _profile_in_jp2(head: bytes) -> bytes | None:
+    before, found, box = head.partition(b"jp2c")[0].partition(b"colr")
+    size = int.from_bytes(before[-4:]) - 8
+    return box[3:size] if found and box[:1] in ICC_METHODS else None
+
+
+def _of_exif(exif: Image.Exif) -> Encoding | None:
+    """Read what a camera was set to (Exif 2.32 and DCF 2.0), or the corners and the white that a file gives."""
+    shot = exif.get_ifd(SHOT)
+    space, index = shot.get(COLOR_SPACE), str(exif.get_ifd(INTEROPERABILITY).get(INTEROPERABILITY_INDEX, ""))
+    if space == ADOBE or (space in (UNCALIBRATED, None) and index.startswith("R03")):
+        return ADOBE_RGB
+    corners, white = exif.get(PRIMARY_CHROMATICITIES), exif.get(WHITE_POINT)
+    if corners is None or white is None or space == 1:
+        return None
+    exponent = shot.get(EXIF_GAMMA)
+    return Encoding(_pairs((*corners, *white)), gamma(float(exponent)) if exponent else decode_srgb)
+
+
+def _pairs(numbers: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
+    """Group x and y of red, green, blue and white."""
+    red, green, blue, white = ((float(x), float(y)) for x, y in zip(numbers[::2], numbers[1::2], strict=True))
+    return red, green, blue, white

@@ -1,0 +1,121 @@
+"""Files that are no pictures to be read here are told by what they are: raw photographs, films, vectors, pages."""
+
+import importlib
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from brushexp.errors import UserError
+
+# Raster formats only: for EPS, Pillow would start another program.
+FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
+WITH_CODECS = {"HEIF": "heic", "JXL": "jxl"}  # formats that need an extra
+CURE = "convert it to a PNG or a JPEG"
+HEAD = 4096  # bytes that tell a kind
+TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+RAW_SUFFIXES = (
+    *(".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".k25", ".kdc", ".mef"),
+    *(".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"),
+)
+FILM_SUFFIXES = (
+    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".mts", ".m2ts", ".ts", ".wmv", ".flv"),
+    *(".ogv", ".3gp"),
+)
+RAW = "is a raw photograph; develop it (darktable, RawTherapee, Lightroom) and give the TIFF or JPEG"
+FILM = "is a film; a picture is wanted here: save one of its pictures as a PNG, or paint it as a film with image=..."
+LIGHT = "has light of high dynamic range; tone-map it (darktable, GIMP, pfstools) and give the PNG or JPEG"
+PAGE = "is a page for print; draw it as pixels: pdftoppm -png -r 150 page.pdf page"
+VECTOR = (
+    "is not a picture of a known format but a drawing of vectors; draw it as pixels (Inkscape, resvg) and give the PNG"
+)
+DAMAGED = "is damaged or cannot be decoded here; get the whole file, or convert it to a PNG or a JPEG"
+LAYERS = "is a file of a painting program; export it there as a PNG"
+STARTS = {  # first bytes -> what such a file is, and what to do
+    b"\x76\x2f\x31\x01": LIGHT,
+    b"#?RADIANCE": LIGHT,
+    b"#?RGBE": LIGHT,
+    b"PF\n": LIGHT,
+    b"%PDF": PAGE,
+    b"%!PS": PAGE,
+    b"\xc5\xd0\xd3\xc6": PAGE,
+    b"gimp xcf": LAYERS,
+    b"FUJIFILMCCD-RAW": RAW,
+    b"FOVb": RAW,
+    b"\0MRM": RAW,
+    b"IIU\0": RAW,
+    b"IIRO": RAW,
+    b"IIRS": RAW,
+    b"MMOR": RAW,
+    b"II\x1a\0\0\0HEAP": RAW,
+    b"\x1aE\xdf\xa3": FILM,
+    b"OggS": FILM,
+    b"FLV\1": FILM,
+    b"\0\0\1\xba": FILM,
+    b"0&\xb2u\x8ef\xcf\x11": FILM,
+    b"version https://git-lfs": "is the name of a picture that Git LFS keeps elsewhere; type git lfs pull",
+    b"PK\3\4": "is an archive, or a file of a painting program; unpack it, or export a PNG",
+}
+HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")  # of ISO base media files
+AVIF_BRANDS = (b"avif", b"avis")
+CANON = b"CR"  # behind the first eight bytes of a raw TIFF
+JXL_STARTS = (b"\xff\x0a", b"\0\0\0\x0cJXL \r\n\x87\n")
+CODECS = {
+    "heic": ("pillow_heif", "register_heif_opener"),
+    "jxl": ("pillow_jxl", None),
+}  # by extra: module and its start
+SENSOR = (32803, 34892)  # values of PHOTOMETRIC: what a sensor saw, as it is or in colours
+PHOTOMETRIC, SUBFILE, SUB_IFDS, DNG_VERSION = 262, 254, 330, 50706  # TIFF tags
+REDUCED = 1  # bit of SUBFILE: a smaller copy of another picture of the file
+
+
+def what_it_is(head: bytes) -> str:
+    """Say what a file that no decoder knows is by its first bytes, and what to do."""
+    for start, words in STARTS.items():
+        if head.startswith(start):
+            return words
+    if head[4:8] == b"ftyp":
+        known = {b"crx ": RAW} | dict.fromkeys((*HEIF_BRANDS, *AVIF_BRANDS), DAMAGED)
+        return known.get(head[8:12], FILM)
+    if head[:4] == b"RIFF":
+        return FILM if head[8:12] == b"AVI " else DAMAGED
+    text = head.lower()
+    if b"<svg" in text:
+        return VECTOR
+    if b"<html" in text or b"<!doctype html" in text:
+        return "is a web page and not the picture on it; save the picture itself"
+    return f"is not a picture of a known format; {CURE}"
+
+
+def codec_for(head: bytes) -> str | None:
+    """Name the extra that reads a file with these first bytes, which Pillow alone does not; None if there is none."""
+    if head.startswith(JXL_STARTS):
+        return "jxl"
+    return "heic" if head[4:8] == b"ftyp" and head[8:12] in HEIF_BRANDS else None
+
+
+@cache
+def has_codec(extra: str) -> bool:
+    """Teach Pillow the format of an extra; False if that is not installed."""
+    module, start = CODECS[extra]
+    with suppress(ImportError):
+        codec = importlib.import_module(module)
+        if start is not None:
+            getattr(codec, start)()
+        return True
+    return False
+
+
+def check_not_raw(picture: Any, head: bytes = b"") -> None:
+    """Refuse (UserError) an image of Pillow that is a thumbnail of a raw photograph."""
+    if picture.format != "TIFF":
+        return
+    tags = picture.tag_v2
+    named = is_raw(str(picture.filename)) or head[8:10] == CANON
+    if named or DNG_VERSION in tags or tags.get(PHOTOMETRIC) in SENSOR:
+        raise UserError(RAW)
+
+
+def is_raw(path: str) -> bool:
+    """Test whether a path has the suffix of a raw photograph."""
+    return Path(path).suffix.lower() in RAW_SUFFIXES

@@ -1,0 +1,57 @@
+"""Pictures that memory cannot hold are refused, or read at a part of their size by the formats that can."""
+
+import math
+
+from brushexp.errors import UserError
+
+MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
+MOST_PIXELS = 10 * MAX_PIXELS  # of a file that is read at a part of its size
+MOST_WHOLE = 2 * MAX_PIXELS  # of 8 bits that are decoded at once, to be shrunk
+IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that decode a part of their pixels
+EXAMPLE = 4096  # pixels of a side that is proposed
+
+
+def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
+    """Refuse (UserError) a picture of a format that is larger than can be read with ``side`` pixels, None: with all."""
+    pixels, size = width * height, f"has {width} x {height} pixels; at most {MAX_PIXELS // 10**6} megapixels are read"
+    if pixels <= MAX_PIXELS:
+        return
+    if kind not in IN_PARTS or pixels > MOST_PIXELS:
+        raise UserError(f"{size}: make it smaller and give that file")
+    if side is None:
+        raise UserError(f"{size} whole: add resolution={EXAMPLE} to read it smaller")
+
+
+def check_whole(width: int, height: int) -> None:
+    """Refuse (UserError) a picture that is too large to be decoded at once, and cannot be otherwise."""
+    if width * height > MOST_WHOLE:
+        size = f"has {width} x {height} pixels, so compressed that all are needed at once"
+        raise UserError(f"{size}; save it with at most {MOST_WHOLE // 10**6} megapixels, or as a deflate TIFF in tiles")
+
+
+def halvings(width: int, height: int, side: int, most: int) -> int:
+    """Count how often, ``most`` at most, a picture above 100 megapixels is halved: to ``side`` and a fit for memory."""
+    if width * height <= MAX_PIXELS:
+        return 0
+    wanted = int(math.log2(max(1, max(width, height) / side)))
+    needed = math.ceil(math.log2(width * height / MOST_WHOLE) / 2)
+    return min(most, max(wanted, needed, 0))
+
+
+def size_of_jxl(head: bytes) -> tuple[int, int]:
+    """Read width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader"), whose decoder would not ask; else zeros."""
+    start = head.find(b"\xff\x0a") + 2
+    bits, at = int.from_bytes(head[start : start + 16], "little"), 0
+
+    def take(count: int) -> int:
+        nonlocal at
+        at += count
+        return (bits >> (at - count)) & ((1 << count) - 1)
+
+    def length(is_small: int) -> int:
+        return 8 * (take(5) + 1) if is_small else take((9, 13, 18, 30)[take(2)]) + 1
+
+    is_small = take(1)
+    height, ratio = length(is_small), take(3)
+    across, down = ((1, 1), (1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))[ratio]
+    return height * across // down if ratio else length(is_small), height

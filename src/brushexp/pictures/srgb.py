@@ -1,0 +1,85 @@
+"""The samples of a picture become sRGB over a backdrop, upright, whatever their depth and encoding."""
+
+import io
+from contextlib import suppress
+
+import numpy as np
+from PIL import Image, ImageCms
+
+from brushexp.errors import UserError
+from brushexp.pictures.carriers import Colors
+from brushexp.pictures.colorimetry import Encoding
+from brushexp.pictures.kinds import CURE
+
+ORIENTATION = 274  # tag of TIFF and EXIF
+SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
+
+
+def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
+    """Convert an image of Pillow to (H, W, 3) uint8."""
+    picture.load()
+    alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
+    if picture.mode not in ("L", "RGB", "CMYK"):
+        picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
+    rgb = _converted(picture, colors)
+    if alpha is not None:
+        rgb = Image.composite(rgb, Image.new("RGB", rgb.size, (round(255 * backdrop),) * 3), alpha)
+    return np.asarray(rgb)
+
+
+def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
+    """Convert a picture of mode L, RGB or CMYK to sRGB; its raw values if its profile does not work."""
+    if isinstance(colors, Encoding):
+        return Image.fromarray(colors.to_srgb(np.asarray(picture.convert("RGB"))))
+    converted = None
+    if colors:
+        with suppress(ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
+            source, target = ImageCms.ImageCmsProfile(io.BytesIO(colors)), ImageCms.createProfile("sRGB")
+            converted = ImageCms.profileToProfile(picture, source, target, outputMode="RGB")
+    return picture.convert("RGB") if converted is None else converted
+
+
+def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, backdrop: float) -> np.ndarray:
+    """Convert colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] to (H, W, 3) float32."""
+    if isinstance(colors, Encoding):
+        color = colors.to_srgb(np.broadcast_to(color, (*color.shape[:2], 3)))
+    elif colors:
+        # What the conversion does in 8 bits is added to the exact values, so that an sRGB profile changes nothing.
+        eight_bit = np.rint(color * 255).astype(np.uint8)
+        coarse = Image.fromarray(eight_bit[..., 0] if eight_bit.shape[2] == 1 else eight_bit)
+        change = np.asarray(_converted(coarse, colors), np.float32) - eight_bit
+        color = (color + change / 255).clip(0, 1)
+    if alpha is not None:
+        color = color * alpha + backdrop * (1 - alpha)
+    return np.broadcast_to(color, (*color.shape[:2], 3))
+
+
+def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
+    """Convert samples to float32 in [0, 1]; floats are taken as they are, and refused outside that range."""
+    unit = samples.astype(np.float32)
+    if samples.dtype.kind != "f":
+        unit /= 2**bits - 1
+    if not np.isfinite(unit).all():
+        raise UserError(f"has pixels that are NaN or infinite; {CURE}")
+    if unit.min() < 0 or unit.max() > 1:
+        raise UserError(f"has values from {samples.min():g} to {samples.max():g}; scale them to 0 to 1, or {CURE}")
+    return unit
+
+
+def orientation_of(picture: Image.Image) -> int:
+    """Read the EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
+    try:
+        return int(picture.getexif().get(ORIENTATION, 1))
+    except Exception:  # damaged EXIF data raise nearly anything; they do not make the picture worse
+        return 1
+
+
+def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Turn and mirror a picture (H, W, C) by its EXIF orientation, 1 to 8."""
+    if orientation >= SWAPPED:
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return pixels
