@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.held import hold, is_picture
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
@@ -46,7 +46,7 @@ def recover(
     Raises:
         UserError: what is wrong with the picture or the weights.
     """
-    held = HeldPicture(image) if is_picture(image) else None
+    held = hold(image) if is_picture(image) else None
     picture = load_picture(str(image) if held is None else held.name, None)
     with showing("finding strokes") as show:
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
