@@ -24,12 +24,15 @@ import brushexp
 from brushexp.pictures.held import hold
 from brushexp.pictures.load import load_picture, samples
 from brushexp.plugins.blend.tiled import tell_slow
+from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
 from brushexp.runs.run_folder import lock
+from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes
 from brushexp.tasks import paint as task
 
+resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
 SAME = ("psnr", "ssim", "l1", "perceptual", "n_strokes", "steps", "status")  # numbers of two equal runs
 
@@ -101,10 +104,40 @@ def test_transparent_pixels_lie_over_white_and_count_nothing_in_a_mask_and_true_
     expected = {1.0: [255, 51, 51, 51, 173], 0.0: [0, 51, 51, 51, 20]}  # 51 * 0.4 and 0.6 of the backdrop
     for backdrop, row in expected.items():
         for picture in (rgba, rgba / 255, torch.from_numpy(rgba).permute(2, 0, 1), Image.fromarray(rgba)):
-            pixels = hold(picture, "focus", backdrop).pixels
+            pixels = hold(picture).over[backdrop]
             assert_close(pixels[0, :, 0] * (1 if pixels.dtype == np.uint8 else 255), np.array(row), atol=1, rtol=0,
                          check_dtype=False)  # fmt: skip
-    assert np.array_equal(hold(alpha > 102).pixels[0, :, 2], [0, 255, 255, 255, 0])
+    assert np.array_equal(hold(alpha > 102).over[1.0][0, :, 2], [0, 255, 255, 255, 0])
+
+
+def test_a_painting_on_a_transparent_canvas_has_the_alpha_of_its_picture(run_task, tmp_path):
+    alpha = np.zeros((24, 32), np.uint8)
+    alpha[4:20, 6:20], alpha[4:20, 20:26] = 255, 128
+    sprite = np.dstack([np.full((24, 32, 3), (200, 40, 30), np.uint8), alpha])
+    Image.fromarray(sprite).save(tmp_path / "sprite.png")
+    run_task(task, f"image={tmp_path}/sprite.png", "look=plain", "strokes=20", "steps=4", "frames=0",
+             "background=transparent")  # fmt: skip
+    painting = brushexp.paint(sprite, look="plain", strokes=20, steps=4, background="transparent")
+    (png,) = painting.export("png", tmp_path / "again")
+    for path in (tmp_path / "painting.png", png):
+        with Image.open(path) as image:
+            assert image.mode == "RGBA"
+            painted = np.asarray(image)
+        assert np.abs(painted[..., 3].astype(int) - alpha).max() <= 1
+        assert np.abs(painted[alpha > 0][:, :3] - np.array([200, 40, 30.0])).max() <= 8, "no fringe of white"
+    saved = load_catalogue(tmp_path / "catalogue.h5")
+    (text,) = painting.export("json", tmp_path / "text")
+    assert torch.equal(load_catalogue(text).alpha, saved.alpha)
+    assert np.abs(export_job(saved, resolution=64).alpha()[::2, ::2, 0].astype(int) - alpha).max() <= 128
+    svg = bytes(resvg.svg_to_bytes(svg_string=(tmp_path / "strokes.svg").read_text(), skip_system_fonts=True))
+    shown = np.asarray(Image.open(io.BytesIO(svg)))
+    assert np.abs(shown[..., 3].astype(int) - alpha).max() <= 1
+    with Image.open(painting.export("jpg", tmp_path, quality=100)[0]) as image:
+        over = np.asarray(image)
+    assert (over[0, 0] >= 250).all()
+    assert np.abs(over[12, 12] - np.array([200.0, 40, 30])).max() <= 12
+    opaque = brushexp.paint(sprite[..., :3], look="plain", strokes=9, steps=1, background="transparent")
+    assert opaque.finished.job.alpha() is None
 
 
 def test_a_painting_and_a_state_come_back_from_another_process(tmp_path):

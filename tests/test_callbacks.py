@@ -1,4 +1,4 @@
-"""Callbacks of every fit: progress, checkpoints by time, Ctrl-C, averages; and those that a user chooses."""
+"""Callbacks of every fit: progress, checkpoints by time, Ctrl-C."""
 
 import signal
 import tempfile
@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 from brushexp.runs.trainer import make_trainer
-from brushexp.system.callbacks import INTERRUPTED, MovingAverage
+from brushexp.system.callbacks import INTERRUPTED
 
 
 class Line(L.LightningModule):
@@ -82,13 +82,6 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fit(tmp_path, Line(beside=lambda step: 1 / 0))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
-    plain, averaged = Line(), Line()
-    fit(tmp_path, plain)
-    fit(tmp_path, averaged, callbacks=[MovingAverage(0.9)])
-    assert 0 < averaged.weight.item() < plain.weight.item()
 
 
 def test_an_unknown_option_of_the_trainer_is_refused(tmp_path):

@@ -20,7 +20,7 @@ from films import decoded, pixels_of
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
-from PIL import Image
+from PIL import Image, ImageCms
 from program import run
 from scenes import random_strokes, straight
 
@@ -229,7 +229,8 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
 ATTRIBUTES_1_1 = {  # of SVG 1.1 that we use, and of CSS 2 in style
     "svg": {"version", "width", "height", "viewBox", "style"},
     "clipPath": {"id"},
-    "g": {"clip-path", "fill", "stroke-linecap", "stroke-linejoin"},
+    "mask": {"id", "maskUnits", "x", "y", "width", "height"},
+    "g": {"clip-path", "mask", "fill", "stroke-linecap", "stroke-linejoin"},
     "path": {"d", "fill", "fill-opacity", "stroke", "stroke-width", "stroke-opacity"},
     "image": {"id", "x", "y", "width", "height", "preserveAspectRatio", "{http://www.w3.org/1999/xlink}href"},
 }
@@ -238,11 +239,11 @@ ATTRIBUTES_1_1 = {  # of SVG 1.1 that we use, and of CSS 2 in style
 @pytest.mark.parametrize("options", [{}, {"paths": True}])
 @pytest.mark.parametrize("renderer", [TEXTURED, Analytic(), Analytic(taper=0.6)])
 def test_the_svg_has_only_what_readers_of_svg_1_1_know_and_no_style_takes_its_size_away(renderer, options, tmp_path):
-    what = replace(job_of(some(3)), renderer=renderer, light=Light(depth=1.0))
+    what = changed(job_of(some(3)), alpha=torch.full((3, 4), 128, dtype=torch.uint8))
+    what = replace(what, renderer=renderer, light=Light(depth=1.0))
     root = ET.fromstring(Svg(**options).write(what, tmp_path)[0].read_text())
     tags = [(element.tag.rpartition("}")[2], set(element.attrib)) for element in root.iter()]
     assert {tag: used for tag, used in tags if used - ATTRIBUTES_1_1.get(tag, set())} == {}
-    assert ("image" in dict(tags)) == (not options)
     assert {entry.partition(":")[0] for entry in root.get("style").split(";")} == {"max-width", "max-height"}
 
 
@@ -340,6 +341,24 @@ def test_a_print_has_its_size_on_paper_and_the_same_pixels(name, tmp_path):
         assert (rows[:, 0] == 2).all()
         read = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8).reshape(79, 114, 3)
     np.testing.assert_array_equal(read, large.picture())
+
+
+def test_a_jpeg_is_near_the_painting_and_says_what_its_colours_are(tmp_path):
+    large = job_of(some()).scaled(114 / 52)
+    sizes = []
+    for quality, least in ((95, 40), (30, 25)):
+        (path,) = build_named("to", "jpg", {"size_cm": "6x2.5", "dpi": 80, "quality": quality}).write(
+            job_of(some()), tmp_path
+        )
+        with Image.open(path) as image:
+            assert (image.format, image.info["dpi"]) == ("JPEG", (80, 80))
+            profile = ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"]))
+            assert "sRGB" in ImageCms.getProfileDescription(profile)
+            assert psnr(np.asarray(image), large.picture()) > least
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < 0.7 * sizes[0]
+    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels a side, .* has 65536; .* or to=png"):
+        build_named("to", "jpg", {}).write(job_of(some(1)).scaled(65536 / 52), tmp_path)
 
 
 @pytest.mark.parametrize("options", [{"size_cm": "60"}, {"size_cm": "600x400", "dpi": 9000}, {"size_cm": "0x0"}])

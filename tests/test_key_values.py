@@ -18,6 +18,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.cli.many_pictures import name_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
@@ -141,6 +142,14 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
         assert expand_positional(name) == f"image={name}"
     (tmp_path / "steps=3").mkdir()
     assert expand_positional("steps=3") == "steps=3", "a key is one, though a folder has its name"
+    (tmp_path / "steps=4").mkdir(exist_ok=True)
+    for name in ("steps=4/x.png", "look=ink.png"):
+        (tmp_path / name).touch()
+        assert expand_positional(name) == f"image={name}", "but no file"
+    (tmp_path / "{best}.png").touch()
+    assert expand_arguments(["style={best}.png"])[0].startswith("style.image=")
+    (tmp_path / "~nobody").mkdir()
+    assert name_of("~nobody") == "~nobody"
     (tmp_path / "null").write_text("")
     if key not in ("image", "output", "catalogue"):
         with pytest.raises(UserError, match=r"=null is none, but a file has this name; type .*=\./null"):

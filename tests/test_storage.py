@@ -12,6 +12,7 @@ from catalogues import CONFIG, assert_same, catalogue, give_attribute, refused, 
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS
+from brushexp.strokes.saved import alpha_of, json_lines, parse, png_of
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 
 
@@ -78,6 +79,22 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path, change, message):
     with pytest.raises(UserError, match=message):
         save_catalogue(tmp_path / "a.h5", replace(catalogue(), **change))
     assert not list(tmp_path.iterdir())
+
+
+def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
+    alpha = torch.arange(12, dtype=torch.uint8).reshape(3, 4) * 20
+    saved = replace(catalogue(), alpha=alpha)
+    save_catalogue(tmp_path / "it.h5", saved)
+    assert torch.equal(load_catalogue(tmp_path / "it.h5").alpha, alpha)
+    text = "".join(json_lines(saved))
+    assert torch.equal(parse(text).alpha, alpha)
+    packed = png_of(alpha)
+    for wrong in (b"", b"no picture", packed[:40], packed[:20] + bytes(20) + packed[40:]):
+        with pytest.raises(UserError, match="alpha is no PNG"):
+            alpha_of(wrong)
+    for wrong in ('"?"', "3"):
+        with pytest.raises(UserError, match="alpha is"):
+            parse(re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
 
 
 def test_a_path_to_no_catalogue_is_explained(tmp_path):

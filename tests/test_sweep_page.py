@@ -188,6 +188,13 @@ def test_seeds_have_means_and_differences(tmp_path):
     assert len(ids) == len(set(ids))
 
 
+def test_long_names_of_pictures_do_not_widen_the_page(opened, tmp_path):
+    for k, (image, look) in enumerate((image, look) for image in ("first", "second") for look in ("ink", "oil")):
+        chosen = {"image": f"{image} photograph with a very long name indeed.jpg", "look": look}
+        make_run(tmp_path, chosen, target=ord(image[0]), color=50, psnr=20.0 + k, seconds=1.0 + k)
+    assert not opened(page_of(tmp_path), NARROW).is_too_wide()
+
+
 def test_many_settings_have_one_column(tmp_path):
     for k in range(4):
         chosen = {f"axis{n}": str(k // 2 + n) for n in range(5)} | {"seed": str(k % 2)}

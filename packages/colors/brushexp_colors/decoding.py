@@ -88,14 +88,14 @@ def _run(compiled: Compiled, picture: Tensor, rows: np.ndarray, *others: Tensor)
     share(compiled, -(-flat[0].shape[1] // BLOCK), flat[0], rows, *flat[1:])
 
 
-def _root() -> tuple[float, ...]:
+def _fit_root() -> tuple[float, ...]:
     """Coefficients, the highest first, of a polynomial in u = light^(1/8) that is light^(1 / POWER) above the knee."""
     u = np.cos(np.pi * (np.arange(400) + 0.5) / 400) * 0.5 * (1 - KNEE**0.125) + 0.5 * (1 + KNEE**0.125)
     fit = np.polynomial.Chebyshev.fit(u, u ** (8 / POWER), 7).convert(kind=np.polynomial.Polynomial)
     return tuple(fit.coef[::-1].tolist())
 
 
-ROOT = _root()
+ROOT = _fit_root()
 
 
 @inline

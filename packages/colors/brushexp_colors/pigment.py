@@ -66,8 +66,9 @@ class Pigment(ColorSpace):
 
     A colour is split into white and two of six pure paints, whose reflectances it mixes (Smits, 1999, "An RGB to
     spectrum conversion for reflectances"); channels are the logarithms. Laying these over each other is the weighted
-    geometric mean, the limit of Kubelka and Munk's theory for paint that scatters little, as MyPaint mixes. Differs:
-    the bands are chosen for mixtures, not measured; the blackest paint reflects 1 %.
+    geometric mean, as MyPaint mixes. It is not Kubelka and Munk's theory, where ratios of absorption and scattering
+    are averaged and darker paint counts for more. The bands are chosen for mixtures, not measured; the blackest paint
+    reflects 1 %.
     """
 
     cost, mixes = "1.5", "green"

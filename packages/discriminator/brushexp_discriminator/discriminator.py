@@ -20,7 +20,7 @@ DISCRIMINATORS = CheckpointFormat(
     node=f"loss.{NAME}",
     task=f"task=train_{NAME}",
     without="the one that comes with the program",
-    shipped=Path(__file__).parent / "weights",
+    folders=lambda: [Path(__file__).parent / "weights"],
 )
 SHAPE = 7  # numbers of a stroke that are judged: start 2, control 2, end 2, width 1
 SEEN = SHAPE + 3  # and what the network is told besides: the length, and the bend along and across it

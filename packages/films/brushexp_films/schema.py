@@ -61,6 +61,8 @@ class FilmTask(PaintTask):
         for name, default in OF_PICTURES.items():
             if (value := OmegaConf.select(cfg, name)) != default:
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+        if cfg.background == "transparent":
+            raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")

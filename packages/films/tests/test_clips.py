@@ -52,13 +52,11 @@ def test_films_of_high_dynamic_range_are_shown_with_their_white_as_white(tmp_pat
         plane.update(np.pad(rows, ((0, 0), (0, plane.line_size // 2 - 80))).tobytes())
     path = tmp_path / "phone.mkv"
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx265", rate=25, options={"x265-params": "lossless=1:log-level=none"})
+        stream = container.add_stream("ffv1", rate=25)
         stream.width, stream.height, stream.pix_fmt, said = 80, 64, "yuv444p10le", stream.codec_context
         said.color_trc, said.color_primaries, said.colorspace, said.color_range = transfer, 9, 9, 1
-        for number in range(2):
-            frame.pts, frame.time_base = number, Fraction(1, 25)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
+        frame.pts, frame.time_base = 0, Fraction(1, 25)
+        container.mux([*stream.encode(frame), *stream.encode()])
     picture = next(decode_pictures(open_clip(path)))
     np.testing.assert_allclose(picture[32, 8::16], 255 * srgb(light), atol=3)
 

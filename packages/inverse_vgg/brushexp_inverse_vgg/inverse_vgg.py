@@ -61,8 +61,9 @@ class InverseVGG(PatchRenderer):
             each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
         tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
         noise: strength at first of the noise that is added to every convolution, learned per channel (Karras et al.,
-            2019, arXiv:1812.04948, who begin at 0); at 1 it is of the size of the signal, as in the source; 0 = none.
-            Fresh in training, in painting the same for every stroke.
+            2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
+            training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
+            signal: it is one plane, which all channels share.
         activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
         upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
@@ -71,7 +72,8 @@ class InverseVGG(PatchRenderer):
         precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
             on GPUs; training has its own.
         project: bring strokes into the range of training before they are drawn; false shows what it draws outside.
-        checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
+        checkpoint: trained weights: a .safetensors file of task=train, or the name of one that comes with a package;
+            null for random weights, to be trained.
     """
 
     def __init__(
@@ -91,7 +93,7 @@ class InverseVGG(PatchRenderer):
         channels: list[int] | None = None,
         precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
         project: bool = True,
-        checkpoint: str | None = None,
+        checkpoint: str | None = "inverse_vgg",
     ) -> None:
         super().__init__()
         if channels is None and checkpoint is not None:

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -21,6 +22,7 @@ from safetensors.torch import load_file, save_file
 from torch.nn import functional
 
 from brushexp.compositing.windows import Windows
+from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base
 from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
@@ -227,7 +229,7 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
 
 
 def test_a_plain_name_is_one_that_comes_with_the_program(stored, monkeypatch):
-    elsewhere = replace(RENDERERS, shipped=stored.parent)
+    elsewhere = replace(RENDERERS, folders=lambda: [stored.parent])
     for module in (base, inverse_vgg):
         monkeypatch.setattr(module, "RENDERERS", elsewhere)
     assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]
@@ -235,6 +237,34 @@ def test_a_plain_name_is_one_that_comes_with_the_program(stored, monkeypatch):
     assert elsewhere.shipped_name("yours") is None
     with pytest.raises(UserError, match=r"yours does not come with the program \(there are: mine\)"):
         tiny(checkpoint="yours")
+
+
+def test_the_one_that_ships_is_small_and_draws_strokes_that_it_has_not_seen():
+    path = RENDERERS.path_of("inverse_vgg")
+    assert path.stat().st_size < 2_000_000
+    assert "/" not in path.with_suffix(".json").read_text(), "it tells nothing of its maker"
+    shapes = parameters(40)
+    with torch.no_grad():
+        near, drawn = (
+            window_pictures(build_named("renderer", name, {}), shapes, 64) for name in ("neural", "inverse_vgg")
+        )
+    assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "as is the network that is at 43 dB of true strokes"
+
+
+@pytest.mark.parametrize(
+    ("words", "typed"),
+    [
+        (("renderer=neural_thesis",), "task=train renderer=neural_thesis output=outputs/neural_thesis, then add "
+         "renderer.checkpoint=outputs/neural_thesis/inverse_vgg.safetensors"),
+        (("renderer=inverse_vgg", "renderer.checkpoint=null"), "task=train renderer=inverse_vgg output="),
+        (("renderer=neural", "renderer.checkpoint=null"), "task=train renderer=neural output="),
+        (("warm_up=dual",), "renderer=dual has no trained weights here"),
+    ],
+)  # fmt: skip
+def test_nothing_is_painted_with_random_weights(config, words, typed):
+    words = ("image=astronaut", "resolution=32", "strokes=9", *words)
+    with pytest.raises(UserError, match=re.escape(typed)):
+        check(config(*words), words)
 
 
 def change_recipe(path: Path, **changes: object) -> None:

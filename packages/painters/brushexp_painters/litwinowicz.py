@@ -25,10 +25,11 @@ class Litwinowicz(Painter):
     the colour of its centre, normal to the gradient; where there is hardly any, the direction comes from around by a
     thin-plate spline. Length, thickness, direction and colour are perturbed at random, and so is the order.
 
-    Differs from the paper: the spacing follows from ``strokes``, and lengths that were pixels at its spacing of 2
-    are in spacings. The spline is the discrete one on the grid, of double angles, in which gradients of opposite signs
-    do not cancel. An edge is passed where the magnitude has fallen by ``fall`` from its highest, not by anything, which
-    would be noise: its 8-bit values hid that. One picture only: `image=clip.mp4` has strokes that optical flow carries.
+    Differs from the paper: the spacing follows from ``strokes``, and lengths that were pixels at its spacing of 2 are
+    in spacings, as is the blur, whose width is ours. The spline is the discrete one on the grid, of double angles,
+    in which gradients of opposite signs do not cancel. An edge is passed where the magnitude has fallen by ``fall``
+    from its highest, not by anything, which would be noise: its 8-bit values hid that. One picture only:
+    `image=clip.mp4` has strokes that optical flow carries.
 
     Args:
         length: of a stroke without edges, least and most, in spacings.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import DPI, PrintExporter
+from brushexp.plugins.export.prints import DPI, Compression, PrintExporter
 from brushexp.registry import register
 from brushexp.system.files import replacing
 
@@ -18,7 +18,12 @@ class Pdf(PrintExporter):
     """``painting.pdf``: one page of the picture's size on paper, ``to.pdf.size_cm=60x40``, its pixels without loss.
 
     It is painted and packed in bands, as PNG is.
+
+    Args:
+        compression: 1 is fast, 9 small.
     """
+
+    compression: Compression = 6
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         job = self.scale_to_paper(job)
@@ -41,7 +46,7 @@ class Pdf(PrintExporter):
                     file.write(b"stream\n" + content + b"\nendstream\n")
                 if number == 5:
                     file.write(b"stream\n")
-                    length = sum(file.write(piece) for piece in self.pack_rows(job))
+                    length = sum(file.write(piece) for piece in self.pack_rows(self.rows(job), self.compression))
                     file.write(b"\nendstream\n")
                 file.write(b"endobj\n")
             places.append(file.tell())

@@ -28,11 +28,9 @@ ERRORS = {  # column: heading, digits
 
 
 def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """Write ``figures.csv``, ``summary.md``, ``summary.tex``, ``reliability.json``, plots; of no rows nothing."""
+    """Write ``summary.md``, ``summary.tex``, ``reliability.json``, plots; of no rows nothing."""
     if not rows:
         return []
-    plain = [{key: value for key, value in row.items() if key != "reliability"} for row in rows]
-    write_text(folder / "figures.csv", csv_table(plain, significant=4))
     by_group, by_kind, errors = f1_table(rows), kind_table(rows), error_table(rows)
     parts = [
         "Mean F1 at an intersection over union of 0.5. Seen: kinds of which training has some, from other subjects and "
@@ -43,12 +41,18 @@ def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
     ]  # fmt: skip
     write_text(folder / "summary.md", "\n\n".join(parts) + "\n")
     write_text(folder / "summary.tex", latex_table(by_group) + "\n" + latex_table(errors))
-    paths = [folder / name for name in ("figures.csv", "summary.md", "summary.tex")]
+    paths = [folder / name for name in ("summary.md", "summary.tex")]
     paths.append(plot_scores(folder / "benchmark.png", rows))
     if reliable := reliability_of(rows):
         write_json(folder / "reliability.json", reliable)
         paths += [folder / "reliability.json", plot_reliability(folder / "reliability.png", reliable)]
     return [*paths, *draw_examples(folder, rows)]
+
+
+def write_figures(folder: Path, rows: Sequence[Row]) -> None:
+    """Write ``figures.csv``, a line per picture and method."""
+    plain = [{key: value for key, value in row.items() if key != "reliability"} for row in rows]
+    write_text(folder / "figures.csv", csv_table(plain, significant=4))
 
 
 def mean_of(rows: Sequence[Row], column: str, digits: int) -> str | None:

@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.system.files import write_picture
 from brushexp_recovery.baselines import METHODS
-from brushexp_recovery.benchmark_report import Row, write_report
+from brushexp_recovery.benchmark_report import Row, write_figures, write_report
 from brushexp_recovery.benchmark_scenes import KINDS, SEEN, Scene, paint, scenes_of
 from brushexp_recovery.given import Given, read_given
 from brushexp_recovery.score import score
@@ -55,6 +55,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             if cfg.add is not None:
                 found["add"] = added(Path(cfg.add), case), float("nan")
             rows += [row_of(case, name, given, seconds, folder) for name, (given, seconds) in found.items()]
+            write_figures(folder, rows)  # now: the next painting may take minutes
         log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
     log.info("%s: %s", folder, ", ".join(path.name for path in write_report(folder, rows)))
     best = [row for row in rows if row["method"] == "recovery"]

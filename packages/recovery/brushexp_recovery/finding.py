@@ -11,7 +11,7 @@ from PIL import Image
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
-from brushexp_recovery.network import PAINT, USUAL, WIDTH
+from brushexp_recovery.network import LENGTH, PAINT, USUAL, WIDTH
 from brushexp_recovery.regions import pieces_of
 from brushexp_recovery.tree import Tree, cut, grow, node_features
 
@@ -24,6 +24,7 @@ TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to f
 LEAST = 12  # pixels of a region
 PRICE = 0.35  # of a region: it is kept if its chance is higher
 FREE = 0.6  # share of a region that surer ones must leave to it
+SETTLED = 0.2  # change of the logarithm of a scale that is not worth another look
 ENOUGH = 0.02  # share of paint below which nothing is said of widths
 OVER_UNIT = 16  # steps of log-odds in 8 bits
 Progress = Callable[[float, str], None]
@@ -73,14 +74,22 @@ def find_zoom(model: RecoveryModel, image: Array) -> float:
     """Find the scale at which the strokes of a picture are about as wide as those the network learnt from."""
     zoom = 1.0
     for _ in range(TRIALS):
-        widths = [width for part in parts_of(image, TRIED / zoom) for width in _widths(model, zoomed(part, zoom))]
-        if not widths:
+        found = [_widths(model, zoomed(part, zoom)) for part in parts_of(image, TRIED / zoom)]
+        widths, strokes = np.concatenate(found, 1)
+        if not len(widths):
             break
-        change = USUAL / float(np.median(np.concatenate(widths)))
+        change = USUAL / middle_of(widths, strokes)
         before, zoom = zoom, float(np.clip(zoom * change, *SCALES))
-        if abs(np.log(zoom / before)) < 0.25:
+        if abs(np.log(zoom / before)) < SETTLED:
             break
     return zoom
+
+
+def middle_of(values: Array, weights: Array) -> float:
+    """Compute the median of values (N,) with weights (N,)."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def parts_of(image: Array, side: float) -> list[Array]:
@@ -94,11 +103,13 @@ def parts_of(image: Array, side: float) -> list[Array]:
     return [image[y : y + extent[0], x : x + extent[1]] for y in corners[0] for x in corners[1]]
 
 
-def _widths(model: RecoveryModel, part: Array) -> Iterator[Array]:
+def _widths(model: RecoveryModel, part: Array) -> Array:
+    """Guess, of each pixel with paint, the width of its stroke and the share of a stroke that the pixel is (2, P)."""
     geometry = predict(model.network, part, 1).geometry
     paint = geometry[PAINT] > 0
-    if paint.mean() > ENOUGH:
-        yield np.exp(geometry[WIDTH][paint])
+    paint &= paint.mean() > ENOUGH
+    wide, long = geometry[WIDTH][paint], geometry[LENGTH][paint]
+    return np.stack([np.exp(wide), np.exp(-wide - long)])
 
 
 def zoomed(image: Array, zoom: float) -> Array:

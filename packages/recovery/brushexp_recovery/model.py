@@ -14,7 +14,7 @@ PAIR_FEATURES, NODE_FEATURES = 45, 35
 KNOTS = 9  # of the curve from what the judge of nodes says to the share of such strokes that were really there
 RECOVERIES = CheckpointFormat(
     noun="recovery", family="recovery", node="recovery", task="task=train model=recovery", without="no recovery",
-    shipped=Path(__file__).parent / "weights",
+    folders=lambda: [Path(__file__).parent / "weights"],
 )  # fmt: skip
 
 

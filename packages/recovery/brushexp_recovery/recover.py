@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.load import HeldPicture, is_picture, load_picture
+from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
@@ -23,6 +24,7 @@ __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
 Array = NDArray[Any]
 
 COPIES = 2  # of a picture that are looked at, turned and mirrored
+SAMPLED = 100_000  # pixels whose colours tell that of the ground
 RENDERER = "analytic"  # draws a stroke as it was fitted
 
 
@@ -67,7 +69,9 @@ def in_order(regions: Regions, fitted: Fitted, chance: Array, order: Array, imag
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = np.where(regions.labels >= 0, rank[regions.labels], -1).astype(np.int32) if len(rank) else regions.labels
     curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
-    ground = image[labels < 0] if (labels < 0).mean() > 0.01 else image.reshape(-1, 3)
+    every = max(1, labels.size // SAMPLED)
+    sample, empty = image.reshape(-1, 3)[::every], labels.ravel()[::every] < 0
+    ground = sample[empty] if empty.mean() > 0.01 else sample
     saved = Saved(
         strokes=strokes_along(curve, width, color, 1.0),
         depth=torch.arange(len(order), dtype=torch.int32),

@@ -9,18 +9,22 @@ from omegaconf import DictConfig
 
 from brushexp.api.parts import render
 from brushexp.pictures.load import load_picture
-from brushexp.system.files import write_json, write_picture
+from brushexp.reporting.tables import csv_table
+from brushexp.system.files import write_json, write_picture, write_text
 from brushexp.system.progress import showing
 from brushexp.system.runtime import peak_memory
+from brushexp_recovery.measure_scale import scale_of
 from brushexp_recovery.model import load_model
+from brushexp_recovery.page import write_page
 from brushexp_recovery.recover import recover_with
 from brushexp_recovery.storage import Recovered, write_recovered
+from brushexp_recovery.stroke_rows import rows_of, table_with_units
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write catalogue.h5, the recovered painting and its regions into the run's folder, and figures."""
+    """Write catalogue.h5, the recovered painting, its regions, table and page into the run's folder, and figures."""
     picture = load_picture(cfg.image, None)
     model = load_model(cfg.weights)
     with showing("finding strokes") as show:
@@ -31,6 +35,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
     write_picture(folder / "painting.png", painting)
     write_picture(folder / "regions.png", colored(recovered.labels))
+    rows = rows_of(recovered, scale_of(saved.size, cfg.width_cm, None))
+    write_text(folder / "strokes.csv", csv_table(table_with_units(rows), significant=6))
+    write_page(folder, picture.permute(1, 2, 0).numpy(), rows, Path(cfg.image).name)
     metrics = figures_of(recovered) | {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
     metrics |= {"picture": "painting.png", "status": "completed"}
     write_json(folder / "metrics.json", metrics)

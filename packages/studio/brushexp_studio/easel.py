@@ -101,7 +101,7 @@ class Easel:
         if work.frames:
             with Tag("div", "row tools"):
                 Tag("button", "choice", "Look at it alone", type="button", data_zoom=".place .stage img")
-        elif work.status == WAITING:
+        elif work.status == WAITING and self.visit.works.before(work):
             Tag("p", "caption hint", "It is painted when the ones before it are finished.")
 
     def _compare(self) -> None:

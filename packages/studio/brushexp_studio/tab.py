@@ -76,7 +76,10 @@ class Tab:
         self.trouble.set_text(words)
 
     def paint(self) -> None:
-        """Begin a painting of the chosen picture, and show it."""
+        """Begin a painting of the chosen picture, and show it; a second click is none for another one."""
+        last = self.visit.begun
+        if last and last.is_open and not last.frames and last.wishes == self.visit.wishes:
+            return
         try:
             work = self.visit.begun = self.works.begin(self.visit.wishes, self.visit)
         except UserError as error:
@@ -108,7 +111,7 @@ class Tab:
         work, mine = self.visit.work, self.visit.stoppable()
         self.main.allow(self.visit.wishes.photo is not None)
         self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())
-        self.stop.set_text("Withdraw" if mine and mine.status == WAITING else "Stop")
+        self.stop.set_text("Withdraw" if mine and self.works.before(mine) else "Stop")
         current = self.works.current
         self.bar.set_visibility(bool(current and current.frames))
         self.bar.set(value=f"{current.share:.3f}" if current else 0)

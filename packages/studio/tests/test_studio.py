@@ -12,6 +12,7 @@ import time
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from unittest.mock import Mock
 from urllib.parse import quote, urlsplit
 
@@ -28,8 +29,10 @@ from brushexp.errors import UserError
 pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp_studio.photos import Photos
 from brushexp_studio.server import application, running
+from brushexp_studio.tab import likelihood
+from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
-from brushexp_studio.works import Works
+from brushexp_studio.works import Work, Works
 
 pytestmark = pytest.mark.slow
 WIDE, PHONE = (1280, 860), (390, 844)
@@ -123,9 +126,15 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     alert = page.get_by_role("alert")
     alert.get_by_text("notes.jpg is not a picture of a known format").wait_for()
     assert str(tmp_path) not in alert.inner_text()
-    page.get_by_label("Your photograph").set_input_files(
-        {"name": "写真 cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
-    )
+    page.evaluate(
+        """([name, bytes]) => {
+          const files = new DataTransfer();
+          files.items.add(new File([Uint8Array.from(bytes)], name));
+          document.querySelector("h2").dispatchEvent(
+            new DragEvent("drop", { bubbles: true, cancelable: true, dataTransfer: files }));
+        }""",
+        ["写真 cat.png", list(CHELSEA.read_bytes())],
+    )  # dropped beside every field
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
     choose(page, "Canvas", "256")
@@ -315,6 +324,45 @@ def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monk
         found = list(threads.map(lambda k: photos.add(tmp_path, f"{k}.png").name, range(8)))
     assert found == [f"{k}.png" for k in range(8)]
     assert max(most) == 1
+
+
+def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp_path, monkeypatch):
+    gate = Event()
+    monkeypatch.setattr(Works, "_paint", lambda works, work: gate.wait(60))
+    works = Works(tmp_path, {})
+    mine, theirs = (Visit(Mock(), works, [], Wishes(photo=Mock())) for _ in range(2))
+    mine.begun = works.begin(mine.wishes, mine)
+    theirs.begun = works.begin(theirs.wishes, theirs)
+    last = works.begin(theirs.wishes, theirs)
+    theirs.work = mine.begun
+    assert (theirs.stoppable(), mine.stoppable()) == (theirs.begun, mine.begun), "each its own"
+    assert works.before(last) == 2
+    works.stop(theirs.begun)
+    assert [work.number for work in works.all] == [1, 3], "what waits is withdrawn"
+    assert theirs.stoppable() is None, "the other tab is open"
+    mine.is_there = False
+    assert theirs.stoppable() is mine.begun, "the tab is gone, or was loaded again"
+    gate.set()
+    works._thread.join(60)
+    assert {work.status for work in works.all} == {"done"}
+    assert sorted(["plain", "oil", "own", "ink"], key=likelihood) == ["oil", "ink", "plain", "own"]
+
+
+def test_a_painting_is_printed_large_once(tmp_path):
+    work = Work(1, Wishes(photo=Mock()), tmp_path)
+    with pytest.raises(KeyError):
+        work.print_as("png")
+
+    def export(form, folder, size):
+        folder.mkdir(exist_ok=True)
+        path = folder / f"painting.{form}"
+        path.write_text(f"{path.exists()} {size}")
+        return [path]
+
+    work.painting = Mock(export=export)
+    assert [work.print_as("pdf").read_text() for _ in range(2)] == ["False 4096"] * 2
+    with pytest.raises(KeyError):
+        work.print_as("../x")
 
 
 @pytest.mark.parametrize("keep", ["/proc/x", __file__])

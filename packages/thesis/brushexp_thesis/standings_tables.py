@@ -19,9 +19,10 @@ EXPLANATION = (
     "over those first. *Behind* is the mean difference in PSNR, picture by picture, from the best row with as many "
     "strokes; an interval that does not reach 0 is a difference. Seconds, of the wall and of the CPU, are of the "
     "optimisation, memory is of the process, on the machine that painted. PSNR is what *gradient* works for, and most "
-    "other painters do not; intervals are each for itself; and strokes of one painter have more numbers than "
-    "primitives of another. *Rows in italics are published figures*: they were not measured here, enter no mean, and "
-    "are of the pictures that their row names."
+    "other painters do not; intervals are each for itself. *Rows in italics are published figures*: they were not "
+    "measured here, enter no mean, and are of the pictures that their row names. A stroke has 13 numbers that are "
+    "optimised, of which 11 are free (its place is in its three points, too), a Gaussian of these "
+    "papers has 8, so equal counts are not equal sizes."
 )
 BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."

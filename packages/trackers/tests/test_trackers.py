@@ -148,7 +148,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
 @pytest.mark.parametrize(("name", "module"), [("tensorboard", tensorboard), ("wandb", wandb)])
 def test_a_tracker_that_is_not_installed_is_refused_before_the_work(name, module, config, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda package: None)
-    with pytest.raises(UserError, match=rf"needs the package {name}; pip install -e '\.\[{name}\]'"):
+    with pytest.raises(UserError, match=rf"needs the package {name}; pip install 'brushexp\[{name}\]'"):
         make_trackers(config(f"logger={name}"), Path("x"))
 
 

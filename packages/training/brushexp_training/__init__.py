@@ -1,6 +1,6 @@
 """From simulated strokes to a trained renderer, in the order of the data.
 
 schema (with rules, functions) -> engine -> writer -> dataset -> datamodule (with stroke_data)
--> renderer_module (with network_module, renderer) -> network_fitting -> evaluation (with torch_script) -> benchmark
--> stroke_sheets
+-> renderer_module (with network_module, renderer) -> network_fitting (with moving_average)
+-> evaluation (with torch_script) -> benchmark -> stroke_sheets
 """

@@ -1,4 +1,4 @@
-"""A renderer's errors on held-out strokes, its speed, and its drawings outside the range of training are measured."""
+"""Measure a renderer: errors on held-out strokes, speed, and drawings outside the range of training."""
 
 import time
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""A set of simulated strokes is a folder of shards, HDF5 files (docs/formats.md), and is read block by block.
+"""Read a set of simulated strokes, a folder of shards (HDF5 files, docs/formats.md), block by block.
 
 Blocks of 16 strokes are the chunks on disk, and belong to one split each by their number alone. So a set keeps its
 splits when it grows, and reading one split unpacks nothing of another. With 5 %, a set of 50,000 holds enough test

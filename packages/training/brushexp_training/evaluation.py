@@ -1,4 +1,4 @@
-"""A renderer's pictures are judged by errors of strokes, distances of sample sets, and contact sheets."""
+"""Judge the pictures of a renderer by errors of strokes, distances of sample sets, and contact sheets."""
 
 import math
 import warnings

@@ -20,11 +20,11 @@ from brushexp.registry import plugin_of
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
-from brushexp.system.callbacks import MovingAverage
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
 from brushexp_training.datamodule import StrokeData
+from brushexp_training.moving_average import MovingAverage
 from brushexp_training.network_module import NetworkModule
 from brushexp_training.renderer_module import RendererModule, RendererSettings
 from brushexp_training.stroke_data import data_recipe

@@ -1,4 +1,4 @@
-"""A network is trained with a schedule of its learning rate, clipped gradients, and curves."""
+"""Train a network with a schedule of its learning rate, clipped gradients, and curves."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""A renderer is trained on pictures of strokes, with or without a critic."""
+"""Train a renderer on pictures of strokes, with or without a critic."""
 
 import logging
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A task's config names the strokes that it trains or measures on."""
+"""Find the strokes that a task trains or measures on, as its config names them."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""A set of strokes is written shard by shard, each moved to its place when it is complete.
+"""Write a set of strokes shard by shard, each moved to its place when it is complete.
 
 So the folder always holds a smaller set, and grows to the same strokes however often its making was interrupted.
 """

@@ -18,6 +18,7 @@ from brushexp_training import network_module, renderer_module, stroke_data
 from brushexp_training.datamodule import StrokeBatch, StrokeLoader
 from brushexp_training.dataset import Origin
 from brushexp_training.evaluation import error_figures, error_sums, premultiply, squared_error
+from brushexp_training.moving_average import MovingAverage
 from brushexp_training.network_fitting import fit_network, renderer_settings
 from brushexp_training.renderer_module import Critic, RendererModule, RendererSettings, balance, relativistic_loss
 from brushexp_training.rules import check_brushes, check_ends
@@ -35,7 +36,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build, build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
+from brushexp.system.callbacks import DIVERGED, INTERRUPTED, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
 
 SIDE = 16

@@ -114,7 +114,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
             full = "style.image" if name == "style" else name
-            held[full] = hold(value, name, backdrop=float(name != "focus"))
+            held[full] = hold(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:
             if not value:

@@ -17,7 +17,7 @@ def tell_of_compilation() -> None:
 
         def on_start(self, event: Any) -> None:
             if not self.told:
-                log.info("compiling for this machine, this first time only: some 40 s")
+                log.info("compiling for this machine, this first time only: some 20 s")
             self.told = True
 
         def on_end(self, event: Any) -> None:

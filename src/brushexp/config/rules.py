@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
+from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of, plugins
@@ -36,6 +37,9 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
     """Read the number of strokes of a saved painting, and the height and width of its canvas."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
+    if path.lower().endswith(tuple(picture_suffixes())):
+        cure = f"paint it first, brushexp {path} output=outputs/x, and give {option}=outputs/x"
+        raise UserError(f"{option}={path} is a picture, not a painting with its strokes; {cure}")
     saved = load_catalogue(Path(path), option)
     return len(saved.strokes), saved.size
 
@@ -54,14 +58,20 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.components import check_losses, check_size, stroke_budget  # noqa: PLC0415
+    from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
+    from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     check_trainer(cfg)
     warn_of_unused_keys(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+    typed = [word.partition("=")[2] for word in overrides if word.startswith("renderer=")]
+    *warm_ups, last = build_stages(cfg, keep_built)
+    for stage in warm_ups:
+        check_trained(stage.renderer, stage.name)
+    check_trained(last.renderer, typed[-1] if typed else last.name)
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None

@@ -146,7 +146,9 @@ class PaintTask(Task):
     coarse: float = key(0, "fraction of the steps, the first ones, at half the resolution", between(0, 0.99))
     warm_up: str | None = key("auto", "fast renderer of the first steps; auto = the chosen one's; null = none")
     finish_steps: int = key(40, "updates per stroke with the chosen renderer after the warm-up", at_least(0))
-    background: str = key("mean", "colour of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
+    background: str = key(
+        "mean", "colour of the bare canvas: mean (of the picture), white, black, '#rrggbb', transparent (as it)", COLOR
+    )
     wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)

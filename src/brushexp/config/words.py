@@ -43,9 +43,8 @@ OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its gra
 
 def expand_positional(word: str, task: str = "paint") -> str:
     """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task begins with."""
-    path, key = Path(word), word.partition("=")[0].lstrip("+~")
-    is_key = not is_path(word) or key in types_of_keys() or key in chosen_groups()
-    if is_key and ("=" in word or word.startswith("~")):
+    path = Path(word)
+    if is_setting(word):
         return meaning_of(word) or word
     if word in TASKS:
         return f"task={word}"
@@ -63,6 +62,17 @@ def expand_positional(word: str, task: str = "paint") -> str:
     if is_path(word):
         raise UserError(f"task={task} takes no file or folder alone; type its key before it, KEY={word}")
     raise UserError(unknown_word(word))
+
+
+def is_setting(word: str) -> bool:
+    """Whether a word is ``key=value`` or ``~key``; a picture or folder may have such a name, steps=3/x.jpg."""
+    key, equal, value = word.partition("=")
+    if not equal and not word.startswith("~"):
+        return False
+    if not is_path(word):
+        return True
+    is_known = key.lstrip("+~") in {*types_of_keys(), *chosen_groups()}
+    return is_known and (is_path(value) or (os.sep not in word and not Path(word).suffix))
 
 
 def unknown_word(word: str) -> str:
@@ -83,7 +93,7 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
         return "hydra.sweeper.resume=true"
     name, equal, value = expand_positional(word).partition("=")
     name, value = respell(name, value)
-    if re.fullmatch(r"\+{0,2}style|~style", name) and equal and not value.startswith("{"):
+    if re.fullmatch(r"\+{0,2}style|~style", name) and equal and (is_path(value) or not value.startswith("{")):
         name += ".image"
     if name == "light" and (angles := re.fullmatch(r"\[?([^\[\]{]*)\]?", value)):
         azimuth, comma, elevation = angles[1].partition(",")

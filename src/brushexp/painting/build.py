@@ -1,5 +1,7 @@
 """Build a painter before its first step from the config of a painting."""
 
+import logging
+
 from omegaconf import DictConfig
 from torch import Tensor
 
@@ -9,11 +11,13 @@ from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import focus_map, focus_weights
-from brushexp.pictures.load import background_color, load_picture
+from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import take_built
 from brushexp.strokes.catalogue import Catalogue
+
+log = logging.getLogger(__name__)
 
 
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
@@ -21,9 +25,19 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
     ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size.
     """
-    target = load_picture(cfg.image, cfg.resolution) if target is None else target
+    target = target_of(cfg) if target is None else target
     painter = take_built(cfg.painter)
     return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
+
+
+def target_of(cfg: DictConfig) -> Tensor:
+    """Load the picture (3, H, W) that is painted."""
+    if cfg.background == TRANSPARENT:
+        target, alpha = load_cutout(cfg.image, cfg.resolution)
+        if bool((alpha == 1).all()):
+            log.warning("image=%s has no transparent pixels: background=transparent is as mean", cfg.image)
+        return target
+    return load_picture(cfg.image, cfg.resolution)
 
 
 def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor) -> OtherPainter:

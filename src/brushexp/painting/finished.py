@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.schedule import add_pair
 from brushexp.painting.wet import drag_paint
+from brushexp.pictures.credits import credits_of, write_credited
+from brushexp.pictures.load import TRANSPARENT, load_cutout
 from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
@@ -28,7 +31,7 @@ from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.files import to_bytes, write_json
 from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
 
@@ -58,8 +61,11 @@ class Finished:
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
+        about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
-            write_picture(folder / f"{name}.png", self.pictures[name])
+            pixels, alpha = self.pictures[name], self.job.alpha()
+            shown = pixels if alpha is None else np.dstack([pixels, alpha])
+            write_credited(folder / f"{name}.png", shown, about)
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
         status = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
@@ -84,7 +90,8 @@ def finish(
     strokes, front_to_back = drag_paint(painter, cfg.wet)
     colors = canvas.draw(strokes, front_to_back)
     job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
-    job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back, canvas.background))
+    saved = job.saved.with_strokes(strokes, front_to_back, canvas.background)
+    job = replace(job, saved=replace(saved, alpha=alpha_from(cfg)))
     sources = {name: to_bytes(picture) for name, picture in painter.pictures.items()}
     flat, target, lit = to_bytes(colors), sources["target"], dict[str, object]()
     results = {"painting": flat}
@@ -117,6 +124,14 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
     return ExportJob(saved, renderer, compositor.blend, compositor.space, Light(**cfg.light), str(cfg.image))
+
+
+def alpha_from(cfg: DictConfig) -> Tensor | None:
+    """Load the alpha (H, W) uint8 of the picture, if the background is transparent, and any of the picture."""
+    if cfg.background != TRANSPARENT:
+        return None
+    alpha = (255 * load_cutout(cfg.image, cfg.resolution)[1]).round().to(torch.uint8)
+    return None if bool((alpha == 255).all()) else alpha
 
 
 def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:

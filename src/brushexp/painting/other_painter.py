@@ -36,7 +36,7 @@ class OtherPainter(PaintingModule):
     def strokes(self) -> Strokes:
         return self._strokes
 
-    def draw(self, strokes: Strokes) -> Tensor:
+    def draw_strokes(self, strokes: Strokes) -> Tensor:
         """Draw strokes, the lowest first, as a picture (3, H, W); differentiable in those that want a gradient."""
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
@@ -49,7 +49,7 @@ class OtherPainter(PaintingModule):
         width, color = canvas.target.new_ones(1), canvas.target.new_zeros(1, 3)
         stroke = strokes_along(middle, width.requires_grad_(self.painter.differentiates), color, width.detach())
         with torch.set_grad_enabled(self.painter.differentiates):
-            image = self.draw(stroke)
+            image = self.draw_strokes(stroke)
             if self.painter.differentiates:
                 image.sum().backward()
 
@@ -59,7 +59,7 @@ class OtherPainter(PaintingModule):
     def _states(self) -> Iterator[PaintState]:
         canvas, generator = self.picture, torch.Generator().manual_seed(self.seed)
         state = PaintState(self._strokes, 0, 1)
-        for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw, generator)):
+        for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw_strokes, generator)):
             self._check(state)
             yield state
         yield PaintState(state.strokes, state.step, state.step)  # the painter may end before its plan
@@ -72,7 +72,7 @@ class OtherPainter(PaintingModule):
         """Draw and keep a state; the loss has no gradient."""
         self.schedule.pause()
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
-        image = self.draw(strokes)
+        image = self.draw_strokes(strokes)
         if not image.isfinite().all():
             who = f"{name_member('renderer', self.renderer)} with {name_member('blend', self.picture.blend.blend)}"
             raise UserError(f"{who} makes a picture that is not finite; choose others")

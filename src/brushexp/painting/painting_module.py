@@ -59,7 +59,7 @@ class Epoch:
 
 
 class PaintingModule(QuickModule):
-    """A picture that approaches its target step by step, as goals, bar, film, curves and page read it."""
+    """Base module of all painters: it counts steps, draws the picture, and publishes losses, PSNR and why it ends."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
 

@@ -29,43 +29,57 @@ CHANNELS = (1, 3, 4)  # grey, RGB, RGB and straight alpha
 class HeldPicture:
     """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
 
-    pixels: np.ndarray
+    over: dict[float, np.ndarray]  # the picture over white (1) and over black (0): one array where it is opaque
     name: str
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return hold, (self.pixels,)  # in another process, too, it is found by its name
+        return _named, (self.over,)  # in another process, too, it is found by its name
 
     def write(self, folder: Path, stem: str) -> Path:
-        """Write exactly these pixels to a file: PNG, or TIFF of floats."""
-        if self.pixels.dtype == np.uint8:
-            write_picture(path := folder / f"{stem}.png", self.pixels)
+        """Write these pixels to a file: PNG, or TIFF of floats; what is transparent stays so."""
+        white, black = self.over[1.0], self.over[0.0]
+        pixels = white if white is black else _with_alpha(white, black)
+        if pixels.dtype == np.uint8:
+            write_picture(path := folder / f"{stem}.png", pixels)
             return path
         from tifffile import imwrite  # noqa: PLC0415  (rarely needed)
 
+        extra = {} if white is black else {"extrasamples": ["unassalpha"]}
         with replacing(path := folder / f"{stem}.tif") as temporary:
-            imwrite(temporary, self.pixels, photometric="rgb")
+            imwrite(temporary, pixels, photometric="rgb", **extra)
         return path
 
 
 _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
-def hold(picture: Any, key: str = "image", backdrop: float = 1.0) -> HeldPicture:
-    """Give a picture a name, the same one for the same pixels; a UserError with its ``key`` says what does not fit.
+def hold(picture: Any, key: str = "image") -> HeldPicture:
+    """Give a picture a name, the same one for the same pixels; a UserError with its ``key`` says what does not fit."""
+    white, black = (_pixels(picture, key, backdrop) for backdrop in (1.0, 0.0))
+    return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
-    It is laid over a ``backdrop`` of white (1) or black (0) where it is transparent.
-    """
-    pixels = _pixels(picture, key, backdrop)
-    digest = sha256(f"{pixels.shape} {pixels.dtype}".encode() + pixels.tobytes()).hexdigest()
-    name = f"picture {digest[:12]} in memory"
-    held = _pictures.get(name) or HeldPicture(pixels, name)
+
+def _named(over: dict[float, np.ndarray]) -> HeldPicture:
+    digest = sha256(f"{over[1.0].shape} {over[1.0].dtype}".encode() + over[1.0].tobytes() + over[0.0].tobytes())
+    name = f"picture {digest.hexdigest()[:12]} in memory"
+    held = _pictures.get(name) or HeldPicture(over, name)
     _pictures[name] = held
     return held
 
 
-def pixels_of(name: str) -> np.ndarray | None:
-    """Look up the picture (H, W, 3) of this name; None if none is held."""
-    return getattr(_pictures.get(name), "pixels", None)
+def pixels_of(name: str, backdrop: float = 1.0) -> np.ndarray | None:
+    """Look up the picture (H, W, 3) of this name over white (1) or black (0); None if none is held."""
+    held = _pictures.get(name)
+    return None if held is None else held.over[backdrop]
+
+
+def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
+    """Find colours and alpha (H, W, 4) of what was laid over white and over black."""
+    most = 255 if white.dtype == np.uint8 else 1
+    alpha = 1 - (white.astype(np.float64) - black).mean(2, keepdims=True) / most
+    color = np.divide(black / most, alpha, out=np.zeros(black.shape), where=alpha > 0)
+    pixels = np.concatenate([color, alpha], axis=2).clip(0, 1) * most
+    return (pixels.round() if most == 255 else pixels).astype(white.dtype)
 
 
 def is_picture(value: Any) -> bool:

@@ -3,6 +3,7 @@
 import importlib
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from PIL.ImageFile import ImageFile
@@ -38,9 +39,9 @@ def bits_of(picture: ImageFile) -> int | None:
 def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tuple[np.ndarray, np.ndarray | None]:
     """Decode colours (H, W, 3) and alpha (H, W, 1), float32 in [0, 1]; above 100 megapixels at ``side`` or more."""
     av = _ffmpeg(picture, bits)
-    coder = av.CodecContext.create("jpeg2000", "r")
+    coder: Any = av.CodecContext.create("jpeg2000", "r")
     coder.options = {"lowres": str(halvings(picture.width, picture.height, side or 1, levels_of(picture)))}
-    (frame,) = [*coder.decode(av.Packet(path.read_bytes())), *coder.decode(None)]
+    frame = next(frame for packet in (av.Packet(path.read_bytes()), None) for frame in coder.decode(packet))
     unit = frame.to_ndarray(format="rgba64le") / np.float32(((1 << bits) - 1) << (16 - bits) if bits > 8 else 65535)
     return unit[..., :3].clip(0, 1), unit[..., 3:].clip(0, 1) if picture.mode in ("LA", "RGBA") else None
 

@@ -23,6 +23,8 @@ from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
 from brushexp.pictures.limits import MAX_PIXELS
 
+LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
+TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
@@ -35,6 +37,21 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
+
+
+def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple[Tensor, Tensor]:
+    """Read a picture as `load_picture` does, but for what is transparent: (3, H, W), and its alpha (H, W) in [0, 1].
+
+    Colours are straight, and the mean of all that can be seen where nothing can.
+    """
+    white, black = (
+        planes_of(_pixels_of(image, key, backdrop=backdrop, side=resolution), resolution) for backdrop in (1.0, 0.0)
+    )
+    alpha = (1 - (white - black).mean(0)).clamp(0, 1)
+    seen = alpha > LEAST_ALPHA
+    color = (black / alpha.clamp_min(LEAST_ALPHA)).clamp(0, 1)
+    rest = color[:, seen].mean(1) if seen.any() else torch.ones(3)
+    return torch.where(seen, color, rest[:, None, None]), torch.where(seen, alpha, 0.0)
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
@@ -65,7 +82,7 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
 
 
 def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
-    held = pixels_of(image)
+    held = pixels_of(image, backdrop)
     return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop, side=side) if held is None else held
 
 
@@ -108,11 +125,14 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes; ``mean``, that of the target, to None (else UserError)."""
+    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes (else UserError).
+
+    ``mean``, that of the target, and ``transparent``, below which it is the same, are None.
+    """
     digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
-    if spec != "mean" and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
-        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, white, black or '#rrggbb'")
-    return None if spec == "mean" else bytes.fromhex(digits[1:])
+    if spec not in ("mean", TRANSPARENT) and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
+        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, transparent, white, black or '#rrggbb'")
+    return None if spec in ("mean", TRANSPARENT) else bytes.fromhex(digits[1:])
 
 
 def samples() -> dict[str, Path]:

@@ -45,7 +45,9 @@ class RunFolder(Callback):
             check(config, words)
             take(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
-            raise SystemExit(f"brushexp: {explanation(error, folders_in(config), words)}") from error
+            is_theirs = isinstance(error, OmegaConfBaseException)
+            message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
+            raise SystemExit(f"brushexp: {message}") from error
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:
@@ -53,7 +55,8 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 
     The name is the moment of the run, which every job of a sweep reads again: it becomes that moment.
     """
-    if OmegaConf.to_container(cfg, resolve=False)["output"] != BY_TIME:  # type: ignore[call-overload, index]
+    plain: Any = OmegaConf.to_container(cfg, resolve=False)
+    if plain["output"] != BY_TIME or folder != Path(cfg.output):
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     for number in count(1):

@@ -38,7 +38,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Light:
-    """The lamp over a painting, and what its paint is like in it."""
+    """The lamp over a painting: where it stands, and how thick and glossy the paint is."""
 
     azimuth: float = 315.0  # degrees clockwise from the top (315: upper left)
     elevation: float = 45.0  # degrees above the canvas

@@ -1,4 +1,4 @@
-"""A painting's brushwork, its lengths, widths, curvatures and directions, is a sample to draw from.
+"""Measure the brushwork of a painting (lengths, widths, curvatures, directions), and give it to other strokes.
 
 Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that transferred strokes cover another picture
 as densely as their own.

@@ -1,4 +1,4 @@
-"""A catalogue holds the numbers of strokes that are optimised, with their units and bounds."""
+"""Hold the numbers of strokes that are optimised, with their units and bounds."""
 
 from __future__ import annotations
 

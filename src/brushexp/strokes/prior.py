@@ -1,4 +1,4 @@
-"""The distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5) is drawn from, and strokes become plain numbers."""
+"""Draw from the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); turn strokes into numbers and back."""
 
 from collections.abc import Callable
 from dataclasses import replace

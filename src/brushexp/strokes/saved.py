@@ -1,19 +1,24 @@
 """The record of a finished painting, and its form as JSON (docs/formats.md), which people read, edit and write."""
 
 import json
+from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from io import BytesIO
 from reprlib import repr as shortened
 from typing import Any, Self
 
+import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, MOST, Strokes, check_strokes
 from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
 
+LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
 VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
@@ -36,6 +41,7 @@ class Saved:
     renderer_hash: str = ""  # of its checkpoint; empty when it has none
     seed: int = 0  # of the run
     config: str = ""  # settings of the run as YAML: text from a file, of which only plugins may be built
+    alpha: Tensor | None = None  # (h, w) uint8: how much of the painting there is, stretched over the canvas; None: all
 
     def with_strokes(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
         """Record other strokes of the same run, in the order ``front_to_back`` (N,), the uppermost first."""
@@ -55,6 +61,8 @@ class Saved:
         background = self.background
         if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
             raise UserError(f"background is {in_short(background.tolist())}; three numbers in [0, 1] are needed")
+        if self.alpha is not None and (self.alpha.ndim != 2 or self.alpha.dtype != torch.uint8):
+            raise UserError(f"alpha is {tuple(self.alpha.shape)} {self.alpha.dtype}; (h, w) uint8 is needed")
         if not -(2**63) <= self.seed < 2**64:
             raise UserError(f"seed is {self.seed}; a number of 64 bits is needed")
         try:
@@ -81,6 +89,8 @@ def json_lines(saved: Saved) -> Iterator[str]:
     units = {name: field.unit for name, field in FIELDS.items()} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
     head = {"format": FORMAT, "format_version": VERSION, **attributes}
     head["background"] = [float(f"{level:.9g}") for level in saved.background.float().tolist()]
+    if saved.alpha is not None:
+        head["alpha"] = b64encode(png_of(saved.alpha)).decode()
     yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
     exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
@@ -113,8 +123,35 @@ def parse(text: str) -> Saved:
         raise UserError(f"config is {shortened(config)}; a list of the lines of a YAML text is needed")
     background = torch.tensor(_numbers(data, "background", 3), dtype=torch.float64).float()
     strokes, depth = _strokes(_typed(data, "strokes", list))
+    alpha = None if "alpha" not in data else alpha_of(_base64(_typed(data, "alpha", str)))
     canvas = (strokes, depth.int(), (height, width), background)
-    return Saved(*canvas, renderer, renderer_hash, seed, "\n".join(config))
+    return Saved(*canvas, renderer, renderer_hash, seed, "\n".join(config), alpha)
+
+
+def png_of(alpha: Tensor) -> bytes:
+    """Pack alpha (h, w) uint8 as a grey PNG."""
+    Image.fromarray(alpha.cpu().numpy()).save(file := BytesIO(), "PNG")
+    return file.getvalue()
+
+
+def alpha_of(png: bytes) -> Tensor:
+    """Unpack what `png_of` has packed; a UserError if it is something else, or too large."""
+    try:
+        with Image.open(BytesIO(png), formats=["PNG"]) as picture:
+            if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
+                raise UserError(f"alpha is a picture of {picture.size} {picture.mode}; a grey PNG is needed")
+            return torch.from_numpy(np.array(picture))
+    except UserError:
+        raise
+    except Exception as error:  # decoders have a dozen kinds
+        raise UserError(f"alpha is no PNG ({error}); mend it, or leave it out") from error
+
+
+def _base64(text: str) -> bytes:
+    try:
+        return b64decode(text, validate=True)
+    except ValueError as error:
+        raise UserError(f"alpha is not base64 ({error}); mend it, or leave it out") from error
 
 
 def check_version(version: int) -> None:

@@ -1,4 +1,4 @@
-"""A finished catalogue is kept on disk as HDF5, with all that is needed to render it again; docs/formats.md.
+"""Store a finished catalogue as HDF5, with all that is needed to render it again; docs/formats.md.
 
 Texts have a fixed length, because HDF5 has no checksums for others: one wrong byte there can make it loop for ever.
 """
@@ -13,7 +13,17 @@ import torch
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes
-from brushexp.strokes.saved import BRUSH_UNIT, DEPTH_UNIT, FORMAT, VERSION, Saved, check_version, parse
+from brushexp.strokes.saved import (
+    BRUSH_UNIT,
+    DEPTH_UNIT,
+    FORMAT,
+    VERSION,
+    Saved,
+    alpha_of,
+    check_version,
+    parse,
+    png_of,
+)
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.reading import explaining, in_short, read_text
@@ -22,6 +32,7 @@ __all__ = ["Saved", "load_catalogue", "save_catalogue"]
 NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
 MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
+ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
 
 
@@ -35,6 +46,8 @@ def save_catalogue(path: Path, saved: Saved) -> None:
             _put(file, name, value.numpy(), FIELDS[name].unit)
         _put(file, "brush", strokes.brush.numpy().astype(np.int32), BRUSH_UNIT)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
+        if saved.alpha is not None:
+            _put(file, "alpha", np.frombuffer(png_of(saved.alpha), np.uint8), ALPHA_UNIT)
         file.attrs.update(
             format=fixed(FORMAT),
             format_version=VERSION,
@@ -86,7 +99,11 @@ def _read(file: h5py.File, cure: str) -> Saved:
     brush = torch.arange(count)  # of files of version 1
     if "brush" in file:
         brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,)))).long()
+    alpha = None
+    if "alpha" in file:
+        alpha = alpha_of(numbers_of(dataset_of(file, "alpha", np.uint8, None, LARGEST_TEXT)).tobytes())
     return Saved(
+        alpha=alpha,
         strokes=Strokes(**fields, brush=brush),
         depth=torch.from_numpy(numbers_of(depth)),
         size=(whole_number_of(file, "height"), whole_number_of(file, "width")),

@@ -5,7 +5,7 @@ docs/formats.md has the keys of the recipe. Nothing in either file is ever run.
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ class CheckpointFormat:
     node: str  # of the config with the plugin's options, "renderer"
     task: str  # that trains it, as one would type it
     without: str  # the meaning of ``checkpoint=null``
-    shipped: Path  # folder of those that come with the program
+    folders: Callable[[], Sequence[Path]]  # where those lie that come with the program, and with other packages
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
         """Put trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
@@ -84,13 +84,14 @@ class CheckpointFormat:
     def path_of(self, checkpoint: str) -> Path:
         """Return the .safetensors file of a checkpoint, the plain name of a shipped one or a path."""
         is_name = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
-        path = self.shipped / f"{checkpoint}.safetensors" if is_name else Path(checkpoint)
+        shipped = {file.stem: file for folder in self.folders() for file in folder.glob("*.safetensors")}
+        path = shipped.get(checkpoint, Path()) if is_name else Path(checkpoint)
         if path.is_file():
             return path
         where = f"{self.node}.checkpoint={checkpoint}"
         if not is_name:
             raise UserError(f"{where}: there is no such file; give the .safetensors of {self.task}")
-        names = ", ".join(sorted(file.stem for file in self.shipped.glob("*.safetensors"))) or "none"
+        names = ", ".join(sorted(shipped)) or "none"
         raise UserError(
             f"{where} does not come with the program (there are: {names}); "
             f"give the path of a .safetensors file, or null for {self.without}"
@@ -98,7 +99,7 @@ class CheckpointFormat:
 
     def shipped_name(self, name: str) -> str | None:
         """Return the name if a checkpoint of that name comes with the program, else None."""
-        return name if (self.shipped / f"{name}.safetensors").is_file() else None
+        return name if any((folder / f"{name}.safetensors").is_file() for folder in self.folders()) else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
         """Read the recipe of the checkpoint at ``path`` (.safetensors), or raise a UserError."""

@@ -229,9 +229,9 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
 
 
 @function
-def draw(
+def draw(  # type: ignore[no-untyped-def]
     begin, end, strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
-):  # type: ignore[no-untyped-def]
+):
     """Paint strokes ``begin`` to ``end``, each on a canvas of its own.
 
     Written are ``images`` (n, 4, S, S) and ``heights`` (n, S, S).

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.compositing.bands import BAND, band_of, bands
 from brushexp.errors import UserError
@@ -86,6 +87,17 @@ class ExportJob:
         if self.size[0] * self.size[1] < LARGE:
             return painting
         return with_progress(painting, self.size[0], "painting", lambda item: item[1].shape[1])
+
+    def alpha(self, top: int = 0, rows: int | None = None) -> np.ndarray | None:
+        """Compute how much of the painting is kept (rows, W, 1) uint8, from row ``top`` on; None for all of it."""
+        if self.saved.alpha is None:
+            return None
+        height, width = self.size
+        y = (torch.arange(top, height if rows is None else top + rows) + 0.5) * (2 / height) - 1
+        x = (torch.arange(width) + 0.5) * (2 / width) - 1
+        places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)[None]
+        share = self.saved.alpha[None, None] / 255
+        return to_bytes(functional.grid_sample(share, places, padding_mode="border", align_corners=False)[0])
 
     def height(self) -> np.ndarray:
         """Compute the height of the paint (H, W), float32, in pixels of the picture, as `heights` does."""

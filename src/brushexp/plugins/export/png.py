@@ -4,8 +4,9 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
+from brushexp.pictures.credits import chunks_about, credits_of
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, PrintExporter, chunk, header
+from brushexp.plugins.export.prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
 
@@ -17,17 +18,27 @@ class Png(PrintExporter):
 
     It is painted and packed in bands, so that memory does not grow with the picture. For print:
     ``to.png.size_cm=60x40``.
+
+    Args:
+        compression: 1 is fast, 9 small.
     """
+
+    compression: Compression = 6
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         job = self.scale_to_paper(job)
         path, (height, width) = folder / "painting.png", job.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
-            file.write(SIGNATURE + header(width, height, RGB))
+            file.write(SIGNATURE + header(width, height, RGB if job.saved.alpha is None else RGBA))
+            file.writelines(chunk(*one) for one in chunks_about(credits_of(job.source)))
             if self.density:
                 metre = round(100 * self.density / CM)
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
-            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job) if piece)
+            file.writelines(
+                chunk(b"IDAT", piece)
+                for piece in self.pack_rows(self.rows(job, transparent=True), self.compression)
+                if piece
+            )
             file.write(chunk(b"IEND", b""))
         return [path]

@@ -17,6 +17,7 @@ from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS
 from brushexp.shading.light import normals_of, shade_picture
 from brushexp.system.files import to_bytes
 
+Compression = Annotated[int, between(1, 9)]
 CM = 2.54  # centimetres in an inch
 DPI = 300.0  # pixels per inch of a size on paper, by default
 THREADS_PER_CM = 14  # threads of painters' linen
@@ -35,13 +36,11 @@ class PrintExporter(Exporter):
             pixels as ``resolution`` says.
         dpi: pixels per inch, written into the file; null = 300 where there is a size on paper.
         weave: how much the threads of the canvas show under the light, 0 (not) to 1.
-        compression: 1 is fast, 9 small.
     """
 
     size_cm: str | None = None
     dpi: Annotated[float, between(1, 10_000)] | None = None
     weave: Annotated[float, between(0, 1)] = 0.0
-    compression: Annotated[int, between(1, 9)] = 6
 
     def __post_init__(self) -> None:
         if self.size_cm is not None and not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", self.size_cm):
@@ -63,14 +62,25 @@ class PrintExporter(Exporter):
             raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
         return job.scaled(pixels / max(job.size))
 
-    def pack_rows(self, job: ExportJob) -> Iterator[bytes]:
-        """Pack the picture as PNG (ISO/IEC 15948) and PDF store it: filtered rows, as pieces of a zlib stream."""
-        width = job.size[1]
-        packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
+    def rows(self, job: ExportJob, *, transparent: bool = False) -> Iterator[np.ndarray]:
+        """Paint the picture from top to bottom, in bands (h, W, 3) uint8, over white.
+
+        If it is ``transparent``, and the painting is, bands are (h, W, 4), straight alpha.
+        """
         for top, band in job.bands():
-            rows = to_bytes(self.add_weave(band, top, job)).reshape(-1, 3 * width)
-            filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
-            np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
+            pixels = to_bytes(self.add_weave(band, top, job))
+            alpha = job.alpha(top, len(pixels))
+            if alpha is not None:
+                pixels = np.dstack([pixels, alpha]) if transparent else over_white(pixels, alpha)
+            yield pixels
+
+    def pack_rows(self, bands: Iterator[np.ndarray], compression: int) -> Iterator[bytes]:
+        """Pack bands (h, W, C) as PNG (ISO/IEC 15948) and PDF store them: filtered rows, pieces of a zlib stream."""
+        packer, above = zlib.compressobj(compression), np.zeros((1, 1), dtype=np.uint8)
+        for band in bands:
+            rows = band.reshape(len(band), -1)
+            filtered = np.full((len(rows), 1 + rows.shape[1]), UP, dtype=np.uint8)
+            np.subtract(rows, np.concatenate([np.broadcast_to(above, rows[:1].shape), rows[:-1]]), out=filtered[:, 1:])
             yield packer.compress(filtered.data)
             above = rows[-1:]
         yield packer.flush()
@@ -83,6 +93,12 @@ class PrintExporter(Exporter):
         height = weave_height(top - 1, band.shape[1] + 2, band.shape[2] + 2, pitch)
         facing = normals_of(height, self.weave, slice(1, -1))[:, :, 1:-1]
         return torch.from_numpy(shade_picture(band.float().cpu().numpy(), facing, replace(job.light, gloss=0.0)))
+
+
+def over_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Lay pixels (h, W, 3) with an alpha (h, W, 1), all of them uint8, over white."""
+    share = alpha.astype(np.uint16)
+    return ((pixels * share + 255 * (255 - share) + 127) // 255).astype(np.uint8)
 
 
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:

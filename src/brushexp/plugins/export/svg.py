@@ -83,7 +83,14 @@ class Svg(Exporter):
         yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}" '
         yield 'style="max-width:100%;max-height:100vh">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
-        yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
+        yield f'<clipPath id="canvas">{canvas}/></clipPath>\n'
+        if (alpha := job.at_most(LIGHT_SIDE).alpha()) is not None:
+            place = f'x="0" y="0" width="{width}" height="{height}"'
+            white = np.dstack([np.full((*alpha.shape[:2], 3), 255, np.uint8), alpha])
+            yield f'<mask id="alpha" maskUnits="userSpaceOnUse" {place}>'
+            yield f'<image {place} preserveAspectRatio="none" {_href(white)}/></mask>\n'
+            stroked += ' mask="url(#alpha)"'
+        yield f'<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.saved.background[None])[0]}"/>\n'
         if has_bitmaps:
             yield from self._bitmaps(draw_sprites(job))

@@ -20,9 +20,10 @@ SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))  # (x, y) in pixels, modulo jitter + 1
 class Perceptual(Loss):
     """Perceptual loss (Johnson et al.): mean squared difference of the features of a network.
 
-    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16. Differs: the default network is the bundled
-    ``effl0``; several taps count alike; and the picture is jittered, because a network with a stride of two pixels is
-    blind to errors of that period (3 pixels of jitter alone gave 1.5 dB more PSNR, on two pictures).
+    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16 and sums over the C channels of a tap, so that
+    it is C times as large. Differs besides: the default network is the bundled ``effl0``; several taps count alike;
+    and the picture is jittered, because a network with a stride of two pixels is blind to errors of that period (3
+    pixels of jitter alone gave 1.5 dB more PSNR, on two pictures).
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of

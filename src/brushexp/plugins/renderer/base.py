@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from inspect import getfile
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,9 +25,17 @@ LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its 
 TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
 PRECISIONS = ("float32", "bfloat16")  # of a network in painting; the weights and the pictures have 32 bits either way
+
+
+def weight_folders() -> list[Path]:
+    """List the folders of weights that ship: ``weights`` beside the file of any renderer, of other packages too."""
+    files = [__file__, *(getfile(plugin.cls) for plugin in plugins("renderer"))]
+    return list(dict.fromkeys(Path(file).parent / "weights" for file in files))
+
+
 RENDERERS = CheckpointFormat(
     noun="renderer", family="renderer", node="renderer", task="task=train", without="weights that are not trained",
-    shipped=Path(__file__).parent / "weights",
+    folders=weight_folders,
 )  # fmt: skip
 
 
@@ -156,6 +165,19 @@ def initialise(module: nn.Module) -> None:
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:
             nn.init.zeros_(module.bias)
+
+
+def check_trained(renderer: Renderer, choice: str) -> None:
+    """Raise a UserError if a renderer that draws nothing of use without trained weights has none; ``choice`` is typed.
+
+    A member of the family says in ``weights`` that it has to be trained.
+    """
+    if renderer.weights == Renderer.weights or renderer.weights_hash:
+        return
+    name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is type(renderer)), choice)
+    cure = f"train it: brushexp task=train renderer={choice} output=outputs/{choice}"
+    file = f"renderer.checkpoint=outputs/{choice}/{name}.safetensors"
+    raise UserError(f"renderer={choice} has no trained weights here, and would draw noise; {cure}, then add {file}")
 
 
 def check_trainable(renderer: Renderer, window: int) -> None:

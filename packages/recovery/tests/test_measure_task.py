@@ -1,0 +1,82 @@
+"""task=measure from a photograph to its page, with a second photograph beside it; what recovery finds is given."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from brushexp_recovery import measure_task
+from brushexp_recovery.given import given_labels, read_given
+from brushexp_recovery.score import score
+from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
+from brushexp_recovery.truth import drawn_truth
+from PIL import Image
+from skimage.measure import label
+
+from brushexp.errors import UserError
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.storage import Saved
+
+SIZE = (60, 80)
+
+
+def picture(width: float) -> np.ndarray:
+    """Dark level strokes on white."""
+    y = np.arange(10, 60, 20.0)
+    curve = np.stack([np.stack([np.full(3, x), y], 1) for x in (20.0, 40, 60)], 1)
+    return drawn_truth(curve, np.full(3, width), np.zeros((3, 3)), SIZE, np.ones(3))[1]
+
+
+def recover(image: np.ndarray) -> Recovered:
+    given = given_labels(label(image.mean(2) < 0.5) - 1, image)
+    numbers = (torch.tensor(x, dtype=torch.float32) for x in (given.curve, given.width, given.color))
+    depth, size = torch.arange(len(given), dtype=torch.int32), image.shape[:2]
+    saved = Saved(strokes_along(*numbers, 1.0), depth, size, torch.ones(3), "analytic")
+    return Recovered(saved, np.full(len(given), 0.8, np.float32), given.labels)
+
+
+@pytest.fixture
+def photographs(tmp_path, monkeypatch):
+    monkeypatch.setattr(measure_task, "recover", recover)
+    for name, width in (("a", 6), ("b", 12)):
+        Image.fromarray((255 * picture(width)).round().astype(np.uint8)).save(tmp_path / f"{name}.png")
+    return tmp_path
+
+
+def test_a_photograph_is_measured_compared_and_shown(photographs, run_task):
+    run = partial(run_task, measure_task, "task=measure", f"image={photographs / 'a.png'}", "views=3", "draws=5")
+    beside = f"against={photographs / 'b.png'}", "against_size_cm=8x6"
+    result = run("width_cm=8", *beside, "region=['0,0,80,20']")
+    assert result["n_strokes"] == 3
+    assert result["measured_width"] == pytest.approx(6, rel=0.1)  # a pixel is a millimetre
+    data = json.loads((photographs / "measures.json").read_text())
+    assert set(data["measures"]) == {"whole", "0,0,80,20"}
+    assert data["measures"]["whole"]["length"]["unit"] == "mm"
+    assert data["differences"]["width"]["apart"]
+    assert data["differences"]["width"]["value"] == pytest.approx(-6, abs=1)
+    html = (photographs / "strokes.html").read_text()
+    assert "a.png less b.png" in html
+    assert "Measures: 0,0,80,20" in html
+    again = read_recovered(photographs / "catalogue.h5")
+    assert (again.labels >= 0).mean() > 0.1
+    with pytest.raises(UserError, match=r"size_cm=9x2 has not the shape"):
+        run("size_cm=9x2")
+    with pytest.raises(UserError, match=r"against_width_cm is the size of a second photograph; give against="):
+        run("against_width_cm=2")
+
+
+def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(photographs, run_task):
+    image = picture(6)
+    found, path = recover(image), photographs / "found.h5"
+    write_recovered(path, found)
+    run = partial(run_task, measure_task, "task=measure", f"recovered={path}", "views=1", "draws=2")
+    assert run(f"image={photographs / 'a.png'}")["n_strokes"] == 3
+    Image.fromarray(np.zeros((9, 9, 3), np.uint8)).save(photographs / "other.png")
+    with pytest.raises(UserError, match="is of a picture of 80 x 60 pixels"):
+        run(f"image={photographs / 'other.png'}")
+    curve = np.stack([np.stack([np.full(3, x), np.arange(10, 60, 20.0)], 1) for x in (20.0, 40, 60)], 1)
+    truth, _ = drawn_truth(curve, np.full(3, 6.0), np.zeros((3, 3)), SIZE, np.ones(3))
+    figures = score(truth, read_given(path, SIZE, image))
+    assert figures["f1"] == 1
+    assert figures["reliability"] == [(pytest.approx(0.8), 1, 3)]

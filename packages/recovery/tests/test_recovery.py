@@ -1,0 +1,344 @@
+"""Strokes are found again: maps turned back, trees cut, tiles joined, curves and order fitted, results stored."""
+
+from itertools import chain, combinations
+
+import numpy as np
+import pytest
+import torch
+from brushexp_recovery import finding, judging, refining
+from brushexp_recovery.curves import Fitted, fit_curve
+from brushexp_recovery.finding import Candidate, assemble, tiles
+from brushexp_recovery.maps import predict
+from brushexp_recovery.model import RecoveryModel
+from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, TURN, UNIT
+from brushexp_recovery.recover import recover, recover_with
+from brushexp_recovery.refining import refine
+from brushexp_recovery.regions import pieces_of
+from brushexp_recovery.stacking import stack
+from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
+from brushexp_recovery.synthesis import Hand, Laid, lay_strokes
+from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
+from brushexp_recovery.synthesis_crops import turned
+from brushexp_recovery.synthesis_looks import Look, draw_strokes
+from brushexp_recovery.synthesis_paintings import Painted
+from brushexp_recovery.training import RecoveryModule, losses_of
+from brushexp_recovery.tree import Tree, cut
+
+from brushexp.errors import UserError
+from brushexp.strokes.storage import load_catalogue, save_catalogue
+
+ROUGH = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])  # curves near those of `bars`
+
+
+def silent(share: float, state: str) -> None:
+    """Show nothing."""
+
+
+def bars(angle: float = 0.4) -> Painted:
+    """Two straight strokes of 20 px on 96 x 128 px, the second over the first, drawn with discs."""
+    way = 35 * np.array([np.cos(angle), np.sin(angle)])
+    middle = np.array([[60.0, 48.0], [60.0, 48.0]])
+    ways = np.array([way, [-way[1], way[0]]])
+    curve = np.stack([middle - ways, middle, middle + ways], 1)
+    laid = Laid(curve, np.full(2, 20.0), np.array([[0.9, 0.1, 0.1], [0.1, 0.2, 0.9]]), np.zeros(2), np.zeros(2))
+    drawn = draw_strokes(laid, Look("engine", "disc", {}, 1.0), 0)
+    composed = compose(drawn, laid, Mixing(1.0, np.ones(2), np.zeros(2)), np.full((96, 128, 3), 0.5))
+    image = (composed.image * 255).round().astype(np.uint8)
+    return Painted(image, composed.labels.astype(np.int16), geometry_of(drawn, composed))
+
+
+class Oracle(torch.nn.Module):
+    """Says what is true of a picture whose red channel is the number of the stroke / 10, in its own frame."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        labels = (x[0, 0] * 10).round().long()
+        out = torch.zeros(1, CHANNELS, *labels.shape)
+        for first, offsets in ((0, OFFSETS), (AFFINE + GEOMETRY, OVER)):
+            for k, (dy, dx) in enumerate(offsets):
+                there = torch.roll(labels, (-dy, -dx), (0, 1))
+                sign = (there == labels) if first == 0 else (there > labels).int() - (there < labels).int()
+                out[0, first + k] = 20.0 * (2 * sign - 1) if first == 0 else sign.float()
+        rows, columns = torch.meshgrid(*(torch.arange(n) + 0.5 for n in labels.shape), indexing="ij")
+        for number in labels.unique():
+            own = labels == number
+            place = torch.stack([columns[own], rows[own]])
+            offset = (place.mean(1)[:, None] - place) / UNIT
+            out[0, AFFINE : AFFINE + GEOMETRY][CENTRE][:, own] = offset
+            xx, yy, xy = (c.item() for c in (place[0].var(), place[1].var(), torch.cov(place)[0, 1]))
+            out[0, AFFINE : AFFINE + GEOMETRY][TURN][:, own] = torch.tensor([[xx - yy], [2 * xy]])
+        return out
+
+
+def test_maps_of_turned_copies_say_the_same():
+    labels = torch.zeros(64, 96)
+    labels[10:50, 10:30], labels[20:40, 25:80], labels[45:60, 50:58] = 3, 5, 2
+    image = np.stack([labels.numpy() / 10] * 3, 2).astype(np.float32)
+    one, eight = predict(Oracle(), image, 1), predict(Oracle(), image, 8)
+    inner = np.s_[:, 20:-20, 20:-20]  # at borders the oracle looks round the corner
+    for name in ("affinity", "geometry", "over"):
+        np.testing.assert_allclose(getattr(eight, name)[inner], getattr(one, name)[inner], rtol=1e-3, atol=1e-3)
+
+
+def test_losses_have_the_gradients_of_their_values():
+    labels = torch.tensor([[[0, 0, 1, 1], [0, -1, 1, 2], [2, 2, 2, 2], [0, 0, 2, 1]]]).repeat(2, 6, 6)
+    geometry, told = torch.randn(2, 7, 24, 24).double(), torch.randn(2, CHANNELS, 24, 24).double()
+    way = torch.randn_like(told)
+    loss = lambda t: sum(losses_of(told + t * way, labels, geometry.sigmoid()).values())  # noqa: E731
+    t = torch.zeros((), dtype=torch.float64, requires_grad=True)
+    (slope,) = torch.autograd.grad(loss(t), t)
+    torch.testing.assert_close(slope, (loss(t + 1e-6) - loss(t - 1e-6)) / 2e-6, rtol=1e-5, atol=1e-7)
+
+
+def test_the_cut_of_a_tree_is_the_best_of_all():
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        roots, children = list(range(5)), []
+        while len(roots) > 1 and random.random() < 0.9:
+            i, j = random.choice(len(roots), 2, replace=False)
+            children.append((roots[i], roots[j]))
+            roots = [root for k, root in enumerate(roots) if k not in (i, j)] + [4 + len(children)]
+        leaves = {k: {k} for k in range(5)}
+        for k, (i, j) in enumerate(children):
+            leaves[5 + k] = leaves[i] | leaves[j]
+        value = random.normal(size=len(leaves))
+        sets = chain.from_iterable(combinations(leaves, k) for k in range(6))
+        apart = (s for s in sets if sum(len(leaves[k]) for k in s) == len(set().union(*(leaves[k] for k in s))))
+        best = max(sum(value[k] for k in s) for s in apart)
+        zeros = np.zeros((len(leaves), 8))
+        tree = Tree(np.array(children, int).reshape(-1, 2), zeros, zeros, zeros, zeros[:, 0], zeros[:, 0])
+        chosen = cut(tree, value)
+        assert sum(value[k] for k in set(chosen.tolist()) - {-1}) == pytest.approx(best)
+        assert all(k in leaves[node] for k, node in enumerate(chosen) if node >= 0)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (300, 200), (5000, 3), (1900, 2500)])
+@pytest.mark.parametrize("zoom", [0.3, 1.0, 2.2])
+def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
+    seen = np.zeros(size, int)
+    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom):
+        assert top <= first < last <= bottom
+        assert left <= begin < end <= right
+        seen[first:last, begin:end] += 1
+    assert (seen == 1).all()
+
+
+def test_the_surest_region_is_laid_first_and_little_rests_are_dropped():
+    told = np.zeros(7)
+    regions = [np.arange(0, 10), np.arange(5, 15), np.arange(9, 30), np.arange(40, 44)]
+    chances = [0.5, 0.9, 0.7, 0.2]
+    candidates = [Candidate(pixels, chance, told) for pixels, chance in zip(regions, chances, strict=True)]
+    labels, kept = assemble(candidates, 5, 10)
+    assert kept == [1, 2, 3]  # half of the first is taken
+    np.testing.assert_array_equal(np.bincount(labels.ravel() + 1), [50 - 29, 10, 15, 4])
+
+
+def test_strokes_are_stacked_as_the_evidence_says():
+    random = np.random.default_rng(0)
+    order = random.permutation(30)
+    pairs = np.array([pair for pair in combinations(range(30), 2) if random.random() < 0.3])
+    rank = order.argsort()
+    evidence = np.sign(rank[pairs[:, 1]] - rank[pairs[:, 0]]) * random.random(len(pairs))
+    found = stack(30, pairs, evidence).argsort()
+    assert sorted(found) == list(range(30))
+    assert ((found[pairs[:, 1]] > found[pairs[:, 0]]) == (evidence > 0)).all()
+
+
+def test_a_straight_region_becomes_its_stroke():
+    rows, columns = np.mgrid[:60, :80] + 0.5
+    along, across = (columns - 40) * 0.8 + (rows - 30) * 0.6, (rows - 30) * 0.8 - (columns - 40) * 0.6
+    inside = (np.abs(along) < 25) & (np.abs(across) < 5)
+    points = np.stack([columns[inside], rows[inside]], 1)
+    angle = 2 * np.arctan2(0.6, 0.8)
+    curve, width = fit_curve(points, np.array([40, 30, np.cos(angle), np.sin(angle), np.log(10), np.log(50), 1.0]))
+    assert width == pytest.approx(10, rel=0.1)
+    chord = curve[2] - curve[0]
+    assert abs(np.arctan2(chord[1], chord[0])) == pytest.approx(angle / 2, abs=0.02)
+    np.testing.assert_allclose(curve.mean(0), [40, 30], atol=0.5)
+    assert np.linalg.norm(chord) + width == pytest.approx(50, rel=0.1)
+
+
+def test_refining_moves_strokes_onto_their_regions():
+    painted = bars()
+    labels = painted.labels.astype(np.int32)
+    rough = Fitted(ROUGH, np.array([12.0, 28.0]), np.zeros((2, 3)))
+    before, after = (seen(fitted, labels) for fitted in (rough, refine(rough, labels, np.arange(2), show=silent)))
+    assert after > before + 0.1
+    assert after > 0.9
+
+
+def seen(fitted: Fitted, labels: np.ndarray) -> float:
+    """Mean IoU of what is seen of two strokes with their regions."""
+    from brushexp_recovery.outlines import covers_of, seen_of  # noqa: PLC0415
+
+    drawn, _ = seen_of(covers_of(fitted.curve, fitted.width, labels.shape), np.ones(2), labels.shape)
+    return float(np.mean([((drawn == k) & (labels == k)).sum() / ((drawn == k) | (labels == k)).sum() for k in (0, 1)]))
+
+
+def test_the_truth_of_a_painting_is_that_of_its_strokes():
+    painted = bars()
+    x, y, angle, wide, long, share = painted.geometry.T
+    np.testing.assert_allclose([x, y], [[60, 60], [48, 48]], atol=0.5)
+    np.testing.assert_allclose(np.exp(wide), 20, rtol=0.05)
+    np.testing.assert_allclose(np.exp(long), 90, rtol=0.06)
+    assert share[1] == 1
+    assert share[0] == pytest.approx(1 - 20 * 20 / (70 * 20 + np.pi * 100), abs=0.02)
+    assert np.cos(2 * (angle[0] - 0.4)) == pytest.approx(1, abs=1e-3)
+    assert painted.labels[48, 60] == 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_turned_crops_point_to_the_centre_of_their_stroke(seed):
+    painted = bars(0.7)
+    labels = painted.labels[:, 12:108].astype(np.int64)
+    labels[labels == 0] = -1  # the upper one is seen whole
+    geometry = painted.geometry - np.array([12, 0, 0, 0, 0, 0], np.float32)
+    image = np.zeros((96, 96, 3), np.float32)
+    _, labels, maps = turned(image, labels, geometry, np.random.default_rng(seed))
+    rows, columns = np.nonzero(labels == 1)
+    at = maps[:, rows, columns]
+    centre = np.stack([columns + 0.5, rows + 0.5]) + UNIT * at[:2]
+    np.testing.assert_allclose(centre, np.repeat([[columns.mean() + 0.5], [rows.mean() + 0.5]], len(rows), 1), atol=1)
+    xx, yy, xy = columns.var(), rows.var(), np.cov(columns, rows)[0, 1]
+    shape = np.array([xx - yy, 2 * xy]) / np.hypot(xx - yy, 2 * xy)
+    np.testing.assert_allclose(at[2:4].mean(1), shape, atol=0.02)
+
+
+def test_strokes_are_laid_the_same_way_twice_and_cover_the_picture():
+    picture = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
+    hand = Hand(hatch=0.5, palette=4, sway=0.3, taper=0.2)
+    one, two = (lay_strokes(picture, 40, hand, np.random.default_rng(1)) for _ in range(2))
+    np.testing.assert_array_equal(one.curve, two.curve)
+    assert one.curve.shape == (40, 3, 2)
+    assert (one.width > 0).all()
+    assert ((one.color >= 0.01) & (one.color <= 0.99)).all()
+
+
+def test_judges_learn_from_a_painting(monkeypatch):
+    monkeypatch.setattr(judging, "STEPS", (20, 20, 20))
+    model = RecoveryModel().eval()
+    losses = judging.fit_judges(model, [bars()], 0, silent)
+    assert all(np.isfinite(loss) for loss in losses.values())
+    figures = judging.fit_confidence(model, [bars(1.0)], 0)
+    assert 0 <= figures["f1"] <= 1
+    assert (model.confidence.diff() >= 0).all()
+
+
+def test_confidence_is_the_share_of_those_that_were_right():
+    random = np.random.default_rng(0)
+    chance = random.random(20_000)
+    curve = judging.isotonic(chance, random.random(20_000) < chance**2)
+    np.testing.assert_allclose(curve[1:-1], np.linspace(0, 1, len(curve))[1:-1] ** 2, atol=0.04)
+
+
+def test_learning_lowers_the_loss():
+    module = RecoveryModule(RecoveryModel().network, 1e-3)
+    from brushexp_recovery.synthesis_crops import batch_of, crop  # noqa: PLC0415
+
+    batch = batch_of([crop(bars(), np.random.default_rng(0), 64)])
+    optimizer = torch.optim.Adam(module.network.parameters(), 1e-3)
+    losses = []
+    for _ in range(6):
+        loss = module.training_step(batch, 0)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1200, 3), (40, 56)])
+@pytest.mark.parametrize("kind", ["one colour", "grey noise"])
+def test_any_picture_can_be_looked_at(size, kind):
+    image = np.full((*size, 3), 0.3, np.float32)
+    if kind == "grey noise":
+        image[:] = np.random.default_rng(0).random((*size, 1))
+    recovered = recover_with(shipped(), image, 1.0, 1, silent)
+    assert recovered.labels.shape == size
+    assert len(recovered.confidence) == len(recovered.saved.strokes)
+    recovered.saved.check()
+
+
+def shipped() -> RecoveryModel:
+    """Weights that come with the program."""
+    from brushexp_recovery.model import load_model  # noqa: PLC0415
+
+    return load_model()
+
+
+def test_two_bars_are_found_again():
+    painted = bars()
+    recovered = recover(painted.image, scale=0.7)
+    for number in (0, 1):
+        mine = painted.labels == number
+        best = max(((recovered.labels == k) & mine).sum() / ((recovered.labels == k) | mine).sum()
+                   for k in range(len(recovered.confidence)))  # fmt: skip
+        assert best > 0.5
+
+
+def test_tiles_find_what_the_whole_picture_shows(monkeypatch):
+    image = np.tile(bars().image, (2, 2, 1)).astype(np.float32) / 255
+    whole = recover_with(shipped(), image, 0.7, 1, silent).labels
+    monkeypatch.setattr(finding, "TILE", 128)
+    monkeypatch.setattr(finding, "MARGIN", 40)
+    assert len(list(tiles(*image.shape[:2], 0.7))) > 1
+    tiled = recover_with(shipped(), image, 0.7, 1, silent).labels
+    assert ((whole >= 0) == (tiled >= 0)).mean() > 0.95
+    for number in range(whole.max() + 1):
+        mine = whole == number
+        best = np.bincount(tiled[mine] + 1, minlength=2)[1:].argmax()
+        assert (mine & (tiled == best)).sum() / (mine | (tiled == best)).sum() > 0.5
+
+
+def test_a_large_picture_is_refined_as_a_small_one(monkeypatch):
+    labels = np.tile(bars().labels.astype(np.int32), (1, 3))
+    labels[labels >= 0] += 2 * (np.arange(384) // 128)[None].repeat(96, 0)[labels >= 0]
+    curve = np.concatenate([ROUGH + np.array([128.0 * k, 0]) for k in range(3)])
+    rough = Fitted(curve, np.tile([12.0, 28.0], 3), np.zeros((6, 3)))
+    whole = refine(rough, labels, np.arange(6), show=silent)
+    monkeypatch.setattr(refining, "SIDE", 200)
+    tiled = refine(rough, labels, np.arange(6), show=silent)
+    np.testing.assert_allclose(tiled.width, whole.width, rtol=0.1)
+    np.testing.assert_allclose(tiled.curve, whole.curve, atol=5)
+
+
+def test_pieces_sum_up_to_the_picture():
+    painted = bars()
+    image = painted.image.astype(np.float32) / 255
+    pieces = pieces_of(predict(RecoveryModel().eval().network, image, 1), image)
+    assert pieces.sums[:, 0].sum() == 96 * 128
+    assert pieces.within[:, 4:].sum() + pieces.between[:, 4:].sum() == pytest.approx(
+        sum((96 - dy) * (128 - abs(dx)) for dy, dx in OFFSETS)
+    )
+
+
+def test_what_was_recovered_is_read_as_it_was_written(tmp_path):
+    for n in (0, 5):
+        random = np.random.default_rng(n)
+        recovered = some_strokes(n, random)
+        write_recovered(tmp_path / "catalogue.h5", recovered)
+        again = read_recovered(tmp_path / "catalogue.h5")
+        np.testing.assert_array_equal(again.labels, recovered.labels)
+        np.testing.assert_array_equal(again.confidence, recovered.confidence)
+        torch.testing.assert_close(
+            load_catalogue(tmp_path / "catalogue.h5").strokes.color, recovered.saved.strokes.color
+        )
+
+
+def some_strokes(n: int, random: np.random.Generator) -> Recovered:
+    """Strokes that nobody has painted."""
+    from brushexp_recovery.finding import Regions  # noqa: PLC0415
+    from brushexp_recovery.recover import in_order  # noqa: PLC0415
+
+    curve = random.random((n, 3, 2)) * 30
+    labels = random.integers(-1, n, (20, 30)).astype(np.int32)
+    regions = Regions(labels, random.random(n), np.zeros((n, 7)), np.zeros((8, 20, 30), np.int8), 1.0)
+    fitted = Fitted(curve, random.random(n) * 5 + 1, random.random((n, 3)))
+    return in_order(
+        regions, fitted, regions.chance, random.permutation(n), random.random((20, 30, 3)).astype(np.float32)
+    )
+
+
+def test_a_painted_catalogue_is_not_one_that_was_recovered(tmp_path):
+    save_catalogue(tmp_path / "catalogue.h5", some_strokes(3, np.random.default_rng(0)).saved)
+    with pytest.raises(UserError, match=r"give the catalogue.h5 of task=recover"):
+        read_recovered(tmp_path / "catalogue.h5")
