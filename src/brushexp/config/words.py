@@ -82,7 +82,7 @@ def unknown_word(word: str) -> str:
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [name for name in get_close_matches(word, known, 3, 0.5) if "=" not in name]
+    near = [name for name in get_close_matches(word, known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
