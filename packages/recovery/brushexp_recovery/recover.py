@@ -35,7 +35,7 @@ def recover(
 
     Args:
         image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        scale: at which strokes are sought; None for one at which they are as wide as those of the training, 14 px.
+        scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
         copies: 1 to 8 turned and mirrored copies of the picture that are looked at; more are slower and surer.
         weights: a .safetensors file of task=train model=recovery, or the name of shipped ones.
 
