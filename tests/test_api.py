@@ -185,7 +185,11 @@ def closed_picture() -> Image.Image:
         ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
         (closed_picture(), {}, "image is closed or damaged .*; give"),
         ({}, {}, "image={} says nothing; leave it out"),
-        ("astronaut", {"focus": np.ones((3, 9))}, "focus=.* has 9 x 3 pixels"),
+        (
+            "astronaut",
+            {"focus": np.ones((3, 9))},
+            "focus=.* pixels, the picture 32 x 32; give one whose sides have the same ratio",
+        ),
     ],
 )
 def test_a_mistake_is_a_message_of_one_line(picture, options, words):
