@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import threading
+from importlib.metadata import entry_points
 from itertools import islice
 
 import numpy as np
