@@ -75,15 +75,16 @@ def longest_way(skeleton: Array) -> float:
     from scipy.sparse import coo_matrix  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import dijkstra  # noqa: PLC0415
 
-    number = np.full(skeleton.shape, -1)
+    number: Array = np.full(skeleton.shape, -1)
+    height, width = skeleton.shape
     count = int(skeleton.sum())
     number[skeleton] = np.arange(count)
     if count < 2:
         return 0.0
     pairs = []
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a = number[: number.shape[0] - dy, max(-dx, 0) : number.shape[1] - max(dx, 0)]
-        b = number[dy:, max(dx, 0) : number.shape[1] + min(dx, 0)]
+        a = number[: height - dy, max(-dx, 0) : width - max(dx, 0)]
+        b = number[dy:, max(dx, 0) : width + min(dx, 0)]
         both = (a >= 0) & (b >= 0)
         pairs.append(np.stack([a[both], b[both]]))
     rows, columns = np.concatenate(pairs, axis=1)

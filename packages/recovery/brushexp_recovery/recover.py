@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.held import hold, is_picture
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
@@ -35,7 +35,7 @@ def recover(
 
     Args:
         image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        scale: at which strokes are sought; None for one at which they are as wide as those of the training, 14 px.
+        scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
         copies: 1 to 8 turned and mirrored copies of the picture that are looked at; more are slower and surer.
         weights: a .safetensors file of task=train model=recovery, or the name of shipped ones.
 
@@ -46,7 +46,7 @@ def recover(
     Raises:
         UserError: what is wrong with the picture or the weights.
     """
-    held = HeldPicture(image) if is_picture(image) else None
+    held = hold(image) if is_picture(image) else None
     picture = load_picture(str(image) if held is None else held.name, None)
     with showing("finding strokes") as show:
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)

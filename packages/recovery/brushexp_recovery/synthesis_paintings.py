@@ -18,6 +18,7 @@ Array = NDArray[Any]
 
 SIDE = 512  # pixels of a painting
 COUNTS = (120, 2200)  # strokes of a painting
+PLAIN = 900_022  # paintings from this number on are plain: the confidence is that of what is known best
 FEW = 400  # strokes beyond which the simulator of bristles takes too long
 OCHRE = (0.66, 0.56, 0.42)
 PICTURES = (  # that come with scikit-image and matplotlib
@@ -36,11 +37,11 @@ class Painted:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
-    """Make painting ``number``: half of them as a plain hand paints, half of many kinds."""
+    """Make painting ``number``: half of them as a plain hand paints, half of many kinds; from `PLAIN` on all plain."""
     random = np.random.default_rng([seed, number])
     picture = square_of(pictures[int(random.integers(len(pictures)))], random)
     n = int(np.exp(random.uniform(*np.log(COUNTS))))
-    plain = random.random() < 0.5
+    plain = random.random() < 0.5 or number >= PLAIN
     look = plain_look(random) if plain else any_look(random)
     if look.name == "fluid":
         n = min(n, FEW) if random.random() < 0.85 else n

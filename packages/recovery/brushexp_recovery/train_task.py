@@ -11,10 +11,10 @@ from brushexp.system.progress import showing
 from brushexp_recovery.judging import fit_confidence, fit_judges
 from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel
 from brushexp_recovery.network import StrokeNetwork
-from brushexp_recovery.synthesis_paintings import PICTURES
-from brushexp_recovery.training import HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
+from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
+from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
 
-CALIBRATED = 22  # held-out paintings from this number on are for the confidence, those before for the judges
+CALIBRATED = PLAIN - HELD_OUT  # held-out paintings from here on are for the confidence, those before for the judges
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:

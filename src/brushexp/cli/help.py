@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.config.compose import presets_of
 from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import as_typed
 from brushexp.pictures.load import samples
@@ -29,7 +30,7 @@ INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and s
   brushexp export outputs/x resolution=4096       a finished painting at any size; to=svg,pdf: in other forms
   brushexp view                                   look at the newest run in the browser
 """
-PATHS = {"catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
+PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
 WIDTH = 120  # letters of a line
 COLUMN = 28  # letters up to a meaning
@@ -39,7 +40,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     """Write the help for a composed config and the typed overrides; presets are in the folders."""
     schema = TASKS[cfg.task]
     lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
-    lines = [INTRODUCTION if schema.alone == "image" else usage_of(cfg.task, schema.alone), *lines]
+    lines = [INTRODUCTION if issubclass(schema, PaintTask) else usage_of(cfg.task, schema.alone), *lines]
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
     typed = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides}
     for name, key in keys_of(schema).items():
@@ -54,7 +55,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
         lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
     if schema.alone == "image":
         lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", WIDTH).splitlines()]
-    lines += ["", "Other tasks; their keys: brushexp name --help"]
+    lines += ["", "Other tasks; their keys: task=name --help"]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
     return "\n".join([*lines, "", MORE])

@@ -48,12 +48,12 @@ def expand_positional(word: str, task: str = "paint") -> str:
         return meaning_of(word) or word
     if word in TASKS:
         return f"task={word}"
+    alone = TASKS[task].alone if task in TASKS else ""
+    if alone not in ("", "image"):
+        return f"{alone}={word}"
     if not is_path(word) and (meant := meaning_of(word)):
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()
-    alone = TASKS[task].alone if task in TASKS else ""
-    if alone != "image" and is_picture and alone:
-        return f"{alone}={word}"
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
         cure = f"look at it with brushexp view {word}, or write it anew with brushexp export {word}"
         raise UserError(f"{word} is a painting, a run or a sweep, and no picture; {cure}")

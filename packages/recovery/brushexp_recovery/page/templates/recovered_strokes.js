@@ -9,7 +9,7 @@
   const BINS = 28;
   const DIRECTIONS = 18; // sectors of 10 degrees
   const TAIL = 0.99; // quantile at which scales end
-  const STOPS = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"]; // viridis by Smith and van der Walt (2015)
+  const STOPS = ["#8f9cff", "#5cb8ff", "#45d6b5", "#a8e04f", "#ffe833"]; // all bright, for lines with dark rims on any picture
   const units = { length: 1, width: 1, area: 2 }; // powers of pixels
   const threshold = byId("threshold");
   const colorBy = byId("color-by");
