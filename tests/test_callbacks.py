@@ -49,7 +49,7 @@ class Line(L.LightningModule):
 
 def fit(folder, module, *, chosen=(), resume=None, every=None, callbacks=(), **trainer):
     options = {"enable_progress_bar": False, "max_epochs": 1, "enable_model_summary": False, "log_every_n_steps": 1}
-    cfg = {"callbacks": dict(chosen), "trainer": options | trainer, "checkpoint_every": every}
+    cfg = {"task": "paint", "callbacks": dict(chosen), "trainer": options | trainer, "checkpoint_every": every}
     logger = CSVLogger(tempfile.mkdtemp(dir=folder), name="", version="")
     made = make_trainer(OmegaConf.create(cfg), torch.device("cpu"), folder, [logger], callbacks)
     made.fit(module, ckpt_path=resume)

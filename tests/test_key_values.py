@@ -148,8 +148,8 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
         assert expand_positional(name) == f"image={name}", "but no file"
     (tmp_path / "{best}.png").touch()
     assert expand_arguments(["style={best}.png"])[0].startswith("style.image=")
-    (tmp_path / "~nobody").mkdir()
-    assert name_of("~nobody") == "~nobody"
+    (tmp_path / "~nosuchuser").mkdir()
+    assert name_of("~nosuchuser") == "~nosuchuser"
     (tmp_path / "null").write_text("")
     if key not in ("image", "output", "catalogue"):
         with pytest.raises(UserError, match=r"=null is none, but a file has this name; type .*=\./null"):

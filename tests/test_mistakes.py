@@ -25,7 +25,7 @@ MISTAKES = {
     "watercolur": "is no file, no task and no key=value; did you mean watercolour",
     "looks": "type look= and one of gouache, impasto, ink, oil, ",
     "train src": "task=train takes no file or folder alone; type its key before it, KEY=src",
-    "analyse rhone.jpg": "is a picture, not a painting with its strokes; paint it first, brushexp rhone.jpg output=",
+    "task=analyse rhone.jpg": "is a picture, not a painting with its strokes; paint it first, brushexp rhone.jpg",
     "view a.h5 b.h5": "catalogue= takes one path, not 2: a.h5, b.h5",
     "--look=ink": "--look=ink is no flag; type look=ink, without dashes",
     "time=60": "time is no key of task=paint; nearest first: seconds, ",

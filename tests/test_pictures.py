@@ -401,5 +401,5 @@ def test_a_background_is_a_name_or_a_number_or_the_mean_of_the_target():
     for spec, expected in {**levels, "mean": 255 * FLOATS.mean((0, 1))}.items():
         torch.testing.assert_close(255 * background_color(spec, TARGET), torch.tensor(expected, dtype=torch.float32))
     for spec in ("", "red", "White", "#fff", "#12345", "#gggggg", "ff8000", "#ff80001"):
-        with pytest.raises(UserError, match=r"background=.* use background=mean, white, black or '#rrggbb'"):
+        with pytest.raises(UserError, match=r"use background=mean, transparent, white, black or '#rrggbb'"):
             background_color(spec, TARGET)

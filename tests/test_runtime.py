@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 
 import numpy as np
@@ -68,6 +69,15 @@ def test_a_mistake_in_any_thread_is_told(monkeypatch):
 
     with pytest.raises(AssertionError):
         share(work, 50)
+
+
+def test_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
+    monkeypatch.setattr("torch.get_num_threads", lambda: 3)
+    monkeypatch.setattr(runtime, "_pool", lambda: ended)
+    ended, done = ThreadPoolExecutor(1), np.zeros(9, int)
+    ended.shutdown()
+    share(lambda begin, end: done[begin:end].__iadd__(1), 9)
+    assert (done == 1).all()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")

@@ -67,7 +67,7 @@ def fit_judge(judge: Judge, features: Array, goal: Array, weight: Array, steps: 
         rows = torch.randint(len(x), (BATCH,), generator=generator)
         loss = (logistic(judge(x[rows]), y[rows], reduction="none") * w[rows]).mean()
         optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         optimizer.step()
         schedule.step()
         recent += 0.02 * (float(loss.detach()) - recent)

@@ -80,8 +80,8 @@ def flow_of(picture: Array, sigma: float) -> Array:
 
 def detail_of(picture: Array, pitch: float) -> Array:
     """Measure how much detail (H, W) a picture has at about ``pitch`` pixels."""
-    gradient = np.stack(np.gradient(blurred(picture, (1.5, 1.5, 0)), axis=(0, 1)))
-    return blurred(np.sqrt((gradient**2).sum((0, -1))), 0.5 * pitch)
+    down, right = np.gradient(blurred(picture, (1.5, 1.5, 0)), axis=(0, 1))
+    return blurred(np.sqrt((down**2 + right**2).sum(-1)), 0.5 * pitch)
 
 
 def hatched(angles: Array, share: float, random: Random) -> Array:

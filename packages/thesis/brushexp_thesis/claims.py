@@ -9,7 +9,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from brushexp.errors import UserError
-from brushexp.results.paired import NOT_DECIDED, Difference
+from brushexp.results.paired import LEAST_UNITS, NOT_DECIDED, Difference
 from brushexp.results.quantities import quantities
 from brushexp_thesis.entries import entries_in, read_plain_yaml
 from brushexp_thesis.evidence import Bounds
@@ -47,15 +47,16 @@ class Claim:
         stated = {BETTER: (least, math.inf), NO_WORSE: (-matters, math.inf)}.get(self.expects, larger)
         if self.expects == NO_WORSE and difference.is_no_worse:
             return HOLDS, stated
+        is_no_gain = len(difference.gains) >= LEAST_UNITS and difference.high <= matters
+        if self.expects == BETTER and difference.verdict == NOT_DECIDED and is_no_gain:
+            return FAILS, (-math.inf, matters)
         if difference.verdict in UNCLEAR:
             return UNCLEAR[difference.verdict], stated
         measured = (-matters, matters) if difference.verdict == "same" else larger
         if self.expects == OPEN:
             return ("no difference" if difference.verdict == "same" else difference.verdict), measured
-        if self.expects == NO_WORSE or difference.verdict != "better":
-            return FAILS, measured
-        if difference.high < least:
-            return FAILS, (-math.inf, least)
+        if self.expects == NO_WORSE or difference.verdict != "better" or difference.high < least:
+            return FAILS, ((-math.inf, least) if difference.verdict == "better" else measured)
         return (HOLDS if difference.low >= least else NOT_DECIDED), stated
 
 

@@ -30,14 +30,19 @@ class Judgement:
     @property
     def remarks(self) -> str:
         """What a reader should know beside the verdict."""
-        ranked = self.p_ranks is not None and self.difference and len(self.difference.gains) >= LEAST_RANKED
-        differs = ranked and (self.p_ranks < 1 - CONFIDENCE) != (self.alone not in UNCLEAR.values())
         notes = [
             "added after the results" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),
-            f"ranks differ: p {format_p(self.p_ranks)}" if differs else "", self.claim.cannot, self.claim.remark,
+            self._word_of_ranks(), self.claim.cannot, self.claim.remark,
         ]  # fmt: skip
         return "; ".join(filter(None, notes))
+
+    def _word_of_ranks(self) -> str:
+        """Say so if signed ranks decide what Student's t alone does not, or the other way round."""
+        if self.p_ranks is None or self.difference is None or len(self.difference.gains) < LEAST_RANKED:
+            return ""
+        differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone not in UNCLEAR.values())
+        return f"ranks differ: p {format_p(self.p_ranks)}" * differ
 
 
 def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:

@@ -110,7 +110,8 @@ def _explanation(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
     )
     yield (
         "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
-        "the answer does not depend on the picture; what was measured is told by the rule above all the same."
+        "the answer does not depend on the picture; one of *better* does not hold if it allows no gain that matters, "
+        "however large a loss. What was measured is told by the rule above all the same."
     )
     yield (
         f"*p of all* is Student's, of what the verdict states, for all claims of this page together (Holm); from "

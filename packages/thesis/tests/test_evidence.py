@@ -37,8 +37,9 @@ def test_holm_multiplies_by_those_that_are_left():
 
 
 def test_the_interval_of_a_median_is_that_of_percentiles():
-    middle, low, high = median_of(GAINS, 0.95)
-    expected = bootstrap((GAINS,), np.median, method="percentile", n_resamples=9999).confidence_interval
-    assert middle == np.median(GAINS)
-    assert (low, high) == pytest.approx((expected.low, expected.high), abs=0.03)
-    assert median_of(GAINS, 0.95) == (middle, low, high)
+    gains = np.random.default_rng(1).normal(size=201).tolist()
+    middle, low, high = median_of(gains, 0.95)
+    expected = bootstrap((gains,), np.median, method="percentile", n_resamples=9999).confidence_interval
+    assert middle == np.median(gains)
+    assert (low, high) == pytest.approx((expected.low, expected.high), abs=0.05)
+    assert median_of(gains, 0.95) == (middle, low, high)

@@ -61,6 +61,7 @@ def make_sweep(folder, typed=(), jobs=12, **options):
     ("better", CLEAR, "holds"), ("better", WORSE, "does not hold"), ("better", SAME, "does not hold"),
     ("no worse", CLEAR, "holds"), ("no worse", WORSE, "does not hold"), ("no worse", SAME, "holds"),
     ("no worse", (0.085, 0.085, -0.025, -0.025), "holds"), ("no worse", (-0.05, -0.06, -0.04, -0.05), "holds"),
+    ("better", (-0.12, 0.0, -0.1, 0.02), "does not hold"), ("open", (-0.12, 0.0, -0.1, 0.02), "not decided"),
     ("better", (0.05, 0.06, 0.04, 0.05), "does not hold"), ("open", (-0.05, -0.06, -0.04, -0.05), "no difference"),
     ("open", CLEAR, "better"), ("open", SAME, "no difference"),
     ("better", (0.5,), "not decided"), ("no worse", (0.5, -0.4, 0.3, 0.1), "not decided"),

@@ -101,6 +101,6 @@ def _canvas(size: object) -> tuple[int, int]:
     sides = (size, size) if isinstance(size, Integral) else size
     if not isinstance(sides, str) and isinstance(sides, Iterable):
         match [*sides]:
-            case [Integral() as height, Integral() as width] if min(height, width) >= 1:
+            case [Integral() as height, Integral() as width] if min(int(height), int(width)) >= 1:
                 return int(height), int(width)
     raise UserError(f"size={size} is no canvas; give height and width in pixels, (128, 256), or 128 for a square")

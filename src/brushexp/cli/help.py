@@ -55,7 +55,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
         lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
     if schema.alone == "image":
         lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", WIDTH).splitlines()]
-    lines += ["", "Other tasks; their keys: brushexp name --help"]
+    lines += ["", "Other tasks; their keys: task=name --help"]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
     return "\n".join([*lines, "", MORE])

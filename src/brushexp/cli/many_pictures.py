@@ -144,7 +144,7 @@ def _place_of(picture: str, folder: Path) -> Path:
 def name_of(image: str) -> str:
     """Name the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
-    return Path(os.path.expanduser(folder)).resolve().name or "pictures"  # that of pathlib raises for ~nobody
+    return Path(os.path.expanduser(folder)).resolve().name or "pictures"  # that of pathlib raises for ~nosuchuser
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:

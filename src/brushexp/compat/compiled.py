@@ -7,6 +7,8 @@ a name made from the code of the function and of everything that it calls, so a 
 Code uses one thread and does not hold Python's lock: a loop whose rounds do not meet takes its first round and the one
 after the last as arguments, and `system.runtime.share` deals it out to threads. Numba's own parallel loops would take
 three times as long to compile, since it optimises them twice, and their threads do not survive a fork.
+
+Arrays that one function is given must not share numbers that it writes: the compiler relies on it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -83,7 +85,7 @@ class Compiled:
 
 @cache
 def _compiler() -> Any:
-    """Make Numba's compiler take arrays of one function for different memory, as that of parallel loops does."""
+    """Make Numba's compiler take the arrays of a function for different memory (tried with Numba 0.68)."""
     from numba.core.compiler import Compiler  # noqa: PLC0415
 
     class Apart(Compiler):

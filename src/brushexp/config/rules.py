@@ -47,7 +47,7 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
 CATALOGUE = Rule(canvas_of)
 COLOR = Rule(named_color)
 DEVICE = Rule(device_of)
-FOCUS = Rule(partial(size_of_picture, also=f"{AUTO}, "), besides=(AUTO,))
+FOCUS = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, "), besides=(AUTO,))
 PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 
 

@@ -48,12 +48,12 @@ def expand_positional(word: str, task: str = "paint") -> str:
         return meaning_of(word) or word
     if word in TASKS:
         return f"task={word}"
+    alone = TASKS[task].alone if task in TASKS else ""
+    if alone not in ("", "image"):
+        return f"{alone}={word}"
     if not is_path(word) and (meant := meaning_of(word)):
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()
-    alone = TASKS[task].alone if task in TASKS else ""
-    if alone != "image" and is_picture and alone:
-        return f"{alone}={word}"
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
         cure = f"look at it with brushexp view {word}, or write it anew with brushexp export {word}"
         raise UserError(f"{word} is a painting, a run or a sweep, and no picture; {cure}")
@@ -82,7 +82,7 @@ def unknown_word(word: str) -> str:
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [name for name in get_close_matches(word, known, 3, 0.5) if "=" not in name]
+    near = [name for name in get_close_matches(word, known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 

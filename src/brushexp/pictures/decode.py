@@ -68,11 +68,11 @@ def _tell(line: str) -> None:
     log.warning(line)
 
 
-def picture_size(path: Path, *, key: str = "image", side: int | None = None) -> tuple[int, int]:
-    """Read height and width of a whole picture, and the errors of `read_picture`, from its first and last bytes."""
-    with _explained(path, key), _opened(path, side) as (_, picture):
+def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
+    """Read height and width of a picture that can be read, if only smaller, from its first and last bytes."""
+    with _explained(path, key), _opened(path, 1) as (_, picture):
         if picture is None:
-            return _read(path, 1.0, side)[0].shape[:2]
+            return _read(path, 1.0, None)[0].shape[:2]
         width, height = picture.size
         if isinstance(picture, TiffImageFile):
             width, height = (picture.tag_v2[tag] for tag in (WIDTH, LENGTH))
@@ -80,7 +80,7 @@ def picture_size(path: Path, *, key: str = "image", side: int | None = None) -> 
             width, height = height, width
         check_decoder(picture)
         if not looks_whole(path, picture.format or ""):
-            _read(path, 1.0, side)
+            _read(path, 1.0, 1)
     return height, width
 
 

@@ -44,9 +44,9 @@ class HeldPicture:
             return path
         from tifffile import imwrite  # noqa: PLC0415  (rarely needed)
 
-        extra = {} if white is black else {"extrasamples": ["unassalpha"]}
+        extra = None if white is black else ["unassalpha"]
         with replacing(path := folder / f"{stem}.tif") as temporary:
-            imwrite(temporary, pixels, photometric="rgb", **extra)
+            imwrite(temporary, pixels, photometric="rgb", extrasamples=extra)
         return path
 
 

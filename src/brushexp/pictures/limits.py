@@ -13,13 +13,19 @@ EXAMPLE = 4096  # pixels of a side that is proposed
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
     """Refuse (UserError) a picture of a format that is larger than can be read with ``side`` pixels, None: with all."""
-    pixels, size = width * height, f"has {width} x {height} pixels; at most {MAX_PIXELS // 10**6} megapixels are read"
-    if pixels <= MAX_PIXELS:
+    if width * height <= MAX_PIXELS:
         return
-    if kind not in IN_PARTS or pixels > MOST_PIXELS:
-        raise UserError(f"{size}: make it smaller and give that file")
+    if kind not in IN_PARTS or width * height > MOST_PIXELS:
+        most = f"at most {MAX_PIXELS // 10**6} megapixels are read"
+        raise UserError(f"has {width} x {height} pixels; {most}: make it smaller and give that file")
     if side is None:
-        raise UserError(f"{size} whole: add resolution={EXAMPLE} to read it smaller")
+        raise UserError(too_large(width, height))
+
+
+def too_large(width: int, height: int) -> str:
+    """Say that a picture is too large to be read whole."""
+    most = f"at most {MAX_PIXELS // 10**6} megapixels are read whole"
+    return f"has {width} x {height} pixels; {most}: add resolution={EXAMPLE} to read it smaller"
 
 
 def check_whole(width: int, height: int) -> None:

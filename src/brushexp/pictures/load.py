@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.decode import picture_size, read_picture
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
-from brushexp.pictures.limits import MAX_PIXELS
+from brushexp.pictures.limits import MAX_PIXELS, too_large
 
 LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
 TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
@@ -77,7 +77,9 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
         height, width = held.shape[:2]
     else:
         path = _path_of(image, key, also)
-        height, width = _size_of_file(path, key, resolution, path.stat().st_mtime_ns)
+        height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
+        if resolution is None and width * height > MAX_PIXELS:
+            raise UserError(f"{key}={image} {too_large(width, height)}")
     return size_at(resolution, height, width)
 
 
@@ -87,11 +89,11 @@ def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side
 
 
 @cache
-def _size_of_file(path: Path, key: str, side: int | None, changed: int) -> tuple[int, int]:
-    return picture_size(path, key=key, side=side)  # of a PNG it may take as long as decoding
+def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
+    return picture_size(path, key=key)  # of a PNG it may take as long as decoding
 
 
-PICTURE = Rule(size_of_picture)
+PICTURE = Rule(partial(size_of_picture, resolution=1))  # whatever the resolution will be
 
 
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:

@@ -61,7 +61,10 @@ def share(work: Callable[..., object], n: int, *args: object) -> None:
         for k in numbers:
             work(k * n // count, (k + 1) * n // count, *args)
 
-    helpers = [_pool().submit(take_parts) for _ in range(threads - 1)]
+    helpers = []
+    with suppress(RuntimeError):  # there may be no more threads, as when the program ends
+        for _ in range(threads - 1):
+            helpers.append(_pool().submit(take_parts))
     take_parts()
     for helper in helpers:
         if not helper.cancel():
