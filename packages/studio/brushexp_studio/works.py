@@ -19,6 +19,7 @@ from brushexp_studio.wishes import Wishes
 log = logging.getLogger(__name__)
 FRAME_SIDE = 1024  # pixels of the longer side of a frame
 MOST_FRAMES = 120  # per painting; of more every second one is removed
+WITHDRAWN = "withdrawn"  # status of a painting that was stopped before it began
 LONGEST_QUEUE = 20  # paintings that wait
 PRINT_SIDE = 4096  # pixels of the longer side of a print
 WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing", "done", "failed"
@@ -142,6 +143,7 @@ class Works:
         """Stop a painting and keep its state; one that waits is withdrawn."""
         work.stopped.set()
         if work.status == WAITING:
+            work.status = WITHDRAWN
             self.all.remove(work)
         self.version += 1
 
