@@ -72,7 +72,7 @@ def test_a_package_has_tests_and_is_in_the_wheel(package):
 @pytest.mark.slow
 def test_the_program_helps_and_paints_without_them(tmp_path):
     small = ("image=coffee", "look=plain", "resolution=32", "strokes=12", "steps=2", "frames=0", "output=out")
-    for words, said in ((["look=plain", "--help"], "brushexp name --help"), (small, "")):
+    for words, said in ((["look=plain", "--help"], "Its keys and their values now"), (small, "")):
         command = [sys.executable, "-c", ALONE.format(modules=MODULES), *words]
         environment = os.environ | {"BRUSHEXP_PLUGINS": ""}
         found = subprocess.run(

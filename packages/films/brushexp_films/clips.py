@@ -62,7 +62,7 @@ def open_clip(path: Path, key: str = "image") -> Clip:
     path = Path(os.path.expanduser(path))
     if is_moving(path):
         lengths = [length for _, _, length in moving_pictures(path)]
-        rate = (len(lengths) / sum(lengths)).limit_denominator(1000)
+        rate = (len(lengths) / sum(lengths, Fraction(0))).limit_denominator(1000)
         return Clip(path, picture_size(path, key=key), rate, len(lengths))
     with _decoding(path, key) as (container, stream):
         try:

@@ -34,7 +34,7 @@ def refine(fitted: Fitted, labels: Array, order: Array, *, show: Progress, steps
     """
     curve, width = fitted.curve.copy(), fitted.width.copy()
     x, y = fitted.curve.mean(1).T
-    boxes = list(tiles(*labels.shape, zoom=TILE / SIDE))
+    boxes = list(tiles(labels.shape[0], labels.shape[1], TILE / SIDE))
     for number, (box, core) in enumerate(boxes):
         show(number / len(boxes), f"fitting {len(order)} curves")
         near = order[_inside(x[order], y[order], box, labels.shape)]
@@ -77,7 +77,7 @@ def _refined(curve: Array, thickness: Array, labels: Array, steps: int) -> tuple
         image = blend(renderer(strokes), top_first, tuple(labels.shape), codes[0]).image
         error = ((image - codes[regions].movedim(-1, 0)).square().sum(0) * weight).sum() / weight.sum()
         optimizer.zero_grad()
-        (4 * error + HELD * (moved.square().mean() + wider.square().mean())).backward()  # type: ignore[no-untyped-call]
+        (4 * error + HELD * (moved.square().mean() + wider.square().mean())).backward()
         optimizer.step()
         schedule.step()
         with torch.no_grad():

@@ -79,7 +79,7 @@ def engine_pictures(strokes: Strokes, look: Look, seed: int) -> list[Tensor]:
 @torch.no_grad()
 def renderer_pictures(strokes: Strokes, look: Look) -> list[Tensor]:
     """Draw each stroke (4, S, S) with a renderer, in windows of the `SIDES` that are as large as the strokes."""
-    renderer = build_named(look.family, look.name, look.options).requires_grad_(False)
+    renderer = build_named(look.family, look.name, {**look.options}).requires_grad_(False)
     sides = torch.tensor(SIDES)
     group = torch.bucketize(strokes.scale, sides[:-1])
     pictures: list[Tensor] = [torch.empty(0)] * len(strokes)

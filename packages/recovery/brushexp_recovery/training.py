@@ -109,7 +109,8 @@ class RecoveryModule(NetworkModule):
 
     def __init__(self, network: StrokeNetwork, lr: float) -> None:
         super().__init__()
-        self.network, self.lr = network.to(memory_format=torch.channels_last).train(), lr
+        self.network, self.lr = network.train(), lr
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.AdamW(self.network.parameters(), self.lr, weight_decay=DECAY)
