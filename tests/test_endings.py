@@ -84,7 +84,7 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_
         if seed:
             shutil.rmtree(place)
         simulate(n, seed)
-        now = f"set has {n} strokes of seed {seed} now, and the run began with 40 of seed 0; put"
+        now = f"set has {n} strokes of seed {seed} now, and the run began with 40 strokes of seed 0; put"
         with pytest.raises(UserError, match=now):
             resumed(task="train")
 

@@ -155,7 +155,11 @@ def test_masks_that_do_not_fit_are_refused_in_one_line(tmp_path):
     mask_file(tmp_path / "turned.png", np.zeros((60, 40), np.uint8))
     (tmp_path / "empty.png").touch()
     (tmp_path / "words.png").write_text("no picture at all")
-    reasons = {"empty.png": "is empty", "words.png": "is not a picture", "nowhere.png": "is not there; give auto"}
+    reasons = {
+        "empty.png": "is empty",
+        "words.png": "is not a picture",
+        "nowhere.png": "is not there; did you mean .*words.png. give auto",
+    }
     for name, reason in (reasons | {"turned.png": "has 40 x 60 pixels, the picture 60 x 40; give one whose"}).items():
         with pytest.raises(UserError, match=rf"^focus=.*{name} {reason}.*$") as error:
             focus_map(str(tmp_path / name), target)

@@ -34,12 +34,15 @@ from brushexp.strokes.storage import save_catalogue
 
 FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
+(FILES / "a.npz").touch()
 DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
 RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
     ("compare", "departures", "verdicts"), f"runs={FILES}"
 )
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
+NEEDED["recover"] = "image=coffee"
+NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
@@ -76,7 +79,7 @@ def refusal(cfg, task, words):
 
 
 def composed(task, *words):
-    return compose.composed(expand_arguments([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words]))
+    return compose.composed(expand_arguments([f"task={task}", *NEEDED.get(task, "").split(), *words]))
 
 
 def declared():

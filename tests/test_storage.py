@@ -99,7 +99,7 @@ def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
 
 def test_a_path_to_no_catalogue_is_explained(tmp_path):
     assert "there is no file" in refused(tmp_path / "a.h5")
-    assert f"catalogue={tmp_path / 'catalogue.h5'}" in refused(tmp_path)
+    assert f"there is no file {tmp_path / 'catalogue.h5'}" in refused(tmp_path), "a folder stands for its catalogue"
     assert "not a brushexp catalogue" in refused_if_foreign(tmp_path / "a.h5", refused)
 
 

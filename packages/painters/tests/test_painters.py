@@ -115,13 +115,13 @@ def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(n
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch):
-    whole, drawn = OtherPainter.draw, []
+    whole, drawn = OtherPainter.draw_strokes, []
 
     def draw(painter, strokes):
         drawn.append(len(strokes))
         return whole(painter, strokes) * (torch.nan if len(drawn) > 3 else 1)
 
-    monkeypatch.setattr(OtherPainter, "draw", draw)
+    monkeypatch.setattr(OtherPainter, "draw_strokes", draw)
     painters = []
     note = LambdaCallback(on_train_start=lambda _, painter: painters.append(painter))
     with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):

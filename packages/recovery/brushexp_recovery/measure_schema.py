@@ -43,4 +43,5 @@ class MeasureTask(Task):
             if image is not None:
                 scale_of(size_of_picture(image, f"{prefix or 'image'}".rstrip("_")), *sizes, prefix)
             elif any(size is not None for size in sizes):
-                raise UserError(f"{prefix}width_cm is the size of a second photograph; give against=...")
+                name = f"{prefix}{'width_cm' if sizes[0] is not None else 'size_cm'}"
+                raise UserError(f"{name} is the size of a second photograph; give against=...")

@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.folders import picture_suffixes
-from brushexp.pictures.load import check_ratio, named_color, size_of_picture
+from brushexp.pictures.load import check_ratio, named_color, sides_of_picture, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of, plugins
 from brushexp.system.device import device_of
@@ -76,7 +76,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None
     if cfg.focus not in (None, AUTO):
-        check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus", max(size)), size, "focus")
+        check_ratio(cfg.focus, sides_of_picture(cfg.focus, "focus"), size, "focus")
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")

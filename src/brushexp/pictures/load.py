@@ -73,14 +73,19 @@ def downsample(picture: Tensor, side: int) -> Tensor:
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
     """Compute height and width of what `load_picture` makes, and its errors, without decoding a picture."""
+    height, width = sides_of_picture(image, key, also)
+    if resolution is None and width * height > MAX_PIXELS and pixels_of(image) is None:
+        raise UserError(f"{key}={image} {too_large(width, height)}")
+    return size_at(resolution, height, width)
+
+
+def sides_of_picture(image: str, key: str, also: str = "") -> tuple[int, int]:
+    """Find height and width of a picture as it is, however large, without decoding it."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
-    else:
-        path = _path_of(image, key, also)
-        height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
-        if resolution is None and width * height > MAX_PIXELS:
-            raise UserError(f"{key}={image} {too_large(width, height)}")
-    return size_at(resolution, height, width)
+        return height, width
+    path = _path_of(image, key, also)
+    return _size_of_file(path, key, path.stat().st_mtime_ns)
 
 
 def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:

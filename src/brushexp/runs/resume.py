@@ -54,14 +54,17 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         record = read_pickled(path, "start anew")[RECORD]
         settings, words = plain_config(record["settings"]), [str(word) for word in check_plain(record["words"])]
         chosen = _chosen_keys(words)
-        if settings.task != cfg.task:
-            raise UserError(f"this is a run of task={settings.task}; add task={settings.task}")
-        settings = with_types(TASKS[settings.task], settings)
+        task = settings.get("task")
+        if task not in TASKS:
+            raise UserError("its settings name no task of this program; start anew")
+        if task != cfg.task:
+            raise UserError(f"this is a run of task={task}; add task={task}")
+        settings = with_types(TASKS[task], settings)
         _check_files(path, record, settings)
         settings.merge_with({key: cfg[key] for key in OVERRIDABLE if key in chosen})
         settings.merge_with({"output": cfg.output, "resume": str(folder)})
         check(settings)
-        _check_inputs(check_plain(record.get("inputs", {})), TASKS[settings.task].inputs(settings))
+        _check_inputs(check_plain(record.get("inputs", {})), TASKS[task].inputs(settings))
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # whatever the file holds instead

@@ -172,7 +172,8 @@ def check_trained(renderer: Renderer, choice: str) -> None:
 
     A member of the family says in ``weights`` that it has to be trained.
     """
-    if renderer.weights == Renderer.weights or renderer.weights_hash:
+    trainable = any(True for _ in renderer.parameters())
+    if renderer.weights == Renderer.weights or renderer.weights_hash or not trainable:
         return
     name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is type(renderer)), choice)
     cure = f"train it: brushexp task=train renderer={choice} output=outputs/{choice}"
