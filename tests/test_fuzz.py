@@ -132,14 +132,16 @@ def write_table(folder: Path) -> Path:
 def write_checkpoint(folder: Path) -> Path:
     path = folder / CHECKPOINT
     fit(painter_of(n=8, size=(12, 16), steps=3), max_steps=1).save_checkpoint(path)
-    torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "words": [], "sets": []}}, path)
+    torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "inputs": {}, "words": []}}, path)
     return path
 
 
 def read_checkpoint(path: Path) -> None:
     build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[0])
     painter = painter_of(n=8, size=(12, 16), steps=3)
-    fit_module(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
+    fit_module(
+        L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({"task": "paint"}), path.parent)]), painter, None, path
+    )
     check_strokes(painter.strokes())
 
 

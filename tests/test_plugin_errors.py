@@ -109,7 +109,7 @@ def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(l
     works = {"trips": build_named("loss", "mse", {})}  # as it did when the run began
     fit(painter_of(n=4, steps=4, losses=works), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
     painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
-    trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), tmp_path)])
+    trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({"task": "paint"}), tmp_path)])
     with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), naming_plugins(plugins()):
         runs_trainer.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
 
