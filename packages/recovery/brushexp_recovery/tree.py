@@ -14,6 +14,7 @@ from brushexp_recovery.regions import GROUPS, Pieces
 Array = NDArray[Any]
 
 LEAST_CHANCE = 0.05  # of being one stroke, below which two regions are never joined
+LARGEST = 8.0  # times the size of a stroke there, beyond which a region is joined no further
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ def grow(pieces: Pieces, judge: Asked, least: float = LEAST_CHANCE) -> Tree:
         gone[i] = gone[j] = True
         children.append((i, j))
         near.append(_joined(near, i, j, new))
+        if sums[new, 0] > LARGEST * np.exp(sums[new, 17:19].sum() / sums[new, 0]):  # it would touch half a picture
+            for other in near[new]:
+                del near[other][new]
+            near[new] = {}
         if not near[new]:
             continue
         others = np.fromiter(near[new].keys(), int, len(near[new]))

@@ -138,15 +138,18 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
     choose(page, "Canvas", "256")
+    choose(page, "Time", "Best")
     page.get_by_role("button", name="Paint", exact=True).click()
     picture = page.locator(".place .stage img[src^='/works/']")
     picture.wait_for()
     first = picture.get_attribute("src")
-    page.locator(f".place .stage img[src^='/works/']:not([src='{first}'])").wait_for()  # another one, by itself
+    another = page.locator(f".place .stage img[src^='/works/']:not([src='{first}'])")
+    another.wait_for(timeout=180_000)  # by itself; kernels may be compiled in between
     assert re.match(r"step \d+ of \d+ · \d+\.\d dB · [\d,]+ strokes", page.locator(".caption").inner_text())
     page.get_by_role("button", name="Stop").click()
     finish(page, 1)
-    assert int(re.match(r"step (\d+)", page.locator(".caption").inner_text())[1]) < 60, "stopped, and kept"
+    done, steps = re.match(r"step (\d+) of (\d+)", page.locator(".caption").inner_text()).groups()
+    assert int(done) < int(steps), "stopped, and kept"
     with page.expect_download() as download:
         page.get_by_role("link", name="Everything, zip").click()
     assert download.value.suggested_filename == "写真_cat-oil-1.zip"
