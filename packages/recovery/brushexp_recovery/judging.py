@@ -7,18 +7,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp_recovery.finding import LEAST, value_of, zoomed
+from brushexp_recovery.finding import LEAST, find_regions, zoomed
 from brushexp_recovery.judges import fit_judge
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import KNOTS, RecoveryModel
 from brushexp_recovery.network import USUAL
+from brushexp_recovery.recover import COPIES
 from brushexp_recovery.regions import GROUPS, Pieces, pieces_of
+from brushexp_recovery.score import overlaps
 from brushexp_recovery.synthesis import Random
 from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
 from brushexp_recovery.synthesis_paintings import Painted
-from brushexp_recovery.tree import Tree, cut, grow, node_features
+from brushexp_recovery.tree import Tree, grow, node_features
 
 Array = NDArray[Any]
 Progress = Callable[[float, str], None]
@@ -40,7 +42,7 @@ class Known(NamedTuple):
 
 
 def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, show: Progress) -> dict[str, float]:
-    """Fit judges and confidence of a model to paintings, clean and weathered; returns the losses."""
+    """Fit the judges of a model to paintings, clean and weathered; returns the losses."""
     random = np.random.default_rng(seed)
     known = [known_of(model, painted, aged, random) for painted in paintings for aged in (False, True)]
     show(0.4, "pairs")
@@ -60,18 +62,21 @@ def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, sh
 
 
 def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int) -> dict[str, float]:
-    """Learn which share of the regions of each chance are strokes, on other paintings; returns F1 and that share."""
+    """Learn which share of the regions of each chance are strokes, found as `recover` finds them in other paintings.
+
+    Returns F1 and that share over all of them, clean and weathered.
+    """
     random, parts = np.random.default_rng(seed), list[tuple[Array, Array, int]]()
-    pairs, nodes = model.pairs.asked(), model.nodes.asked()
     for painted in paintings:
+        visible = np.bincount(painted.labels[painted.labels >= 0])
         for aged in (False, True):
-            one = known_of(model, painted, aged, random)
-            tree = grow(one.pieces, pairs)
-            chance = nodes(node_features(tree))
-            kept = np.unique(cut(tree, value_of(tree, chance)))
-            kept = kept[kept >= 0]
-            visible = (np.bincount(one.truth[one.truth >= 0]) >= LEAST).sum()
-            parts.append((chance[kept, 0], best_overlaps(one, tree)[kept] >= HIT, int(visible)))
+            image = painted.image.astype(np.float32) / 255
+            image = weather(image, random).astype(np.float32) if aged else image
+            regions = find_regions(model, image, None, COPIES, lambda *_: None)
+            _, found, iou = overlaps(painted.labels, regions.labels, len(visible), len(regions.chance))
+            best = np.zeros(len(regions.chance))
+            np.maximum.at(best, found, iou)
+            parts.append((regions.chance, best >= HIT, int((visible >= LEAST).sum())))
     chances, hits = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
     model.confidence.copy_(torch.from_numpy(isotonic(chances, hits)))
     f1 = 2 * hits.sum() / max(len(hits) + sum(part[2] for part in parts), 1)
