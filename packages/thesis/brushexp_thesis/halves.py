@@ -1,6 +1,5 @@
 """How good a painting is where its target is flat, and where it is busy."""
 
-import numpy as np
 import torch
 from scipy.ndimage import uniform_filter
 from torch import Tensor
@@ -15,40 +14,35 @@ WINDOWS = 16  # along the shorter side of a picture
 def variation(target: Tensor) -> Tensor:
     """Compute the standard deviation (H, W) of the colours of ``target`` (3, H, W) in a square around each pixel."""
     side = max(3, min(target.shape[1:]) // WINDOWS)
-    squares, means = (
-        np.stack([uniform_filter(channel, side) for channel in channels])
-        for channels in (target.double().cpu().numpy() ** 2, target.double().cpu().numpy())
-    )
+    channels = target.double().cpu().numpy()
+    squares, means = (uniform_filter(values, (1, side, side)) for values in (channels**2, channels))
     return torch.from_numpy((squares - means**2).clip(0).sum(0) ** 0.5)
 
 
-def psnr_of_half(comparison: Comparison, *, busy: bool) -> float:
-    """Compute the PSNR in dB of the half of the pixels around which the target varies most, or least."""
-    errors = (comparison.image - comparison.target).double().square().mean(0).cpu().flatten()
-    by_variation = errors[variation(comparison.target).flatten().argsort(stable=True)]
-    middle = len(errors) // 2
-    return psnr_of(float((by_variation[middle:] if busy else by_variation[:middle]).mean()))
+class Half(Metric):
+    """PSNR of the half of the pixels around which the target varies most, or least."""
+
+    unit, digits = "dB", 2
+    higher_is_better = True
+    matters = 0.1
+    busy: bool
+
+    def __call__(self, comparison: Comparison) -> float:
+        errors = (comparison.image - comparison.target).double().square().mean(0).cpu().flatten()
+        by_variation = errors[variation(comparison.target).flatten().argsort(stable=True)]
+        middle = len(errors) // 2
+        return psnr_of(float((by_variation[middle:] if self.busy else by_variation[:middle]).mean()))
 
 
 @register("metric", "psnr_flat")
-class FlatHalf(Metric):
+class FlatHalf(Half):
     """PSNR of the half of the pixels around which the target varies least."""
 
-    title, unit, digits = "PSNR of the flat half", "dB", 2
-    higher_is_better = True
-    matters = 0.1
-
-    def __call__(self, comparison: Comparison) -> float:
-        return psnr_of_half(comparison, busy=False)
+    title, busy = "PSNR of the flat half", False
 
 
 @register("metric", "psnr_busy")
-class BusyHalf(Metric):
+class BusyHalf(Half):
     """PSNR of the half of the pixels around which the target varies most."""
 
-    title, unit, digits = "PSNR of the busy half", "dB", 2
-    higher_is_better = True
-    matters = 0.1
-
-    def __call__(self, comparison: Comparison) -> float:
-        return psnr_of_half(comparison, busy=True)
+    title, busy = "PSNR of the busy half", True

@@ -36,8 +36,7 @@ ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour
 
 def members_alone() -> dict[str, str]:
     """Map each look and each quality, those that ship and those of ``conf/``, to what it means as a word alone."""
-    paths = (path for group in ALONE for root in (SHIPPED, Path("conf")) for path in (root / group).glob("*.yaml"))
-    return {path.stem: f"{path.parent.name}={path.stem}" for path in paths}
+    return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
 def meaning_of(word: str) -> str | None:
@@ -46,7 +45,8 @@ def meaning_of(word: str) -> str | None:
     >>> meaning_of("finer"), meaning_of("watercolor"), meaning_of("photo.jpg")
     ('detail=2', 'look=watercolour', None)
     """
-    return WORDS.get(word) or members_alone().get(word) or members_alone().get(respelt(word))
+    known = WORDS | members_alone()
+    return known.get(word) or known.get(respelt(word))
 
 
 def members_of_group(group: str) -> set[str]:

@@ -55,8 +55,16 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
     """Give a picture a name, the same one for the same pixels; a UserError with its ``key`` says what does not fit."""
-    white, black = (_pixels(picture, key, backdrop) for backdrop in (1.0, 0.0))
+    white = _pixels(picture, key, 1.0)
+    black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
+
+
+def may_be_transparent(picture: Any) -> bool:
+    """Test whether a picture has an alpha channel or a transparent colour; of files it is not known."""
+    if isinstance(picture, Image.Image):
+        return picture.has_transparency_data
+    return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape
 
 
 def _named(over: dict[float, np.ndarray]) -> HeldPicture:
