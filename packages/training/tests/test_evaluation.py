@@ -17,9 +17,13 @@ from brushexp_training.evaluation import (
     FeatureDistance,
     bristle_figures,
     bristle_sums,
+    error_figures,
+    error_sums,
     fine_detail,
     inception_distance,
     over_white,
+    premultiply,
+    squared_error,
 )
 from brushexp_training.stroke_data import stroke_data
 from brushexp_training.tasks import evaluate
@@ -31,6 +35,7 @@ from torch.nn import functional
 
 from brushexp.config.check import check
 from brushexp.errors import UserError
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.registry import build, build_named, plugins
@@ -254,3 +259,28 @@ def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config
     check(config(*refused, "other_data=true"))
     check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
     assert stroke_data(cfg).first_seed == 7
+
+
+def test_errors_are_those_of_the_formulas():
+    images, truth = torch.rand(3, 4, 5, 7), torch.rand(3, 4, 5, 7)
+    figures = error_figures(error_sums(images[:1], truth[:1]) + error_sums(images[1:], truth[1:]))
+    a, b = images[:, 3:], truth[:, 3:]
+    difference = torch.cat([images[:, :3] * a - truth[:, :3] * b, a - b], 1)
+    assert figures["l2"] == pytest.approx(float(difference.square().mean()), rel=1e-5)
+    assert figures["psnr_alpha"] == pytest.approx(-10 * math.log10(float((a - b).square().mean())), rel=1e-5)
+    color = ((images[:, :3] - truth[:, :3]).square() * b).sum() / (3 * b.sum())
+    assert figures["psnr_color"] == pytest.approx(-10 * math.log10(float(color)), rel=1e-5)
+
+
+def test_a_colour_without_paint_counts_nothing():
+    truth = torch.rand(2, 4, 6, 8)
+    truth[:, 3, :, 4:] = 0
+    images = truth.clone()
+    images[:, :3, :, 4:] = torch.rand(2, 3, 6, 4)
+    assert squared_error(images, truth) == 0
+    figures = error_figures(error_sums(images, truth))
+    assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
+    assert torch.equal(premultiply(images)[:, 3], images[:, 3])
+    assert psnr_of(0.01) == pytest.approx(20)
+    truth[:, 3] = 0
+    assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"
