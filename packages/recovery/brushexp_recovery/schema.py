@@ -39,6 +39,7 @@ class TrainRecoveryTask(Task):
 
     model: str = key("recovery", "what is trained", one_of("recovery"))
     subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = those of scikit-image")
+    start: str | None = key(None, "weights whose network is trained further, shipped or a .safetensors; null = anew")
     sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")
     paintings: int = key(400, "how many paintings to learn from", at_least(1))
     painters: int = key(1, "processes that make paintings meanwhile", at_least(1))

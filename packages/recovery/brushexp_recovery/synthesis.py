@@ -14,6 +14,7 @@ Array = NDArray[Any]
 Random = np.random.Generator
 
 STEPS = 12  # of a trace from the middle of a stroke to either end
+SURE = 4  # of them are gone whatever lies on the way
 TURN = 0.12  # radians by which a stroke turns in a step at most
 BLURS = np.array([0.5, 1, 2, 4, 8, 16])  # pixels: the picture at these is what colours are picked from
 CANDIDATES = 40  # places that are drawn for every stroke
@@ -36,6 +37,8 @@ class Hand:
     turn: float = TURN  # radians by which a stroke may bend in each of `STEPS` steps
     sway: float = 0.0  # of S-bends, spread, in widths
     taper: float = 0.0  # spread of the change of width from end to end, as a share
+    even: bool = False  # places on a grid, slightly moved, not more of them where there is detail
+    clip: float = 0.0  # difference of colour, sRGB, at which a stroke ends before its time; 0: never
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,11 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> Laid:
     angles = hatched(flow_of(picture, max(3.0, 0.45 * pitch)), hand.hatch, random)
     detail = detail_of(picture, pitch)
     weights = [1 + layer * 0.6 * detail / max(detail.mean(), 1e-6) for layer in range(len(counts))]
-    places = np.concatenate([scatter(k, weight, random) for k, weight in zip(counts, weights, strict=True)])
-    curve = curves_along(angles, places, 0.5 * aspect * width, hand, random)
+    places = np.concatenate([
+        on_grid(k, size, random) if hand.even else scatter(k, weight, random)
+        for k, weight in zip(counts, weights, strict=True)
+    ])  # fmt: skip
+    curve = curves_along(angles, picture, places, 0.5 * aspect * width, hand, random)
     color = pick_colors(picture, places, width, hand, random)
     return Laid(
         curve, width, color, hand.sway * width * random.normal(size=n),
@@ -112,6 +118,15 @@ def scatter(n: int, weight: Array, random: Random) -> Array:
     return place[chosen]
 
 
+def on_grid(n: int, size: tuple[int, int], random: Random) -> Array:
+    """Spread ``n`` places (n, 2), x and y, on a grid of a picture (H, W), in any order, each a little moved."""
+    rows = max(1, round(np.sqrt(n * size[0] / size[1])))
+    columns = -(-n // rows)
+    cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
+    place = (cells + random.uniform(0.25, 0.75, cells.shape)) * [size[1] / max(columns, 1), size[0] / rows]
+    return random.permutation(place)[:n]
+
+
 @function
 def _thinned(place, distance, n):  # type: ignore[no-untyped-def]
     """Choose the first ``n`` places that keep their distance from those before; -1 where there are too few."""
@@ -132,12 +147,12 @@ def _thinned(place, distance, n):  # type: ignore[no-untyped-def]
     return chosen
 
 
-def curves_along(angles: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
+def curves_along(angles: Array, picture: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
     """Make curves (n, 3, 2) along a field of directions, through ``places`` and ``half`` pixels to either side."""
     n = len(places)
     x, y = places.astype(int).T
     angle = angles[y, x]
-    ends = [_trace(angles, places, angle + turn, half, hand.turn) - places for turn in (np.pi, 0.0)]
+    ends = [_trace(angles, picture, places, angle + turn, half, hand) - places for turn in (np.pi, 0.0)]
     sector = np.pi / hand.directions
     turn = sector * np.round(angle / sector) + np.radians(hand.shaky) * random.normal(size=n) - angle
     cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
@@ -148,12 +163,15 @@ def curves_along(angles: Array, places: Array, half: Array, hand: Hand, random: 
     return np.stack([start, 2 * places - 0.5 * (start + end), end], 1)
 
 
-def _trace(angles: Array, places: Array, angle: Array, half: Array, most: float) -> Array:
+def _trace(angles: Array, picture: Array, places: Array, angle: Array, half: Array, hand: Hand) -> Array:
     """Go ``half`` (n,) pixels along the field from ``places`` (n, 2), towards ``angle`` (n,) at first."""
     step, place = np.maximum(half / STEPS, 1e-3)[:, None], places.copy()
-    for _ in range(STEPS):
+    most, begun = hand.turn, picture[tuple(places.astype(int).T[::-1])]
+    for number in range(STEPS):
         x = np.clip(place[:, 0].astype(int), 0, angles.shape[1] - 1)
         y = np.clip(place[:, 1].astype(int), 0, angles.shape[0] - 1)
+        if hand.clip and number >= SURE:
+            step = np.where(np.abs(picture[y, x] - begun).max(1, keepdims=True) > hand.clip, 0, step)
         here = angles[y, x]
         here = here + np.pi * np.round((angle - here) / np.pi)
         angle = angle + np.clip(here - angle, -most, most)

@@ -47,16 +47,21 @@ def crack(image: Array, random: Random) -> Array:
     return (image * (1 - random.uniform(0.2, 0.7) * line[..., None])).astype(np.float32)
 
 
-def weather(image: Array, random: Random) -> Array:
-    """Add what a scan of a canvas adds: blur, weave, grain, noise, varnish, JPEG, each of random strength."""
+def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
+    """Add what a scan of a canvas adds: blur, weave, grain, noise, varnish, JPEG, each of random strength.
+
+    Weave, grain and noise are ``strength`` times as strong as usual.
+    """
     height, width = image.shape[:2]
     blur = random.uniform(0.2, 1.0)
     image = blurred(image, (blur, blur, 0))
     if random.random() < 0.8:
-        image = image * (1 + random.uniform(0.005, 0.045) * _weave(height, width, random)[..., None])
+        image = image * (
+            1 + np.float32(strength * random.uniform(0.005, 0.045)) * _weave(height, width, random)[..., None]
+        )
     if random.random() < 0.2:  # varnish: yellow, and darker
         image = image * (1 - random.uniform(0, 0.3) * np.array([0.2, 0.4, 1.0], np.float32))
-    image = image + random.standard_normal(image.shape, np.float32) * np.float32(random.uniform(0, 0.012))
+    image = image + random.standard_normal(image.shape, np.float32) * np.float32(strength * random.uniform(0, 0.012))
     return jpeg(np.clip(image, 0, 1), int(random.integers(60, 95))) if random.random() < 0.8 else np.clip(image, 0, 1)
 
 

@@ -17,8 +17,9 @@ Array = NDArray[Any]
 
 CROP = 160  # pixels
 ZOOMS = (0.4, 3.0)
-SPREAD, WIDE = 0.35, 1.0  # of the logarithm of widths around the usual one; and of one crop in five
-WEATHERED = 0.55  # share of the crops
+SPREAD, WIDE = 0.35, (-1.4, 1.0)  # of the logarithm of widths around the usual one; and of one crop in four
+WEATHERED = 0.6  # share of the crops: half of them as the painting is photographed, half as the network sees it
+STRENGTH = (0.6, 1.5)  # of weathering
 
 
 class Crops(NamedTuple):
@@ -37,21 +38,25 @@ def typical_width(painted: Painted) -> float:
 
 def crop(painted: Painted, random: Random, side: int = CROP) -> tuple[Array, Array, Array]:
     """Cut a crop out of a painting, at about the scale at which pictures are shown to the network."""
-    spread = random.uniform(-WIDE, WIDE) if random.random() < 0.2 else random.normal(0, SPREAD)
+    spread = random.uniform(*WIDE) if random.random() < 0.25 else random.normal(0, SPREAD)
     height, width = painted.labels.shape
     zoom = np.clip(USUAL * np.exp(spread) / typical_width(painted), *ZOOMS)
     part = min(round(side / zoom), height, width)
     zoom, top, left = side / part, random.integers(height - part + 1), random.integers(width - part + 1)
-    image = Image.fromarray(painted.image[top : top + part, left : left + part])
+    cut = recoloured(painted.image[top : top + part, left : left + part].astype(np.float32) / 255, random)
+    aged = random.random() < WEATHERED
+    before = aged and random.random() < 0.5
+    cut = weather(cut, random, random.uniform(*STRENGTH)) if before else cut
+    image = Image.fromarray((cut * 255).round().astype(np.uint8))
     image = image.resize((side, side), Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS)
     nearest = ((np.arange(side) + 0.5) / zoom).astype(int).clip(0, part - 1)
     labels = painted.labels[top : top + part, left : left + part][np.ix_(nearest, nearest)].astype(np.int64)
     geometry = painted.geometry.copy()
     geometry[:, :2] = (geometry[:, :2] - [left, top]) * zoom
     geometry[:, 3:5] += np.log(zoom)
-    pixels = recoloured(np.asarray(image, np.float32) / 255, random)
-    if random.random() < WEATHERED:
-        pixels = weather(pixels, random)
+    pixels = np.asarray(image, np.float32) / 255
+    if aged and not before:
+        pixels = weather(pixels, random, random.uniform(*STRENGTH))
     return turned(pixels, labels, geometry, random)
 
 

@@ -13,11 +13,14 @@ from brushexp_recovery.synthesis import TURN, Hand, Random, lay_strokes
 from brushexp_recovery.synthesis_ageing import crack, shine, smudge
 from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
+from brushexp_recovery.synthesis_marks import any_marks, draw_marks
 
 Array = NDArray[Any]
 
 SIDE = 512  # pixels of a painting
-COUNTS = (120, 2200)  # strokes of a painting
+COUNTS = (120, 2600)  # strokes of a painting
+BARE = 0.05  # share of paintings without a stroke
+MARKED = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
 PLAIN = 900_022  # paintings from this number on are plain: the confidence is that of what is known best
 FEW = 400  # strokes beyond which the simulator of bristles takes too long
 OCHRE = (0.66, 0.56, 0.42)
@@ -42,20 +45,36 @@ def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
     picture = square_of(pictures[int(random.integers(len(pictures)))], random)
     n = int(np.exp(random.uniform(*np.log(COUNTS))))
     plain = random.random() < 0.5 or number >= PLAIN
+    if not plain and random.random() < 2 * BARE:
+        return without_strokes(picture, random)
     look = plain_look(random) if plain else any_look(random)
     if look.name == "fluid":
         n = min(n, FEW) if random.random() < 0.85 else n
     laid = lay_strokes(picture, n, Hand() if plain else any_hand(random), random)
-    drawn = draw_strokes(laid, look, int(random.integers(2**32)))
+    if not plain and random.random() < MARKED:
+        look = Look("marks", "marks", {}, float(random.uniform(1, 3)))
+        drawn = draw_marks(laid, any_marks(random), (SIDE, SIDE), random)
+    else:
+        drawn = draw_strokes(laid, look, int(random.integers(2**32)))
     composed = compose(drawn, laid, mixing_of(n, look, plain, random), ground_of(picture, plain, random))
     image = composed.image
     if not plain:
         image = smudge(image, random) if random.random() < 0.35 else image
         image = shine(image, composed.height, random) if random.random() < 0.45 else image
         image = crack(image, random) if random.random() < 0.12 else image
-    return Painted(
-        (image * 255).round().astype(np.uint8), composed.labels.astype(np.int16), geometry_of(drawn, composed)
-    )
+    return Painted(as_bytes(image), composed.labels.astype(np.int16), geometry_of(drawn, composed))
+
+
+def without_strokes(picture: Array, random: Random) -> Painted:
+    """Make what is no stroke: a photograph, or bare ground, with cracks at times."""
+    image = picture if random.random() < 0.6 else ground_of(picture, False, random)
+    image = crack(image, random) if random.random() < 0.3 else image
+    return Painted(as_bytes(image), np.full(picture.shape[:2], -1, np.int16), np.zeros((0, 6), np.float32))
+
+
+def as_bytes(image: Array) -> Array:
+    """Round a picture in [0, 1] to uint8."""
+    return (image * 255).round().astype(np.uint8)
 
 
 def square_of(name: str, random: Random) -> Array:
@@ -107,21 +126,23 @@ def any_hand(random: Random) -> Hand:
         ((0.4, 1.0), (0.6, 0.6)),
         ((0.1, 1.0), (0.2, 0.7), (0.3, 0.5), (0.4, 0.3)),
     ]
-    aspect = np.exp(random.uniform(np.log(2.5), np.log(14)))
+    aspect = np.exp(random.uniform(np.log(1.6), np.log(22)))
     return Hand(
         layers=layers[int(random.integers(len(layers)))],
         cover=float(random.uniform(1.2, 4.5)),
         aspect=(float(aspect), float(random.uniform(0.1, 0.5))),
-        limits=(1.6, 30.0),
-        uneven=float(random.uniform(0.05, 0.35)),
+        limits=(1.3, 40.0),
+        uneven=float(random.choice([0.0, random.uniform(0.05, 0.35)])),
         directions=int(random.choice([2, 4, 8, 16, 64])),
         shaky=float(random.uniform(1, 12)),
-        color=float(random.uniform(0.2, 2.0)),
+        color=float(random.choice([0.0, random.uniform(0.05, 0.5), random.uniform(0.2, 2.0)])),
         palette=int(random.choice([0, 0, 5, 8, 16])),
         hatch=float(random.choice([0.0, 0.0, 0.3, 0.6, 1.0])),
-        turn=TURN * float(random.uniform(0.3, 2)),
+        turn=TURN * float(random.uniform(0.3, 3)),
         sway=float(random.choice([0.0, 0.0, 0.3, 0.8])),
         taper=float(random.choice([0.0, 0.2, 0.4])),
+        even=bool(random.random() < 0.4),
+        clip=float(random.choice([0.0, 0.0, random.uniform(0.03, 0.2)])),
     )
 
 
@@ -135,7 +156,9 @@ def mixing_of(n: int, look: Look, plain: bool, random: Random) -> Mixing:
 
 
 def ground_of(picture: Array, plain: bool, random: Random) -> Array:
-    """Prime a canvas: any even colour, with some of the picture, and grain."""
+    """Prime a canvas: any even colour, with some of the picture, and grain; now and then it is the whole picture."""
+    if not plain and random.random() < 0.1:
+        return picture
     usual = plain and random.random() < 0.4
     bare = (
         np.array(OCHRE)

@@ -16,6 +16,7 @@ NICE = 10  # the pool leaves the processor to the training
 def fill_pool(folder: Path, seed: int, pictures: Sequence[str], first: int, most: int, step: int = 1) -> None:
     """Paint numbers ``first``, ``first + step``, ... below ``most`` that are not there yet."""
     parent = os.getppid()
+    folder.mkdir(parents=True, exist_ok=True)
     for number in range(first, most, step):
         if os.getppid() != parent:  # the training is over, however it ended
             return

@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from brushexp.pictures.folders import pictures_in
 from brushexp.system.progress import showing
 from brushexp_recovery.judging import fit_confidence, fit_judges
-from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel
+from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel, load_model
 from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
 from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
@@ -34,7 +34,8 @@ class RecoveryJob(NetworkJob):
         self.data = RecoveryData(
             Path(cfg.sets), self.pictures_painted, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
         )
-        self.module = RecoveryModule(StrokeNetwork(), cfg.lr)
+        self.started_from = None if cfg.start is None else recipe_of(cfg.start)
+        self.module = RecoveryModule(StrokeNetwork() if cfg.start is None else load_model(cfg.start).network, cfg.lr)
         self.weights = folder / f"{NAME}.safetensors"
         self.use = f"brushexp recover image=PICTURE weights={self.weights}"
 
@@ -60,10 +61,16 @@ class RecoveryJob(NetworkJob):
         recipe = {
             "options": {},
             "data": {"subjects": [Path(name).name for name in self.pictures_painted], "seed": self.cfg.seed},
-            "training": training_recipe(self.module, self.cfg),
+            "training": training_recipe(self.module, self.cfg) | {"started_from": self.started_from},
             "figures": figures,
         }
         return RECOVERIES.save(self.weights, NAME, model, recipe)
+
+
+def recipe_of(checkpoint: str) -> dict[str, object]:
+    """Return what identifies weights, and how they were trained."""
+    recipe = RECOVERIES.read_recipe(RECOVERIES.path_of(checkpoint))
+    return {"hash": recipe["hash"], **recipe["training"]}
 
 
 def pictures_of(names: list[str] | None) -> list[str]:

@@ -23,7 +23,7 @@ from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.synthesis_pool import load_painting
 
 APART = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # weight of pairs of different strokes, by offset
-WEIGHTS = {"order": 0.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
+WEIGHTS = {"order": 1.0, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
 FIRST_PAINTINGS = 8  # that must be there before learning begins
 LOOK_AGAIN = 20  # steps after which new paintings are looked for
 HELD_OUT, HELD_OUT_COUNT = 900_000, 30  # numbers of the paintings that the network does not learn from
