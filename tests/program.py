@@ -5,7 +5,6 @@ is: its own environment, folder, output, signals and exit code.
 """
 
 import http.client
-import importlib
 import multiprocessing
 import os
 import pkgutil
@@ -14,7 +13,7 @@ import signal
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 from urllib.parse import urlsplit
@@ -40,19 +39,17 @@ class Program:
     """``brushexp`` with overrides in the folder ``cwd``; used as a `subprocess.Popen` is.
 
     The program gets the signal ``sent`` when it moves a file to its place: ``kill`` is the end of the file's path, a
-    count of such files, and whether the signal comes after the move. ``patched`` are constants of
-    `brushexp_training.writer`.
+    count of such files, and whether the signal comes after the move.
     """
 
     def __init__(
-        self, *overrides: str, cwd: Path, kill: Kill | None = None, sent: int = signal.SIGKILL,
-        patched: dict[str, int] | None = None, **environment: str,
-    ) -> None:  # fmt: skip
+        self, *overrides: str, cwd: Path, kill: Kill | None = None, sent: int = signal.SIGKILL, **environment: str
+    ) -> None:
         self.args = ["brushexp", *in_plain(overrides)]
         self._outputs = Path(tempfile.mkdtemp())
         environment = {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment}
         disturbed = (*kill, sent) if kill else None
-        arguments = (self.args, str(cwd), environment, self._outputs, disturbed, patched or {})
+        arguments = (self.args, str(cwd), environment, self._outputs, disturbed)
         self._process = FORKS.Process(target=_main, args=arguments)
         self._process.start()
 
@@ -93,13 +90,27 @@ def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
     return CompletedProcess(program.args, program.returncode, out, err)
 
 
-def ended(
-    cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.SIGKILL, **patched: int
-) -> tuple[int, str]:
+def ended(cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.SIGKILL) -> tuple[int, str]:
     """Return the exit code (negative: the signal that ended it) and the output of the program; see `Program`."""
-    program = Program(*words, cwd=cwd, kill=kill, sent=sent, patched=patched)
+    program = Program(*words, cwd=cwd, kill=kill, sent=sent)
     output = "".join(program.communicate())
     return program.returncode, output
+
+
+def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], object]) -> None:
+    """Let ``disturb`` be called when this process moves a file to its place; see `Program`."""
+    real, moved = os.replace, 0
+
+    def replace(source: Path, target: Path) -> None:
+        nonlocal moved
+        moved += (ours := str(target).endswith(name))
+        if ours and moved == number and not after:
+            disturb()
+        real(source, target)
+        if ours and moved == number and after:
+            disturb()
+
+    os.replace = replace
 
 
 def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> None:
@@ -125,7 +136,7 @@ def ask(
 
 def _main(
     words: list[str], folder: str, environment: dict[str, str], outputs: Path,
-    disturbed: tuple[str, int, bool, int] | None, patched: dict[str, int],
+    disturbed: tuple[str, int, bool, int] | None,
 ) -> None:  # fmt: skip
     """Run in a fork what ``python -W ignore::FutureWarning`` would with these words."""
     for number, name in ((1, "out"), (2, "err")):
@@ -137,25 +148,8 @@ def _main(
     for number in (signal.SIGTERM, signal.SIGHUP):  # whatever started the tests may ignore them
         signal.signal(number, signal.SIG_DFL)
     warnings.simplefilter("ignore", FutureWarning)
-    for name, value in patched.items():
-        setattr(importlib.import_module("brushexp_training.writer"), name, value)
     if disturbed:
-        _kill_at(*disturbed)
+        *move, sent = disturbed
+        disturb_move(*move, lambda: os.kill(os.getpid(), sent))
     sys.argv = words
     brushexp.__main__.main()
-
-
-def _kill_at(name: str, number: int, after: bool, sent: int) -> None:
-    """Let this process get a signal when it moves a file to its place."""
-    real, moved = os.replace, 0
-
-    def replace(source: Path, target: Path) -> None:
-        nonlocal moved
-        moved += (ours := str(target).endswith(name))
-        if ours and moved == number and not after:
-            os.kill(os.getpid(), sent)
-        real(source, target)
-        if ours and moved == number and after:
-            os.kill(os.getpid(), sent)
-
-    os.replace = replace

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import os
 import re
 import xml.etree.ElementTree as ET
 import zlib
@@ -21,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from PIL import Image, ImageCms
-from program import run
+from program import disturb_move, run
 from scenes import random_strokes, straight
 
 from brushexp.compositing.profile import smooth_rise
@@ -127,6 +128,27 @@ def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(n
         assert torch.equal(getattr(what.strokes, field), getattr(strokes, field))
     assert torch.equal(what.saved.depth, depth)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", EXPORTERS)
+def test_an_exporter_that_is_stopped_leaves_the_files_before_and_no_half_one(name, tmp_path, monkeypatch):
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    what, exports = job_of(some(4)), exporter(name)
+    (tmp_path / "whole").mkdir()
+    whole = exports.write(what, tmp_path / "whole")
+    for number in range(1, len(whole) + 1):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "replace", os.replace)
+            disturb_move("", number, False, stop)
+            with pytest.raises(KeyboardInterrupt):
+                exports.write(what, folder)
+        done = {path.name: path.stat().st_size for path in folder.iterdir()}
+        assert len(done) == number - 1
+        assert done.items() <= {path.name: path.stat().st_size for path in whole}.items()
 
 
 @pytest.mark.parametrize("name", EXPORTERS)

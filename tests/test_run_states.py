@@ -1,11 +1,13 @@
 """Runs that are started, killed, interrupted, resumed and moved in any order: nothing is lost, and nothing lies.
 
 ``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each kind of run; a default run three,
-of which the first is empty. All runs of a kind that come to their end have the same bits.
+of which the first is empty. All runs of a kind that come to their end have the same bits. A sweep is killed at every
+fifth of its files, or at each with ``BRUSHEXP_KILLS=all``.
 """
 
 import json
 import os
+import re
 import shutil
 import signal
 import tempfile
@@ -236,3 +238,55 @@ def test_nothing_is_lost_and_nothing_lies(way, strokes):
     Runs.begun.clear()
     run_state_machine_as_test(partial(Runs, way, strokes), settings=checks)
     assert Runs.begun, "hypothesis has tried nothing"
+
+
+SWEEP = ["-m", "look=plain", *SETTINGS, "image=chelsea", "resolution=32", "strokes=12", "frames=3", "timelapse=gif"]
+SWEEP += ["steps=5,6,7", "report=false", "finish_steps=${steps}"]
+MOVED = [(f"{job}/{name}", 1, after) for job in (0, 1) for name in OF_PAINTINGS[:-1] for after in (False, True)]
+
+
+def kills_of_a_sweep():
+    """Those that are tried, each with a signal and the exit code that it gives: at least the first and the last."""
+    kills = MOVED if os.environ.get("BRUSHEXP_KILLS") == "all" else [*MOVED[:-1:5], MOVED[-1]]
+    signals = ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL))
+    return [(kill, *signals[number % 2]) for number, kill in enumerate(kills)]
+
+
+def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_same_bits(tmp_path):
+    sweep, words, finished = tmp_path / "s", [*SWEEP, "output=s"], {}
+    assert ended(tmp_path, *SWEEP, "output=whole")[0] == 0
+    for number, (kill, sent, expected) in enumerate(kills_of_a_sweep()):
+        job = int(kill[0][0])
+        code, output = ended(tmp_path, *words, *["resume=sweep"] * bool(number), kill=kill, sent=sent)
+        assert code == expected, (kill, output)
+        statuses = [json.loads(path.read_text())["status"] for path in sorted(sweep.glob("*/metrics.json"))]
+        assert statuses[:job] == job * ["completed"], kill
+        assert set(statuses[job:]) <= {"interrupted", "at work"}, kill
+        if sent == signal.SIGTERM:
+            assert statuses[job:] == ["interrupted"], kill
+            assert [row["status"] for row in read_csv(sweep / "table.csv")] == statuses
+            assert not list(sweep.rglob(TEMPORARY)), kill
+        for done in range(job):
+            times = {str(path): path.stat().st_mtime_ns for path in (sweep / str(done)).rglob("*") if path.is_file()}
+            assert finished.setdefault(done, times) == times, kill
+    for more, message in (
+        ([], "output=s holds a run already"),
+        (
+            ["resume=sweep", "seed=3"],
+            r"job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6,7 .*=\$\{steps\}' .*resume=sweep",
+        ),
+        (["resume=sweep", "output=t"], "output=t holds no sweep"),
+    ):
+        refused, output = ended(tmp_path, *words, *more)
+        assert refused == 1
+        assert re.search(message, output), output
+        assert output.count("\n") == 1, output
+    code, output = ended(tmp_path, *words, "resume=sweep")
+    assert code == 0, output
+    assert not [*sweep.rglob(TEMPORARY), *sweep.rglob("checkpoint.ckpt")]
+    assert [row["status"] for row in read_csv(sweep / "table.csv")] == 3 * ["completed"]
+    assert "resume" not in (sweep / "table.csv").read_text()
+    for job in "012":
+        for name in ("painting.png", "strokes.svg"):
+            assert (sweep / job / name).read_bytes() == (tmp_path / "whole" / job / name).read_bytes()
+        load_catalogue(sweep / job / "catalogue.h5")

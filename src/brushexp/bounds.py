@@ -73,7 +73,7 @@ class Bounds:
         return _plain(max(nearest // self.step, 1) * self.step if self.step > 1 else nearest)
 
 
-ANY = Bounds()  # of what has no limits of its own
+ANY = Bounds()  # for options without limits of their own
 
 
 def _is_number(value: Any) -> bool:
@@ -85,7 +85,7 @@ def _plain(value: Any) -> str:
 
 
 def at_least(low: float) -> Bounds:
-    """``low`` or more."""
+    """Bound a number from below, by ``low``."""
     return Bounds(low)
 
 
@@ -95,7 +95,7 @@ def above(low: float, high: float = LARGEST) -> Bounds:
 
 
 def between(low: float, high: float) -> Bounds:
-    """From ``low`` to ``high``, both included."""
+    """Bound a number from ``low`` to ``high``, both included."""
     return Bounds(low, high)
 
 
@@ -105,7 +105,7 @@ def multiple_of(step: int, high: float = LARGEST) -> Bounds:
 
 
 def one_of(*names: str | int) -> Bounds:
-    """One of these names or whole numbers."""
+    """Bound a value to these names or whole numbers."""
     return Bounds(names=names)
 
 
@@ -117,7 +117,7 @@ class Rule:
     besides: tuple[str, ...] = ()  # values that are not read
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
-        """As `Bounds.check`."""
+        """Check a value as `Bounds.check` does."""
         for one in value if isinstance(value, list | tuple) else [value]:
             if isinstance(one, dict | list):
                 raise UserError(f"{option} holds {one}; give plain values, '{option}=[...]'")

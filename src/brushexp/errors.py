@@ -1,4 +1,4 @@
-"""What the program says when it cannot do what was asked."""
+"""Define the error whose message tells a user what to type instead."""
 
 
 class UserError(ValueError):

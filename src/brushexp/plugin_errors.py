@@ -56,7 +56,7 @@ def _is_callback(result: Any, folder: object) -> bool:
     return isinstance(result, Callback)
 
 
-RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # beside the types that the contracts state
+RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # they hold beside the types that contracts state
     ("init", "__call__"): ("exactly n valid strokes", _are_strokes),
     ("renderer", "draw"): ("finite pictures (n, 4, S, S)", _is_window),
     ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda result, rows, **_: _is_window(result, rows)),

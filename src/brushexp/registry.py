@@ -50,13 +50,13 @@ C = TypeVar("C", bound=type)
 
 @dataclass(frozen=True)
 class Plugin:
-    """One registered class, chosen by ``family=name``, and its options."""
+    """A registered class, chosen by ``family=name``, and its options."""
 
     family: str
     name: str
     cls: type
     config: type  # dataclass of its options
-    bounds: dict[str, Bounds | Rule]  # of each option
+    bounds: dict[str, Bounds | Rule]  # each option has its bounds
 
     @property
     def target(self) -> str:

@@ -41,8 +41,8 @@ MUTED = "#6a6a6a"
 SHORT = 44  # letters of the name of an axis
 STROKES_SIDE = 900  # pixels: longer side of the drawn strokes
 LEAST_AROUND = 3  # strokes within the radius of a place from which on it has a coherence
-CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of directions, CIE LCh; more is not in sRGB
-LEVEL_HUE = math.radians(85)  # of level strokes, ochre; upright ones are blue
+CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # colours of directions in CIE LCh; more is not in sRGB
+LEVEL_HUE = math.radians(85)  # level strokes are ochre, upright ones blue
 
 
 def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:

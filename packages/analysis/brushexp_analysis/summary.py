@@ -28,7 +28,7 @@ EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0,
 STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
 COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
 FEW_STROKES = 400  # strokes: the pitch of a smaller catalogue would be a large share of the canvas
-HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
+HIDDEN_SHARE = 0.05  # a stroke of which no more is seen is hidden
 
 OVERALL = {
     "per_1000_px": Measure("strokes per 1000 px^2", "how dense the strokes lie"),
@@ -51,11 +51,11 @@ class Analysis:
     size: tuple[int, int]  # height and width of the canvas, pixels
     total: int  # strokes of the catalogue
     number: NDArray[np.intp]  # (N,) which of them count, in the order of the catalogue
-    strokes: Strokes  # those N
+    strokes: Strokes  # the N strokes that are analysed
     depth: NDArray[np.intp]  # (N,) their ranks among each other, 0 is the bottom one
     pitch: float  # sqrt(pixels of the canvas / N)
     radius: float  # pixels: within which neighbours were counted
-    measures: StrokeTable  # of the N strokes, see `measure_strokes`
+    measures: StrokeTable  # measures of the N strokes, see `measure_strokes`
     sizes_by: str = ""  # the setting that gave the strokes their ``SIZES``, see `sizes_set_by`
 
     def values(self, key: str) -> Array:

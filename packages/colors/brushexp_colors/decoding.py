@@ -1,4 +1,4 @@
-"""From channels to pictures: a curve for each channel, a matrix to linear RGB, and the curve of displays (sRGB).
+"""Decode channels into pictures: a curve for each channel, a matrix to linear RGB, and sRGB's curve.
 
 In float32 on the CPU both directions are compiled: PyTorch would go through memory a dozen times.
 """

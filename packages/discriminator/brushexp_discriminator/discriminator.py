@@ -23,8 +23,8 @@ DISCRIMINATORS = CheckpointFormat(
     folders=lambda: [Path(__file__).parent / "weights"],
 )
 SHAPE = 7  # numbers of a stroke that are judged: start 2, control 2, end 2, width 1
-SEEN = SHAPE + 3  # and what the network is told besides: the length, and the bend along and across it
-WIDTH = 64  # of the hidden layers
+SEEN = SHAPE + 3  # the network is told besides: the length, and the bend along and across it
+WIDTH = 64  # width of the hidden layers
 STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window, logarithmic beyond
 
 

@@ -19,8 +19,8 @@ from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
 from brushexp_discriminator.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
 
 THRESHOLD_QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside
-HELD_OUT_STROKES = 20_000  # of either sort
-BETAS = (0.9, 0.99)  # of Adam
+HELD_OUT_STROKES = 20_000  # strokes of either sort
+BETAS = (0.9, 0.99)  # betas of Adam
 
 
 class ShapeBatch(NamedTuple):

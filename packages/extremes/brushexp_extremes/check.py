@@ -30,7 +30,7 @@ PICTURE_BOUNDS = {"float64": 1e-9, "float32": 1e-4, "bfloat16": 1e-4, "float16":
 # Largest relative difference of a field's gradient, see `gradient_error`; of 16 bits, what rounding it once may cost.
 GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16": 2**-9}
 NEGLIGIBLE_SHARE = 1e-3  # share of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
-PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is checked, at most
+PROBED_STROKES, PROBED_PIXELS = 64, 2000  # alpha is checked at no more
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
 BACKGROUND = (0.2, 0.5, 0.9)
 DENSE = Dense()

@@ -22,7 +22,7 @@ CANVAS, SMALL = (24, 37), (16, 25)
 MIDDLE = (18.0, 12.0)  # x and y
 USUAL_RATE = 0.02
 
-Fields = dict[str, Tensor]  # of strokes
+Fields = dict[str, Tensor]  # fields of strokes by name
 
 
 def _uniform(seed: int) -> Callable[..., Tensor]:
@@ -69,7 +69,7 @@ class Scene:
     scale: tuple[float, float] = (8.0, 24.0)
     target: Callable[[Size], Tensor] = random_target
     color: str = "rgb"  # space in which the strokes mix
-    steps: int = 0  # of Adam; 0 draws one picture
+    steps: int = 0  # steps of Adam; 0 draws one picture
     rate: float = USUAL_RATE
     parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)  # other components: family -> plugin
     growth: int = 1  # the strokes may come to so many times as many
@@ -118,7 +118,7 @@ def _far_windows(strokes: Strokes) -> Fields:
     return points | {"position": position, "scale": scale, "width": 16 / 2000 * strokes.width}
 
 
-SPACES = [plugin.name for plugin in plugins("color") if plugin.name != "rgb"]  # which all other scenes mix in
+SPACES = [plugin.name for plugin in plugins("color") if plugin.name != "rgb"]  # all other scenes mix in rgb
 TARGETS: dict[str, Callable[[Size], Tensor]] = {
     "target 0": lambda size: torch.zeros(3, *size),
     "target 1": lambda size: torch.ones(3, *size),

@@ -18,10 +18,10 @@ from brushexp.system.reading import in_short
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
 CONVOLUTIONS = 3  # at each size
-GROUPS = 8  # of group normalisation
-LAST_GAIN = 0.1  # of the last convolution at first, so that tanh is not saturated from the start
+GROUPS = 8  # group normalisation has so many groups
+LAST_GAIN = 0.1  # gain of the last convolution at first, so that tanh is not saturated from the start
 EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
-NOISE_SEED = 2020  # of the noise that is the same for every stroke in painting
+NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in painting
 WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
 PLANES = 3 + 2 * WAVES
 LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
@@ -148,7 +148,7 @@ class InverseVGG(PatchRenderer):
 
     @property
     def widths(self) -> list[int]:
-        """Of all layers but the last, as the option ``channels`` takes them."""
+        """List the widths of all layers but the last, as the option ``channels`` takes them."""
         dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
         return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
 
@@ -251,6 +251,6 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST)]
     cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
     for _ in range(WAVES):
-        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # of twice the angle
+        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # they belong to twice the angle
         planes += [near * cosine, near * sine]
     return torch.stack(planes, dim=1).flatten(1, 3)

@@ -28,7 +28,7 @@ from brushexp.system.files import write_picture, write_text
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from brushexp_inverse_vgg.pruning import prune
 
-RANKING_BATCHES = 4  # of training strokes, by which channels are ranked
+RANKING_BATCHES = 4  # channels are ranked by so many batches of training strokes
 COMPARED = ("l2", "psnr_alpha", "psnr_color", "fid_effl0")  # before and after fine-tuning
 DIGITS = {  # columns of the Markdown table
     **{"ratio": 2, "parameters": 0, "file_mb": 2, "strokes_per_second": 0, "strokes_per_second_backward": 0},

@@ -57,8 +57,8 @@ class Sinkhorn(Loss):
         self.side, self.floor = side, floor
         halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
         coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
-        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # of each update, from coarse to fine
-        self._surroundings: Surroundings | None = None  # of the last step, as are the following
+        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # each update has its blur, from coarse to fine
+        self._surroundings: Surroundings | None = None  # this and the following belong to the last step
         self._rest = torch.empty(0)  # (3, h, w) the shrunk picture without its part
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 

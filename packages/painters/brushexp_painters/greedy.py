@@ -113,7 +113,7 @@ def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> A
 
 @inline
 def _coverage(x, y, curve, half):
-    """How much of the pixel at a place a stroke covers: its distance to the pieces of the curve, one pixel soft."""
+    """Compute how much of the pixel at a place a stroke covers: a distance to its curve, one pixel soft."""
     nearest = np.float32(1e12)
     ax, ay = curve[0], curve[1]
     for piece in range(1, PIECES + 1):
@@ -141,7 +141,7 @@ def _box(curve, half, height, width):
 
 @function
 def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
-    """By how much each of strokes (K, 7) lowers the squared error of the canvas (H, W, 3), and in which colour.
+    """Compute how much each of strokes (K, 7) lowers the squared error of the canvas (H, W, 3), and its colour.
 
     With coverage a, canvas v and r = target - (1 - a) v the error is the sum of (a c - r)^2, least at sum ar / sum aa.
     """

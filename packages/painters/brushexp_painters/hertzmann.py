@@ -79,7 +79,7 @@ class Hertzmann(Painter):
         for k, radius in enumerate(radii):
             reference = gaussian_filter(target, (0, self.blur * radius, self.blur * radius), mode="nearest")
             canvas = request.draw(strokes.map(lambda value: value.to(request.target))).cpu().numpy()
-            cells = 1 / radii[k:] ** 2  # of this layer and of those to come, but for a factor
+            cells = 1 / radii[k:] ** 2  # cells of this layer and of those to come, but for a factor
             room = n - len(strokes)
             room = room if k == 0 else round(room * cells[0] / cells.sum())
             layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)

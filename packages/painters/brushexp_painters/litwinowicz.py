@@ -87,7 +87,7 @@ class Litwinowicz(Painter):
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
         reliable = (np.maximum(abs(gx), abs(gy)) >= self.flat).astype(float)
-        twice = 2 * np.arctan2(gx, -gy)  # of the normal
+        twice = 2 * np.arctan2(gx, -gy)  # the doubled angle of the normal
         field = thin_plate(np.stack([np.cos(twice), np.sin(twice)], 1), reliable, grid)
         return 0.5 * np.arctan2(field[:, 1], field[:, 0])
 

@@ -157,7 +157,7 @@ class PenExporter(Exporter):
 
     @cached_property
     def own_pens(self) -> Array | None:
-        """Colours (K, 3) in [0, 1] of the pens that the user has; None for pens of any colour."""
+        """Return the colours (K, 3) in [0, 1] of the user's pens; None for pens of any colour."""
         if self.pens is None:
             return None
         if not 1 <= len(self.pens) <= 256:

@@ -38,7 +38,7 @@ def add_paintings(
         (run / ".hydra").mkdir(parents=True, exist_ok=True)
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
-        write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
+        write_json(run / ".hydra" / "config.yaml", {"image": image})  # JSON is YAML, too
         others = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
         others |= {"status": "completed", "painter": name}
         write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)

@@ -1,4 +1,4 @@
-"""What else than an interval of Student's t says of paired gains: ranks, medians, and tests of many claims together.
+"""Test paired gains beside Student's interval: by ranks, by medians, and many claims together.
 
 ``gains`` are one number for each picture or seed, see `brushexp.results.paired.Difference`.
 """
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Bounds = tuple[float, float]  # of a mean gain; infinite where a statement has none
+Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement has none
 RESAMPLES = 9999
 
 

@@ -1,4 +1,4 @@
-"""How good a painting is where its target is flat, and where it is busy."""
+"""Measure how good a painting is where its target is flat, and where it is busy."""
 
 import torch
 from scipy.ndimage import uniform_filter

@@ -29,7 +29,7 @@ class Judgement:
 
     @property
     def remarks(self) -> str:
-        """What a reader should know beside the verdict."""
+        """Collect what a reader should know beside the verdict."""
         notes = [
             "added after the results" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),

@@ -31,21 +31,21 @@ IGNORED_KEYS = {
     *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
     *("checkpoint_every", "metric", "lpips_weights", "lpips_backbone"),
-}  # of the settings that distinguish two rows
+}  # these are none of the settings that distinguish two rows
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One finished painting."""
+    """A finished painting of a leaderboard."""
 
     key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
     target: str  # fingerprint of what was painted
-    name: str  # of the target, with its size
+    name: str  # name of the target, with its size
     strokes: float | None
     numbers: Mapping[str, float]  # by names of COLUMNS
     curve: Curve | None
     folder: Path
-    command: str  # that repeats it; "" if it is not known
+    command: str  # the command that repeats it; "" if it is not known
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Row:
 
     painter: str
     settings: str
-    strokes: float | None  # that were asked for, or the mean of those that were painted
-    numbers: Mapping[str, np.ndarray]  # of a metric that is known of every picture
+    strokes: float | None  # the strokes that were asked for, or the mean of those that were painted
+    numbers: Mapping[str, np.ndarray]  # each metric is known of every picture
     curves: Sequence[Curve]  # likewise; none if some picture has none
-    entries: Sequence[Entry]  # of the first seed, one for each picture
+    entries: Sequence[Entry]  # entries of the first seed, one for each picture
 
     @property
     def words(self) -> dict[str, str]:

@@ -25,7 +25,7 @@ from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT = "experiment="
-HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question")  # of a record, in its first line
+HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question")  # the first line of a record has these
 # Words that say where and by how many processes, not what.
 OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
@@ -51,7 +51,7 @@ class Study:
 
     @property
     def command(self) -> str:
-        """What repeats it, as one types it."""
+        """Write the command that repeats the study."""
         return shlex.join(self.words if self.words[:1] == ("python",) else ["brushexp", *self.words])
 
     @property

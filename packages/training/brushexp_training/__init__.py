@@ -1,4 +1,4 @@
-"""From simulated strokes to a trained renderer, in the order of the data.
+"""Turn simulated strokes into a trained renderer; the modules in the order of the data.
 
 schema (with rules, functions) -> engine -> writer -> dataset -> datamodule (with stroke_data)
 -> renderer_module (with network_module, renderer) -> network_fitting (with moving_average)

@@ -91,7 +91,7 @@ class ExtremeDrawings(NamedTuple):
 
     nearest: Tensor  # (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training
     pictures: dict[str, Tensor]
-    rows: list[dict[str, object]]  # of `outside.csv`; ``alpha_mass`` is against that of the nearest, ``l2`` to it
+    rows: list[dict[str, object]]  # rows of `outside.csv`; ``alpha_mass`` is against that of the nearest, ``l2`` to it
 
 
 @torch.no_grad()

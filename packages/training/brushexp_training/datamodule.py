@@ -62,7 +62,7 @@ class StrokeData(L.LightningDataModule, ABC):
     origin: Origin  # what made the strokes (of several sets, the first)
     sets: Sequence[StrokeSet] = ()  # the opened sets; none if the strokes are simulated on the way
     batch_size: int
-    seed: int  # of strokes simulated on the way; else of their order
+    seed: int  # seed of strokes simulated on the way; else of their order
 
     @property
     def first_seed(self) -> int:

@@ -29,7 +29,7 @@ VERSION = 2  # raise it whenever a file of the new kind would mislead an older r
 BLOCK = 16  # strokes of a chunk
 PERIOD = 20  # blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
-MOST_STROKES = 2**20  # of a shard; the writer makes them much smaller
+MOST_STROKES = 2**20  # no shard has more; the writer makes them much smaller
 AGAIN = "simulate it again or give another one"
 HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
 
@@ -38,7 +38,7 @@ Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """What a stroke is for; the values are remainders of the number of its block."""
+    """The part of a set that a stroke is in; the values are remainders of the number of its block."""
 
     TEST = 0
     VALIDATION = 1
@@ -51,7 +51,7 @@ class Split(Enum):
 
 @dataclass(frozen=True)
 class Origin:
-    """What made a set of strokes, but for the seed."""
+    """The engine, its options and the window that made a set of strokes; the seed stands apart."""
 
     engine: str  # name of the plugin
     engine_config: dict[str, Any]  # all of its options
@@ -81,7 +81,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """One file of a set, strokes ``first`` and on; pictures are read and checked when they are asked for."""
+    """A file of a set, strokes ``first`` and on; pictures are read and checked when they are asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

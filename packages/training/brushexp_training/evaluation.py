@@ -22,16 +22,16 @@ from brushexp.strokes.prior import strokes_of
 from brushexp.system.files import write_picture
 from brushexp_training.torch_script import load_torch_script
 
-TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
+TAP, TAP_CHANNELS = "b10", 112  # a tap of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048
 LEAST_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
 SHEET_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
 GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
 DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
-INSIDE = 0.25  # of a stroke: where so much of what is around is covered
+INSIDE = 0.25  # the inside of a stroke is where so much of what is around is covered
 THICK = 0.1  # windows: strokes from this thickness on are called thick
-ROUNDING = 0.51 / 255  # of pictures that were kept in 8 bits
+ROUNDING = 0.51 / 255  # pictures that were kept in 8 bits are off by so much
 SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
 SHEET_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
 
@@ -52,7 +52,7 @@ def squared_error(images: Tensor, truth: Tensor) -> Tensor:
 
 def fine_detail(planes: Tensor) -> Tensor:
     """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; bristles of windows of 64 pixels remain."""
-    with torch.autocast(planes.device.type, enabled=False):  # of 16 bits little would be left of a difference
+    with torch.autocast(planes.device.type, enabled=False):  # 16 bits would leave little of a difference
         rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
         return planes - rows @ planes @ columns.T
 

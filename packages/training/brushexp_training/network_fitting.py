@@ -62,7 +62,7 @@ def train_network(
     module = job.module
     with trackers:
         failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
-        (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
+        (folder / "metrics.json").unlink(missing_ok=True)  # it describes weights that are being replaced
         metrics = {
             **job.finish(),
             "steps": module.global_step,

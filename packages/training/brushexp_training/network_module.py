@@ -15,7 +15,7 @@ from brushexp.compat.lightning import publish_values, trainer_of
 from brushexp.system.callbacks import DIVERGED
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
-FINAL_RATE = 0.01  # of the highest learning rate, at the end
+FINAL_RATE = 0.01  # share of the highest learning rate at the end
 
 
 class NetworkModule(L.LightningModule):
@@ -33,7 +33,7 @@ class NetworkModule(L.LightningModule):
         self._cpu_seconds = 0.0  # in fits that are over
         self._since: float | None = None  # the clock of CPU time at the beginning of the present fit
         self._written = 0  # steps after which they were given to the loggers
-        self.figures: dict[str, float] = {}  # of the last validation
+        self.figures: dict[str, float] = {}  # figures of the last validation
         self.validated = -1  # the step at which they were measured
 
     @property

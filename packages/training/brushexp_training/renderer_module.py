@@ -17,12 +17,12 @@ from brushexp_training.datamodule import StrokeBatch
 from brushexp_training.evaluation import error_figures, error_sums, fine_detail, premultiply
 from brushexp_training.network_module import NetworkModule
 
-BETAS = (0.9, 0.99)  # of Adam, for the renderer
+BETAS = (0.9, 0.99)  # betas of Adam for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
-SLOPE = 0.2  # of the critic's leaky ReLU
+SLOPE = 0.2  # slope of the critic's leaky ReLU
 SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
 DENSE = (256, 64)
-START_STEPS = 200  # after which a start is judged, and again after as many if it was begun anew
+START_STEPS = 200  # a start is judged after so many steps, and after as many again if it was begun anew
 MOST_STARTS = 3  # new ones
 ALIVE = 0.01  # share of the true variance among strokes that a network draws at least, if it learns anything
 
@@ -31,11 +31,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RendererSettings:
-    """How a renderer is trained; the Trainer has duration and precision."""
+    """The settings of a renderer's training; the Trainer has duration and precision."""
 
     lr: float = 5e-4  # highest learning rate
     detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
-    tone: float = 4.0  # and errors of the straight colour where there truly is paint: the light on ridges is faint
+    tone: float = 4.0  # weight of errors of the straight colour where there is paint: the light on ridges is faint
     critic: bool = False  # judges the pictures beside L2
     critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
     critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balance`)
@@ -99,7 +99,7 @@ class RendererModule(NetworkModule):
         check_trainable(renderer, window)
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
-        self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
+        self._restored: dict[str, Any] = {}  # state of a checkpoint until it can be used
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         settings = self.settings
@@ -133,7 +133,7 @@ class RendererModule(NetworkModule):
             self._step_critic(self.critic, drawn.detach(), truth)
             self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
-            loss = pulled + (loss - pulled).detach()  # and its value that of the error
+            loss = pulled + (loss - pulled).detach()  # its value is that of the error
         self.seen += len(drawn)
         return loss + self.settings.tone * lit
 

@@ -15,7 +15,7 @@ from brushexp.system.runtime import check_memory
 if TYPE_CHECKING:
     from brushexp_training.dataset import Origin
 
-BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
+BYTES_PER_TRAINED_PIXEL = 48  # a network's strokes need RGBA of the picture, of what it should be, and of its gradient
 TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
 
 

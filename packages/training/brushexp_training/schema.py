@@ -11,7 +11,7 @@ from brushexp.config.schema import RESUME, Task, TrainerOptions
 from brushexp_training import rules
 from brushexp_training.rules import STROKES
 
-LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
+LARGEST_SEED_SIMULATED = 2**64 - 1  # the generator of strokes takes no larger seed
 SMALLEST_SET = 33  # strokes of which some are for training, validation and test
 NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
 DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"

@@ -75,7 +75,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
     chosen = {key: value for key, value in cfg.engine.items() if value != usual[key] or f"engine.{key}" in typed}
     try:
         return OmegaConf.unsafe_merge(usual, trained.engine_config, chosen)  # type: ignore[return-value]
-    except OmegaConfBaseException:  # of another version
+    except OmegaConfBaseException:  # the recipe is of another version
         return cfg.engine
 
 

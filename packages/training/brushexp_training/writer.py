@@ -28,8 +28,8 @@ from brushexp.system.runtime import interruptible
 from brushexp_training.dataset import BLOCK, FORMAT, HEIGHT_STEPS, SPLITS, VERSION, Origin, Shard, first_difference
 
 log = logging.getLogger(__name__)
-SHARD_STROKES = 2048  # of a file; a multiple of BLOCK. Killed at once, a run loses at most so many
-BATCH_STROKES = 256  # of a call of the engine
+SHARD_STROKES = 2048  # strokes of a file, a multiple of BLOCK. Killed at once, a run loses at most so many
+BATCH_STROKES = 256  # a call of the engine makes so many
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
 UNITS = {
     "params": "[-1, 1]: start 2, control 2, end 2 in half-windows; width; RGB",
@@ -37,9 +37,9 @@ UNITS = {
     "heights": f"1/{HEIGHT_STEPS} of the paint that covers the canvas",
 }
 
-BYTES_PER_PIXEL = 12  # of the strokes of a file: RGBA and height, in parts and together
+BYTES_PER_PIXEL = 12  # the strokes of a file need so many: RGBA and height, in parts and together
 
-Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
+Rows = dict[str, NDArray[Any]]  # arrays of some strokes, by name of the dataset
 
 
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
@@ -49,7 +49,7 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
     larger is refused (UserError). Ctrl-C stops after the present batch, and what is simulated by then stays.
     """
     with _locked(path, wait):
-        for rest in path.glob(TEMPORARY):  # of writing that was killed
+        for rest in path.glob(TEMPORARY):  # a process that was killed has left it
             rest.unlink()
         shards = whole_shards(path, origin, seed, n)
         done = sum(map(len, shards.values()))

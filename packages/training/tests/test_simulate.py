@@ -1,5 +1,6 @@
 """Making a set of strokes: the same whatever happens on the way, never half a file at its place."""
 
+import os
 import resource
 import signal
 from pathlib import Path
@@ -11,6 +12,7 @@ from brushexp_training import writer
 from brushexp_training.dataset import Origin, StrokeSet
 from brushexp_training.evaluation import GAP_PIXELS, stroke_sheet
 from brushexp_training.writer import BATCH_STROKES, simulate_set, to_rows
+from program import disturb_move
 from test_dataset import SHARD_STROKES, Spot, write
 
 from brushexp.errors import UserError
@@ -65,6 +67,24 @@ def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
         path = write(tmp_path / f"{before}", n=before)
         assert len(StrokeSet(path)) == before
         assert contents(write(path, n=N)) == whole, "a set that grows is the same as one made large"
+
+
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("number", [1, 2, 6])
+def test_a_set_that_is_killed_where_a_shard_takes_its_place_is_the_same(
+    tmp_path, small_shards, whole, monkeypatch, number, after
+):
+    def kill() -> None:
+        raise Killed
+
+    path = tmp_path / "strokes"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", os.replace)
+        disturb_move(".h5", number, after, kill)
+        with pytest.raises(Killed):
+            simulate_set(path, Spot(), ORIGIN, 0, N)
+    assert len(contents(path)) == number - 1 + after
+    assert contents(write(path, n=N)) == whole
 
 
 def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):

@@ -1,1 +1,1 @@
-"""What ``import brushexp`` offers: the tasks of the command line as functions of Python."""
+"""Offer the tasks of the command line as functions of Python: ``import brushexp``."""

@@ -37,15 +37,15 @@ def _stay() -> None:
 
 @dataclass(frozen=True)
 class State:
-    """Where a painting stands."""
+    """The state of a painting after a step."""
 
     step: int  # gradient steps that are done
     steps: int  # planned; with ``seconds`` the plan changes on the way
-    seconds: float  # of optimisation until now
+    seconds: float  # seconds of optimisation until now
     image: np.ndarray  # (H, W, 3) uint8, as the steps last saw it; of the last state the painting, under its lamp
     strokes: Strokes  # N, as they are now
     psnr: float  # dB, of what the steps last saw
-    painting: Painting | None = field(default=None, repr=False)  # of the last state
+    painting: Painting | None = field(default=None, repr=False)  # only the last state has it
     stop: Callable[[], None] = field(default=_stay, repr=False)  # end now: the next state is the last
 
     def __getstate__(self) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
     def close() -> None:
         handover.closed.set()
         handover.room.release()  # the painter may wait for it
-        if threading.current_thread() is not thread:  # which may collect the generator as garbage
+        if threading.current_thread() is not thread:  # the thread itself may collect the generator as garbage
             thread.join()
 
     atexit.register(close)

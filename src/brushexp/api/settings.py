@@ -24,7 +24,7 @@ from brushexp.registry import drop_built
 from brushexp.system.runtime import use_threads
 
 PICTURE = "image="
-_composed = lru_cache(maxsize=32)(composed)  # which takes Hydra a while
+_composed = lru_cache(maxsize=32)(composed)  # composing takes Hydra a while
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 
@@ -42,7 +42,7 @@ class Settings:
     cfg: DictConfig
     words: list[str]
     held: dict[str, HeldPicture]  # by key
-    folder: Path | None  # of the run; None if nothing is written
+    folder: Path | None  # folder of the run; None if nothing is written
 
     def __getstate__(self) -> dict[str, Any]:
         plain = OmegaConf.to_container(self.cfg, resolve=True)  # its types are made when plugins are loaded
@@ -87,7 +87,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
                 cfg.image = parse_value(word.removeprefix(PICTURE))
     except (CompactHydraException, OmegaConfBaseException) as error:
         raise UserError(explanation(error, folders, words)) from error
-    drop_built()  # of settings that nobody has painted with
+    drop_built()  # nobody has painted with these settings
     check(cfg, words)
     return Settings(cfg, words, held, folder)
 

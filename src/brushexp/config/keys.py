@@ -19,7 +19,7 @@ def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a task."""
+    """A key of a task."""
 
     name: str
     annotation: Any

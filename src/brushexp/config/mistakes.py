@@ -20,7 +20,7 @@ from brushexp.config.words import as_typed
 from brushexp.registry import MULTI_SELECT, plugins
 
 LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
-EXAMPLES = {int: "100", float: "10"}  # of what is null by default
+EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 

@@ -15,7 +15,7 @@ from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
 
 PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
-LARGEST_SEED = 2**32 - 1  # of NumPy's generator
+LARGEST_SEED = 2**32 - 1  # NumPy's generator takes no larger seed
 BY_TIME = "outputs/${now:%Y-%m-%d_%H-%M-%S}"  # the folder of a run for which none is typed
 RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
@@ -130,7 +130,7 @@ class PaintTask(Task):
     settings: ClassVar[dict[str, Any]] = {
         "style": {
             "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
-            "strokes": {"catalogue": "${style.brushwork}"},  # and this with style.brushwork
+            "strokes": {"catalogue": "${style.brushwork}"},  # added to loss= with style.brushwork
         }
     }
 

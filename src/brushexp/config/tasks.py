@@ -30,7 +30,7 @@ def add_task(words: Sequence[str]) -> list[str]:
     """Add ``task=`` of the task that suits the words of a command line, if it is not named."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
-        typed[name] = f"{typed[name]},{value}" if name in typed else value  # of several pictures, as in a sweep
+        typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures are joined, as in a sweep
     named = typed.get("task", "paint")
     other = task_for(named, typed)
     if other == named:

@@ -194,7 +194,7 @@ def check_choice(group: str, value: str) -> None:
 def as_typed(value: Any, *, is_part: bool = False) -> str:
     """Write a value as it is typed; texts in a list or mapping are in quotes if they need them."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
-    plain = plain.item() if hasattr(plain, "item") else plain  # of NumPy and torch
+    plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and torch become Python's
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
     if isinstance(plain, Mapping):

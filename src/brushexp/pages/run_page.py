@@ -26,7 +26,7 @@ from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
 
 PAGE_NAME = "report.html"
-FILES = {  # of a run, in the order in which the page has them
+FILES = {  # the page lists the files of a run in this order
     "painting.png": "the painting",
     "flat.png": "its colours, without the light",
     "strokes.svg": "its strokes, for Inkscape and the web",
@@ -45,8 +45,8 @@ NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # f
 LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of the largest picture that is a PNG; larger ones are JPEGs
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
-WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
-FIRST_NUMBERS = (  # of metrics.json, before those of metrics: key, name, unit, digits, meaning
+WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # the picture of the light is encoded so
+FIRST_NUMBERS = (  # they come before the metrics: key in metrics.json, name, unit, digits, meaning
     ("n_strokes", "strokes", "", 0, "in the catalogue"),
     ("steps", "steps", "", 0, "of gradient descent"),
     ("seconds", "optimisation", "s", 1, "wall time of the steps"),
@@ -140,7 +140,7 @@ def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
 
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     if metrics.get("psnr") is None and metrics.get("l1") == 0:
-        metrics = {**metrics, "psnr": math.inf}  # which JSON does not know
+        metrics = {**metrics, "psnr": math.inf}  # JSON knows no infinity
     measured = [(key, one.title, one.unit, one.digits, one.about) for key, one in quantities().items() if one.about]
     return [
         {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
@@ -226,7 +226,7 @@ def line_of(config: Mapping[str, Any]) -> str:
     for key, text in _flat(config):
         if key.endswith("_target_") or text in ("{}", "null") or key in ("task", "output", "overwrite", "resume"):
             continue
-        below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
+        below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a table has the user's keys
         keys.append(f"{'++' * (below in chosen)}{key}={text}")
     return shlex.join(["brushexp", "look=plain", *words, *keys])
 

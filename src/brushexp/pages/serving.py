@@ -26,7 +26,7 @@ HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'",
 }
-TIMEOUT_SECONDS = 10  # of a silent connection
+TIMEOUT_SECONDS = 10  # a connection that is silent for so long is closed
 
 
 @contextmanager

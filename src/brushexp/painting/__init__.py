@@ -1,4 +1,4 @@
-"""From a target picture to a painting, in the order of the data.
+"""Turn a target picture into a painting; the modules in the order of the data.
 
 build (with components, init) -> painting_module (with schedule, picture)
 -> other_painter (with painter), stroke_optimizer (with sampler, canvas_memory, renderer, order, blend, loss, partial,

@@ -37,10 +37,10 @@ class CanvasMemory:
     def __post_init__(self) -> None:
         self.cache = PatchCache(self.renderer)
         self._squares = sum_of_squares(self.picture, self.target)
-        self._region: Region | None = None  # of the present steps
+        self._region: Region | None = None  # the present steps look here
         self._numbers = torch.empty(0)  # strokes that are drawn in the region
         self._fixed = torch.empty(0)  # (h, w), bool: pixels of the region that stay
-        self._surroundings: Surroundings | None = None  # of the region; None if that is the canvas
+        self._surroundings: Surroundings | None = None  # they surround the region; None if that is the canvas
 
     @property
     def error(self) -> float:

@@ -60,7 +60,7 @@ class Finished:
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
-        (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
+        (folder / METRICS_FILE).unlink(missing_ok=True)  # it describes the painting that is being replaced
         about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
             pixels, alpha = self.pictures[name], self.job.alpha()

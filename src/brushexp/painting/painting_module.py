@@ -70,12 +70,12 @@ class PaintingModule(QuickModule):
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
-        self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
+        self.evaluations = 0  # how often losses were evaluated; an optimiser may need several for a step
         self.stop = ""  # why the fit ends before its last step
         self.trouble = ""  # what was not finite in the step that was undone (`DIVERGED`)
         self.anytime: list[Pair] = []
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self.values: dict[str, Tensor] = {}  # of the last step, for callbacks and loggers
+        self.values: dict[str, Tensor] = {}  # callbacks and loggers read these values of the last step
         self._next_log_seconds = 0.0
 
     @abstractmethod

@@ -42,7 +42,7 @@ class Picture(nn.Module):
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
         self._error_of_last: Callable[[], float]
-        self._error = math.inf  # of the last memory
+        self._error = math.inf  # the last memory had this error
 
     @property
     def size(self) -> tuple[int, int]:

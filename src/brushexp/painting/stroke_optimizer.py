@@ -70,7 +70,7 @@ class StrokeOptimizer(PaintingModule):
         target: Tensor,  # (3, H, W) in [0, 1]
         background: Tensor,  # (3,) colour of the bare canvas
         *,
-        seed: int,  # of everything random in the steps
+        seed: int,  # it decides everything random in the steps
         focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
@@ -84,7 +84,7 @@ class StrokeOptimizer(PaintingModule):
         self.generator = torch.Generator().manual_seed(seed)
         self.budget = budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
-        self._view = View(Region.whole(target))  # of this step
+        self._view = View(Region.whole(target))  # this step shows it
         self._evaluations_before = 0  # this step
         self._begin_stage()
 
@@ -198,7 +198,7 @@ class StrokeOptimizer(PaintingModule):
 
     def prepare(self) -> None:
         """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation."""
-        check_strokes(self.strokes())  # those of a checkpoint
+        check_strokes(self.strokes())  # a checkpoint may have given them
         state = deepcopy(self.state())
         self.training_step(self._sample(), 0).backward()
         if self.components.density.uses_importance:

@@ -99,6 +99,6 @@ def label_lines(text: str, width: int, most: int = 3) -> str:
 
 def wrap_text(text: str, width: int, most: int = 3) -> str:
     """Break text into at most so many lines of so many letters, at spaces and after signs, if need be in words."""
-    marked = re.sub(r"(?<=[+,/_])", "\v", text)  # at which textwrap may break
+    marked = re.sub(r"(?<=[+,/_])", "\v", text)  # textwrap may break lines at these places
     filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
     return filled.replace("\v", "")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
 MISSING = "–"  # in place of a number that is missing
-NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # and what stands in place of one
+NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # a number, or what stands in its place
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:

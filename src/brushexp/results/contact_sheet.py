@@ -27,7 +27,7 @@ LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters in sides; the
 PAPER, INK, BOX = "white", "#202020", "#ededed"
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 TARGET = "target"
-UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # of the metrics below a picture
+UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # the metrics below a picture have these units
 
 
 @dataclass(frozen=True)

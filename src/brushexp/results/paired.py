@@ -35,7 +35,7 @@ PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu
 MOST_PANELS = 4
 LETTER_HEIGHT = 0.16  # inches: of the letter of a unit in the plot
 LETTERS = ascii_uppercase + ascii_lowercase
-LARGEST_LOGARITHM = 700.0  # of a ratio: exp(710) overflows
+LARGEST_LOGARITHM = 700.0  # no ratio has a larger one: exp(710) overflows
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """One of ``depends``, ``same``, ``better``, ``worse`` and ``not decided``, see `rule_for`."""
+        """Decide between ``depends``, ``same``, ``better``, ``worse`` and ``not decided``, see `rule_for`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
         matters = self.quantity.matters

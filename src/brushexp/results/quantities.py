@@ -27,7 +27,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """Label of an axis: the name, and which end is better."""
+        """Label an axis with the name, and with the end that is better."""
         return f"{self.name} ({self.better} is better)"
 
 

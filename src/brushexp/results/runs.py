@@ -36,7 +36,7 @@ JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the w
 SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder of a run
 REMOVED = "(removed)"  # value of an override "~key"
 TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
-LARGEST_NUMBER = 1e300  # of a result; larger ones are taken for missing
+LARGEST_NUMBER = 1e300  # larger numbers of a result are taken for missing
 LONGEST_VALUE = 40  # letters of a value in a label; a longer one is cut at its beginning
 
 
@@ -170,7 +170,7 @@ def _run_columns(folder: Path, result: Result) -> dict[str, Any]:
 def _metrics(result: Result) -> dict[str, Any]:
     metrics = {k: v for k, v in result.items() if k not in (*TEXTS, "overrides") and not isinstance(v, list | dict)}
     if metrics.get("psnr") is None and metrics.get("l1") == 0:
-        metrics["psnr"] = math.inf  # which JSON does not know
+        metrics["psnr"] = math.inf  # JSON knows no infinity
     return metrics
 
 

@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 StrokeTable: TypeAlias = "np.recarray[Any, Any]"  # columns as attributes, see `measure_strokes`
 
 RADIUS_PITCHES = 4.0  # pitches within which neighbours are counted: some 50 strokes
-ALIGNED_WITHIN = math.radians(20)  # by which directions of aligned strokes differ at most
+ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by no more
 LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are computed
 THIN_FILM = 1e-4  # share of their opacity at which strokes hardly hide each other
-DIRECTION_BINS = 18  # of 10 degrees each
+DIRECTION_BINS = 18  # each has 10 degrees
 LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less counts as none
-SIZES = ("length", "width", "area", "elongatedness")  # which the settings of a painting give, not its picture
+SIZES = ("length", "width", "area", "elongatedness")  # the settings of a painting give them, not its picture
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
@@ -82,7 +82,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
     }
     columns = [value.double().numpy() for value in measures.values()]
     table = np.rec.fromarrays(columns, dtype=[(name, np.float64) for name in measures])
-    table.orientation = table.orientation % math.pi % math.pi  # of a tiny negative angle rounding makes pi
+    table.orientation = table.orientation % math.pi % math.pi  # rounding makes pi of a tiny negative angle
     return table
 
 

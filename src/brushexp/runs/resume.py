@@ -70,9 +70,9 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
     except Exception as error:  # whatever the file holds instead
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
-    if settings.threads:  # which the present command line need not repeat; networks round by the number of threads
+    if settings.threads:  # the command line need not repeat them; networks round by the number of threads
         use_threads(settings.threads)
-    note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # of the whole run
+    note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # the words of the whole run
     return settings, path
 
 

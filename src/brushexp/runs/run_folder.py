@@ -192,7 +192,7 @@ def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
         if path in replaced:
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:
-        path.unlink()  # of a link to a file elsewhere, the link
+        path.unlink()  # where it is a link to a file elsewhere, the link goes
     for path in sorted(folders - {folder}, reverse=True):
         if not path.is_symlink() and not any(path.iterdir()):
             path.rmdir()

@@ -134,6 +134,6 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
 
 def _threads_per_job(hydra: HydraConf) -> int:
     """Return the number of cores for this job: all, or its share of them beside other jobs."""
-    if "cpus_per_task" in hydra.launcher:  # of submitit, where it is one by default, as for Slurm
+    if "cpus_per_task" in hydra.launcher:  # submitit has one core by default, as Slurm has
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

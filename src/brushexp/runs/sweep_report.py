@@ -75,7 +75,7 @@ def _write_report(folder: Path) -> None:
     if is_album(frame):
         _write_tables_and_page(folder, frame)
     else:
-        write_differences(folder, frame)  # which the page shows
+        write_differences(folder, frame)  # the page shows them
         write_comparison(folder, frame)
         write_effect(folder, frame)
     write_contact_sheet(folder, frame)

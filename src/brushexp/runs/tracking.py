@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 class Trackers(LightningLogger):
-    """All trackers of a run, open inside ``with``, as one logger of Lightning; one that fails is dropped."""
+    """Passes on, as one logger of Lightning open inside ``with``, to all trackers of a run; drops one that fails."""
 
     name = version = ""
 

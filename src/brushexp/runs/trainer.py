@@ -24,7 +24,7 @@ from brushexp.system.reading import in_short
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.terminal import as_shown
 
-PROFILE = "profile.txt"  # of trainer.profiler=simple
+PROFILE = "profile.txt"  # trainer.profiler=simple writes it
 
 log = logging.getLogger(__name__)
 

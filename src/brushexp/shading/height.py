@@ -131,7 +131,7 @@ def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
 def _add_bristles(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfile:
     sheets = _bristle_sheets(layers.taper, film.device)
     half = (layers.half_width.square() + THIN**2).sqrt()
-    texel = half * (2 * SPREAD / ROWS)  # of the size whose texels are about as large as pixels
+    texel = half * (2 * SPREAD / ROWS)  # a texel of the finest texture, in pixels
     look = brush % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
     parts = _as_layers(film, layers.opacity * layers.half_width / half)
     once = torch.ones_like(look)

@@ -30,8 +30,8 @@ import numpy as np
 from brushexp.bounds import ANY, above, between
 
 DIRECT = 0.7  # share of the diffuse light that comes from the light, the rest from everywhere
-SHININESS = 24.0  # of oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
-GAMMA = 2.2  # of displays: light is multiplied in physical units
+SHININESS = 24.0  # oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
+GAMMA = 2.2  # displays have this gamma: light is multiplied in physical units
 BOUNDS = {"azimuth": ANY, "elevation": above(0, 90), "depth": between(0, 1000), "gloss": between(0, 1)}  # of `Light`
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ class Light:
     azimuth: float = 315.0  # degrees clockwise from the top (315: upper left)
     elevation: float = 45.0  # degrees above the canvas
     depth: float = 0.0  # thickness of the paint: 1 is natural, and 0 flat, without any light
-    gloss: float = 0.25  # of the paint, 0 (matt) to 1 (wet)
+    gloss: float = 0.25  # gloss of the paint, 0 (matt) to 1 (wet)
 
     @property
     def direction(self) -> Array:

@@ -1,1 +1,1 @@
-"""What a stroke is: its numbers and units, the mathematics of its curve, and which strokes are valid."""
+"""Define a stroke: its numbers and units, the mathematics of its curve, and which strokes are valid."""

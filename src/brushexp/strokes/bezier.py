@@ -9,11 +9,11 @@ from torch import Tensor
 from brushexp.strokes.catalogue import Strokes
 
 NEWTON_STEPS = 9  # in `closest_parameter`, the last one with a gradient
-TIE_ROUNDINGS = 16  # of a coordinate: where both legs of a fold are as near as can be told, the first one is taken
-VALLEY_WIDTH = 0.01  # of the parameter: two minima nearer to each other than this are one
+TIE_ROUNDINGS = 16  # roundings of a coordinate: where both legs of a fold are equally near, the first one is taken
+VALLEY_WIDTH = 0.01  # two minima nearer to each other in the parameter are one
 MIN_SLOPE_PX2 = 1.25e-5  # square pixels: derivatives of t are limited as if no curve were shorter than 0.005 px
-PIECES = 4  # of a curve, each with a quadrature of its own, so that hairpins are measured to a thousandth
-MARGIN_PX = 2.0  # of a window around its stroke
+PIECES = 4  # each piece of a curve has its own quadrature, so that hairpins are measured to a thousandth
+MARGIN_PX = 2.0  # a window is so much larger than its stroke on each side
 NODES, WEIGHTS = (np.polynomial.legendre.leggauss(5) + np.array([[1], [0]])) / (2 * PIECES)  # of the first one
 Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
@@ -94,7 +94,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
         first, second = (_refine(cubic, start, n) for start in _nearest_samples(cubic, n))
         nearness = [(point_at(curve, t) - points).norm(dim=-1) for t in (first, second)]
         tie = TIE_ROUNDINGS * torch.finfo(curve.dtype).eps * curve.abs().amax((-1, -2))
-        tie = tie * ((second - first) > VALLEY_WIDTH)  # of two places in one valley only one is the nearest
+        tie = tie * ((second - first) > VALLEY_WIDTH)  # only one of two places in one valley is the nearest
         t = torch.where(nearness[1] < nearness[0] - tie, second, first)
         bend = cubic_at(cubic, t)[1].clamp_min(_floor(cubic)).clamp_min(MIN_SLOPE_PX2)
     slope, _ = cubic_at(cubic, t)

@@ -20,13 +20,13 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import control_offset
 
 OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
-MIN_OPACITY = 0.1  # of a stroke that counts
+MIN_OPACITY = 0.1  # fainter strokes do not count
 MIN_WIDTH_PITCHES = 0.02  # thickness of a stroke that counts, pitches
-MIN_STROKES = 30  # that count, for a brushwork
+MIN_STROKES = 30  # a brushwork needs so many that count
 SHORTEST_CHORD_PITCHES = 0.25  # a chord counts as at least so long when the place of the control point is measured
 LOG_OFFSET_PITCHES = 0.1  # differences of size well below it are not seen in logarithms
 MIN_SPREAD = 0.1  # least standard deviation of a measure: 10 % of size, 0.1 rad of curvature, 0.1 of coherence
-AREA_JITTER = 0.1  # of the logarithm of area, when the larger strokes are given to the larger cells
+AREA_JITTER = 0.1  # noise of log area while the larger strokes are given to the larger cells
 MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distances` compares
 
 
@@ -101,7 +101,7 @@ def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
     """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending ones (R, M)."""
     n, m = values.shape[1], reference.shape[1]
-    ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # of steps, in 1 / (n m)
+    ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # steps end here, in 1 / (n m)
     ends = ends.to(values.device)
     share = ends.diff(prepend=ends.new_zeros(1))
     begins = ends - share

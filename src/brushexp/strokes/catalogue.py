@@ -30,7 +30,7 @@ class Field:
         return value.nan_to_num(0.0).clamp_(self.low, self.high)
 
 
-PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
+PRECISE = (torch.float32, torch.float64)  # strokes of these types are optimised, and drawn as they are
 FARTHEST = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
 MOST = 2**31  # brushes: files have them in 32 bits
 FIELDS = {

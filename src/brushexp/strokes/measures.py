@@ -32,9 +32,9 @@ class Measure:
     name: str
     meaning: str
     source: str = ""  # author and year; "" for one that is plain geometry
-    unit: str = ""  # in which it is shown; "" for a share or a number
+    unit: str = ""  # it is shown in this unit; "" for a share or a number
     high: float = math.inf  # upper end of its range, as shown; the lower end is 0
-    power: int = 0  # of pixels in it: 1 for a length, 2 for an area
+    power: int = 0  # the power of pixels in it: 1 for a length, 2 for an area
     axial: bool = False  # whether it is a direction, which comes round after half a turn
 
 

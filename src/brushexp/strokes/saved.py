@@ -38,8 +38,8 @@ class Saved:
     size: tuple[int, int]  # height and width of the canvas, pixels
     background: Tensor  # (3,) RGB of the bare canvas, in [0, 1]
     renderer: str  # name of the renderer plugin
-    renderer_hash: str = ""  # of its checkpoint; empty when it has none
-    seed: int = 0  # of the run
+    renderer_hash: str = ""  # hash of its checkpoint; empty when it has none
+    seed: int = 0  # seed of the run
     config: str = ""  # settings of the run as YAML: text from a file, of which only plugins may be built
     alpha: Tensor | None = None  # (h, w) uint8: how much of the painting there is, stretched over the canvas; None: all
 
@@ -173,7 +173,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
         column = [_numbers(row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
     brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
-    within = [min(max(brush, -1), MOST) for brush in brushes]  # which `check_strokes` refuses
+    within = [min(max(brush, -1), MOST) for brush in brushes]  # `check_strokes` refuses what lies outside
     strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
     if not any("depth" in row for row in rows):
         return strokes, torch.arange(len(rows))

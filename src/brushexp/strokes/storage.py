@@ -74,7 +74,7 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
-    if path.is_dir():  # of a run
+    if path.is_dir():  # the folder of a run stands for its catalogue
         path = path / NAME
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
     if path.suffix.lower() == ".json":
@@ -96,7 +96,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
     fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
-    brush = torch.arange(count)  # of files of version 1
+    brush = torch.arange(count)  # files of version 1 have no brushes
     if "brush" in file:
         brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,)))).long()
     alpha = None

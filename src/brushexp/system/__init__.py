@@ -1,1 +1,1 @@
-"""What the machine gives: files, HDF5, checkpoints, the compiler, processes and threads."""
+"""Use the machine: files, HDF5, checkpoints, processes and threads."""

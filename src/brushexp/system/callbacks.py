@@ -87,7 +87,7 @@ class TimedCheckpoint(Checkpoint):
             self._act(trainer, pl_module)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        if trainer.num_training_batches == 1:  # whose only batch is the last one
+        if trainer.num_training_batches == 1:  # the only batch is the last one
             self._act(trainer, pl_module)
 
     def _act(self, trainer: L.Trainer, pl_module: Any) -> None:

@@ -25,10 +25,10 @@ PROGRAM = "brushexp "  # first word of every format
 class CheckpointFormat:
     """The kind of a checkpoint, and the words for it in messages."""
 
-    noun: str  # of the network, "renderer"
-    family: str  # of its plugins, a key of the recipe
-    node: str  # of the config with the plugin's options, "renderer"
-    task: str  # that trains it, as one would type it
+    noun: str  # what messages call the network, "renderer"
+    family: str  # family of its plugins, a key of the recipe
+    node: str  # key of the config with the plugin's options, "renderer"
+    task: str  # the task that trains it, as one would type it
     without: str  # the meaning of ``checkpoint=null``
     folders: Callable[[], Sequence[Path]]  # where those lie that come with the program, and with other packages
 

@@ -68,7 +68,7 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
         yield
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
-    except Exception as error:  # of HDF5, pickle, zip or Pillow
+    except Exception as error:  # HDF5, pickle, zip and Pillow raise errors of their own
         reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {str(error).partition('. ')[0]}"
         raise UserError(f"{path} is damaged or cut short ({in_short(reason)}); {cure}") from error
 
@@ -147,7 +147,7 @@ def _yaml_of(text: str, root: type) -> Any:
     check_yaml(text, root)
     try:
         data = OmegaConf.to_container(OmegaConf.create(text)) or root()
-    except Exception as error:  # of PyYAML and OmegaConf, and of Python for impossible dates and numbers
+    except Exception as error:  # PyYAML, OmegaConf, and Python for impossible dates and numbers
         raise UserError(f"not YAML of plain values ({in_short(error)})") from error
     return check_plain(data)
 

@@ -15,7 +15,7 @@ from typing import Any
 from brushexp.system.files import TEMPORARY
 
 METRICS_FILE = "metrics.json"  # the ``status`` of a run, and its figures
-CHECKPOINT = "checkpoint.ckpt"  # of a run that has not finished
+CHECKPOINT = "checkpoint.ckpt"  # a run that has not finished has one
 MANIFEST = ".hydra/files.txt"  # one relative path a line
 AT_WORK = "at work"  # status of a painting until its timelapse and page are written
 UNFINISHED = ("failed", "interrupted", "diverged", AT_WORK)  # status of runs that are not compared
@@ -64,7 +64,7 @@ def files_written(folder: Path) -> Iterator[Path]:
         path = folder / name
         if not path.parent.resolve().is_relative_to(root) or ".." in path.parts[len(folder.parts) :]:
             continue  # a manifest may come from a stranger
-        if path.name == manifest.name and path.parents[1] != folder:  # of a job
+        if path.name == manifest.name and path.parents[1] != folder:  # this is the manifest of a job
             yield from files_written(path.parents[1])
         if path.is_file() or path.is_symlink():
             yield path

@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
-THREADS = 256  # of kernels, at most
-PARTS = 4  # of the work of a kernel for each thread, so that none waits long for another
+THREADS = 256  # kernels use no more
+PARTS = 4  # each thread gets so many parts of a kernel's work, so that none waits long for another
 _received: list[int] = []  # signals so far
 _most_threads = [THREADS]
 _earlier_peak = [0.0]  # MB of the jobs before this one
@@ -141,7 +141,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
     handled = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *handled)}
-    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
         yield
         return
     for number, handler in before.items():

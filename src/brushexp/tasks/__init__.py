@@ -1,1 +1,1 @@
-"""What the program does: one module for each task, whose keys are in config/schema.py. Pick one: ``task=paint``."""
+"""Carry out tasks: one module for each, whose keys are in config/schema.py. Pick one: ``task=paint``."""

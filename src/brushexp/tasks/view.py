@@ -23,7 +23,7 @@ from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
-PICTURES = ("target", "painting", "flat", "style", "focus")  # of a run, as `Finished` names them
+PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:

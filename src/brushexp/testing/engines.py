@@ -125,7 +125,7 @@ def centres_the_paint_on_the_stroke(make: Make) -> None:
 
 
 def turns_its_picture_with_the_stroke(make: Make) -> None:
-    """A stroke turned by a right angle is its picture turned, but for the grain."""
+    """Check that a stroke turned by a right angle is its picture turned, but for the grain."""
     engine = make(window=WINDOW)
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
     turned = parameters.clone()

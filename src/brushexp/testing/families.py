@@ -57,7 +57,7 @@ def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Stro
 
 
 def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
-    """Of an initialiser: the number, the ranges of all fields, and that the seed alone decides."""
+    """Check of an initialiser the number, the ranges of all fields, and that the seed alone decides."""
     for n in (1, 7, 60):
         target = torch.rand(3, *SIZE)
         strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
@@ -68,7 +68,7 @@ def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
 
 
 def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
-    """Of a renderer: alpha is 0 to 1, a gradient reaches every field, and nothing lies beyond a stroke's reach."""
+    """Check that alpha is 0 to 1, a gradient reaches every field, and nothing lies beyond a stroke's reach."""
     strokes = with_gradients(some_strokes(5, SIZE, width=(0.1, 0.3)))
     layers = make()(strokes)
     points = torch.rand(1, 400, 2) * torch.tensor([40.0, 24.0])
@@ -90,7 +90,7 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
 
 
 def loads_its_checkpoint(make: Make) -> None:
-    """Of a renderer with an option ``checkpoint``: it reads that file, and refuses it if there is none."""
+    """Check that a renderer with an option ``checkpoint`` reads that file, and refuses it if there is none."""
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")
@@ -100,7 +100,7 @@ def loads_its_checkpoint(make: Make) -> None:
 
 
 def paints_the_size_it_is_told(make: Make) -> None:
-    """Of a blend: size and range of the picture, and an accuracy of each stroke."""
+    """Check of a blend the size and range of the picture, and that each stroke has an accuracy."""
     layers = Analytic()(some_strokes(9, SIZE))
     canvas = make()(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
     assert canvas.image.shape == (3, *SIZE)
@@ -110,7 +110,7 @@ def paints_the_size_it_is_told(make: Make) -> None:
 
 
 def gives_every_stroke_a_depth(make: Make) -> None:
-    """Of an order: each depth once, with and without an accuracy of the strokes."""
+    """Check that an order gives each depth once, with and without an accuracy of the strokes."""
     order = make()
     assert order.every >= 1
     for accuracy in (None, torch.rand(9)):
@@ -119,7 +119,7 @@ def gives_every_stroke_a_depth(make: Make) -> None:
 
 
 def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
-    """Of a loss: one finite number, for no strokes too, with finite gradients; that of a perfect picture is zero."""
+    """Check that a loss is one finite number with finite gradients, without strokes too, and 0 at best."""
     loss = make()
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
@@ -136,7 +136,7 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
 
 
 def is_best_for_equal_pictures(make: Make) -> None:
-    """Of a metric: a number or None for pictures of any size, at its best if the painting is the target."""
+    """Check that a metric is a number or None for pictures of any size, at its best for equal pictures."""
     metric = make()
     strokes, focus = some_strokes(6, SIZE), torch.ones(SIZE)
     picture, target = (torch.rand(3, *SIZE) * 255).round() / 255, torch.zeros(3, *SIZE)
@@ -149,7 +149,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
 
 
 def revises_what_is_there(make: Make) -> None:
-    """Of a density policy: never more strokes than there may be, of none too, and a state that can be restored."""
+    """Check that a density policy exceeds no budget, revises no strokes too, and restores its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
         assert 1 <= density.first(60, 60) <= 60
@@ -169,7 +169,7 @@ def revises_what_is_there(make: Make) -> None:
 
 
 def stays_on_the_canvas(make: Make) -> None:
-    """Of a sampler: views within the picture, of strokes that there are, each once."""
+    """Check that a sampler looks within the picture, and at strokes that there are, each once."""
     sampler = make()
     for step in range(20):
         view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
@@ -182,7 +182,7 @@ def stays_on_the_canvas(make: Make) -> None:
 
 
 def lowers_a_loss(make: Make) -> None:
-    """Of an optimiser: ten steps at its rates, towards grey strokes."""
+    """Check that ten steps of an optimiser, at its rates, lower a loss."""
     optimizer = make()
     catalogue = Catalogue(some_strokes(6, SIZE), optimizer.units)
     goal = torch.full((6, 3), 0.5)
@@ -206,7 +206,7 @@ def lowers_a_loss(make: Make) -> None:
 
 
 def writes_into_the_folder_of_the_run(make: Make) -> None:
-    """Of a logger: what it was told is in a file."""
+    """Check that a logger writes what it was told into a file."""
     with tempfile.TemporaryDirectory() as name:
         logger = make()
         curves = logger.open(Run(Path(name)))
@@ -218,7 +218,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 
 
 def paints_with_no_more_strokes_than_asked(make: Make) -> None:
-    """Of a painter: valid strokes within the budget, ever more steps, and a canvas that does not stay bare.
+    """Check that a painter yields valid strokes within the budget, counts on, and leaves no bare canvas.
 
     The seed alone decides, and pictures of few pixels and of one colour are painted, too.
     """

@@ -12,7 +12,7 @@ F = np.float32
 UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
 
 VERTICES = 10
-HEIGHT = F(2.0)  # of the handle above the canvas, brush scales
+HEIGHT = F(2.0)  # height of the handle above the canvas, brush scales
 SEGMENT = F(0.5)  # length between two vertices at rest, brush scales
 TOUCH = F(0.13333)  # a bristle this near to the canvas touches it, brush scales
 CLOSE = F(0.01)  # least distance that is divided by (Fluid Paint's constants, like the two below)
@@ -22,7 +22,7 @@ FLAT = F(1e-4)
 
 @function
 def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
-    """Distance constraint between neighbours a and b of every bristle; the root does not move."""
+    """Constrain the distance of neighbours a and b of every bristle; the root does not move."""
     xa, ya, za, xb, yb, zb = q[0, a], q[1, a], q[2, a], q[0, b], q[1, b], q[2, b]
     share_a, share_b = (F(0), F(1)) if a == 0 else (F(0.5), F(0.5))
     for i in range(len(xa)):
@@ -72,7 +72,7 @@ def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
-    """One round of constraints; those of one pass share no vertex."""
+    """Apply one round of constraints; those of one pass share no vertex."""
     for begin in range(2):
         for a in range(begin, VERTICES - 1, 2):
             _pull(q, a, a + 1, rest)
@@ -87,7 +87,7 @@ def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping, iterations):  # type: ignore[no-untyped-def]
-    """One frame of the brush with its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
+    """Move the brush by one frame, its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
 
     Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, the old positions left in ``before``; ``q`` is
     scratch. ``roots`` (2, N) are in brush scales, ``damping`` is the share of the velocity that is kept.

@@ -1,4 +1,4 @@
-"""What the bristles leave on the canvas: splats, and the flow of wet paint; compiled.
+"""Deposit the paint of bristles on the canvas: splats, and the flow of wet paint; compiled.
 
 Grids are flat arrays of rows with one cell of margin around the canvas, so that no index can leave them.
 """
@@ -206,7 +206,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Where the handle is at t: ahead of the curve by as much as the brush trails."""
+    """Place the handle at t: ahead of the curve by as much as the brush trails."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]

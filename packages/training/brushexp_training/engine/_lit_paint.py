@@ -1,4 +1,4 @@
-"""What wet paint looks like: the picture of one stroke, lit, from its coverage and height."""
+"""Light wet paint: the picture of one stroke from its coverage and height."""
 
 import numpy as np
 

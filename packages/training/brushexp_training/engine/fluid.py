@@ -146,6 +146,6 @@ class Fluid(Engine):
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
-                behind = -pose[0][pose[2] <= self._bristles.TOUCH]  # of where it touches the canvas
+                behind = -pose[0][pose[2] <= self._bristles.TOUCH]  # the places where it touches the canvas
                 self._reach.append(np.array([np.quantile(behind, q) if behind.size else 0.0 for q in (0.95, 0.05)]))
         return np.array([self._place[key] for key in keys], np.int64)

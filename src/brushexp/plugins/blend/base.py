@@ -22,7 +22,7 @@ class Blend(ABC):
     torch.Size([3, 16, 24])
     """
 
-    cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``tiled``, at 1024 px and 10,000 strokes
+    cost: ClassVar[str] = "not measured"  # time of a step, that of ``tiled`` being 1, at 1024 px and 10,000 strokes
     exact: ClassVar[str] = "yes"  # or what it leaves out
     runs_on: ClassVar[str] = "any device, any precision"
     layered: ClassVar[bool] = True  # whether strokes laid over others look as if both had been laid at once

@@ -25,7 +25,7 @@ class ColorSpace(ABC):
     [0.7071067690849304, 0.0010000000474974513, 0.0010000000474974513]
     """
 
-    cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``rgb``, at 1024 px and 10,000 strokes
+    cost: ClassVar[str] = "not measured"  # time of a step, that of ``rgb`` being 1, at 1024 px and 10,000 strokes
     mixes: ClassVar[str] = "as its channels say"  # what half of yellow and half of blue make
 
     is_rgb: ClassVar[bool] = False  # whether channels are the colours as they come

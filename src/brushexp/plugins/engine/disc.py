@@ -15,7 +15,7 @@ from brushexp.system.runtime import share
 
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction
-MIN_RADIUS = 1.0  # of a disc, pixels of that canvas
+MIN_RADIUS = 1.0  # no disc is smaller, in pixels of that canvas
 FARTHEST, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
 
 F = np.float32

@@ -27,7 +27,7 @@ from brushexp.system.progress import with_progress
 from brushexp.system.reading import in_short, yaml_of
 
 log = logging.getLogger(__name__)
-LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
+LARGEST_SIDE_PIXELS = 65_536  # no picture that is written has a longer side
 LARGE = 8 * BAND  # pixels from which painting shows a progress bar
 
 
@@ -38,7 +38,7 @@ class ExportJob:
     saved: Saved  # strokes have the numbers of the catalogue, because a renderer may choose their look by it
     renderer: Renderer
     blend: Blend
-    space: ColorSpace  # in which the blend lays paint over paint
+    space: ColorSpace  # the blend lays paint over paint in it
     light: Light = UNLIT  # lamp over the finished paint
     source: str = ""  # file or picture that titles name
 

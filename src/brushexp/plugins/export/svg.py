@@ -30,7 +30,7 @@ LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at mos
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
 SIDE_POINTS = 24  # points on each long side of a tapered stroke
-TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
+TURN = 1e-3  # a curve that folds is sampled so near to its sharpest bend, in the parameter, on either side
 LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG takes .5 for 0.5, and a minus without a space before it
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
 

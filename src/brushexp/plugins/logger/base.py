@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 class Run:
     """The description of a run: its place and settings at its beginning, and everything at its end."""
 
-    folder: Path  # in which a logger writes
+    folder: Path  # a logger writes here
     name: str = ""  # number of a job of a sweep
     group: str = ""  # name of the sweep, empty for a single run
     chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line

@@ -90,7 +90,7 @@ class Surroundings:
 
 
 class Loss(nn.Module, ABC):
-    """One term of the objective, with the facts that users choose by as class attributes.
+    """A term of the objective, with the facts that users choose by as class attributes.
 
     >>> import torch
     >>> from brushexp.strokes.catalogue import Strokes
@@ -120,7 +120,7 @@ class Loss(nn.Module, ABC):
     weight: float = 1.0  # its default
     label: str = ""  # its name in logs, if not that of the plugin
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
-    cost: ClassVar[str] = ""  # of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py)
+    cost: ClassVar[str] = ""  # cost of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py)
     exact_on_parts: ClassVar[bool] = True  # whether the gradient on a part of the canvas is that of the whole
     context: int = 0
     grid: int = 1
@@ -128,7 +128,7 @@ class Loss(nn.Module, ABC):
     def __init__(self) -> None:
         super().__init__()
         self._target: Tensor | None = None  # the last one of `of_target`
-        self._results: dict[Hashable, Any] = {}  # of that target, by key
+        self._results: dict[Hashable, Any] = {}  # results for that target, by key
 
     @abstractmethod
     def forward(self, view: PaintedView) -> Tensor:

@@ -54,7 +54,7 @@ class Perceptual(Loss):
         self.network.check(self.taps)
         self.jitter = jitter
         self.shifts = sorted({(x % (jitter + 1), y % (jitter + 1)) for x, y in SHIFTS})
-        self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
+        self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # it counts on after a restart
         self.context, self.grid = self.network.context, self.network.grid
 
     def forward(self, view: PaintedView) -> Tensor:

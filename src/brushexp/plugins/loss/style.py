@@ -141,7 +141,7 @@ class Style(Loss):
         self.taps = list(taps or next(rows, self.network.default_taps))
         self.network.check(self.taps)
         self.context, self.grid = self.network.context, self.network.grid
-        self._surroundings: Surroundings | None = None  # of the last step; None for the whole canvas
+        self._surroundings: Surroundings | None = None  # surroundings of the last step; None for the whole canvas
         self._canvas = torch.empty(0)  # (3, H, W) of the following sums
         self._rest: list[Tensor] = []  # sums over the canvas without its part
 

@@ -19,7 +19,7 @@ class Comparison:
     image: Tensor  # (3, H, W) the painting as it is saved: display-referred RGB in [0, 1], in steps of 1/255
     target: Tensor  # (3, H, W) likewise
     focus: Tensor | None = None  # (H, W) weights of the pixels; None for equal ones
-    strokes: Strokes | None = None  # of the painting; None for a picture from elsewhere
+    strokes: Strokes | None = None  # strokes of the painting; None for a picture from elsewhere
 
 
 class Metric(ABC):

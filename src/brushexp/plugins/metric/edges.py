@@ -1,4 +1,4 @@
-"""How well edges are kept."""
+"""Measure how well edges are kept."""
 
 import torch
 

@@ -22,9 +22,9 @@ from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, stro
 from brushexp.system.checkpoint import CheckpointFormat
 
 LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
-TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
+TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
-PRECISIONS = ("float32", "bfloat16")  # of a network in painting; the weights and the pictures have 32 bits either way
+PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weights and pictures have 32 bits either way
 
 
 def weight_folders() -> list[Path]:
@@ -53,11 +53,11 @@ class Renderer(nn.Module, ABC):
     (torch.Size([1, 2, 5]), torch.Size([1, 2, 1, 3]))
     """
 
-    cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``analytic``, 512 px and 2,621 strokes
+    cost: ClassVar[str] = "not measured"  # time of a step, that of ``analytic`` being 1, at 512 px and 2,621 strokes
     weights: ClassVar[str] = "none"  # what has to be trained
-    strokes: ClassVar[str] = "all"  # which it can draw
-    warm_up: str | None = None  # of a slow one, the renderer that had better take most of the steps of a painting
-    weights_hash: str = ""  # of the trained weights; "" without any
+    strokes: ClassVar[str] = "all"  # strokes that it can draw
+    warm_up: str | None = None  # a slow renderer names the one that had better take most of the steps of a painting
+    weights_hash: str = ""  # hash of the trained weights; "" without any
     edge: float = EDGE  # pixels beyond ``REACH`` half widths in which a stroke may still paint
     at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 

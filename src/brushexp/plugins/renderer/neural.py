@@ -22,10 +22,10 @@ from brushexp.strokes.prior import WIDTH, clamp_to_prior, control_offset, parame
 
 THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
 COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
-SIZES = 3  # of a texture at most: for windows as large as in training, half and a quarter as large
+SIZES = 3  # a texture has no more: for windows as large as in training, half and a quarter as large
 EMPTY = -1.5  # where opacity starts, before the sigmoid
-LAST_GAIN = 0.1  # of the last convolution at first
-NUMBERS = 12  # that describe a stroke, see `shape_numbers`
+LAST_GAIN = 0.1  # gain of the last convolution at first
+NUMBERS = 12  # numbers that describe a stroke, see `shape_numbers`
 SHORTEST = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
 CHUNK = 256  # strokes that go through the network at once
 

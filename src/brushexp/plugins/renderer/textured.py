@@ -31,7 +31,7 @@ REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a st
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
 AGAIN = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
 NEAR = 9  # texels over which the strength of detail is measured
-NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
+NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weights of Gauss and Legendre's rule
 
 
 @register("renderer", "textured")
@@ -113,7 +113,7 @@ class Textured(Renderer):
         """Read the textures off straight strokes, each painted with another brush."""
         rows, columns = self.textures.shape[2:]
         long = columns + columns // 2
-        width = STRETCH * rows / (2 * SPREAD * LONG) / (0.5 * long - cap_of(rows))  # of the window
+        width = STRETCH * rows / (2 * SPREAD * LONG) / (0.5 * long - cap_of(rows))  # in sides of the window
         parameters = torch.zeros(1, 10)
         parameters[:, 0], parameters[:, 4] = -STRETCH, STRETCH
         parameters[:, 6] = (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])

@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class View:
-    """What one step looks at: the batch of a painting.
+    """The batch of a painting: the place and the strokes that a step looks at.
 
     ``region`` is the part of the canvas that the step renders and compares; all of it if ``active`` is None. The step
     moves the strokes number ``active`` (A,), int64, or all for None, draws those number ``ring`` (R,) as well, and
@@ -46,8 +46,8 @@ class Sampler(ABC):
     (Region(top=0, left=0, height=12, width=32), True)
     """
 
-    cost: ClassVar[str] = "not measured"  # of a step, against one that looks at the whole canvas
-    moves: ClassVar[str] = "some"  # which strokes a step moves
+    cost: ClassVar[str] = "not measured"  # cost of a step, against one that looks at the whole canvas
+    moves: ClassVar[str] = "some"  # the strokes that a step moves
 
     @classmethod
     def facts(cls) -> dict[str, str]:
