@@ -7,7 +7,7 @@ from torch import Tensor
 
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
+from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
 from brushexp.compositing.tile_lists import AREA, F
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
@@ -77,8 +77,8 @@ def pull(p, i, data, ox, oy, own, temporary, buf, out):
         x, y, k = ox + F(q & 7) + F(0.5) - p[i, 0], oy + F(q >> 3) + F(0.5) - p[i, 1], own[COVER * AREA + q]
         of_alpha = buf[PULL_ALPHA * AREA + q]
         for c in range(CHANNELS):
-            of_alpha += color[c] * buf[(PULL + c) * AREA + q]
-            out[4 + c] += opacity * k * k * buf[(PULL + c) * AREA + q]
+            of_alpha += color[c] * of_color(own, buf, q, c)
+            out[4 + c] += opacity * k * k * of_color(own, buf, q, c)
         of_square = F(2) * opacity * k * of_alpha / (r * r)  # with respect to -(x^2 + y^2), and 0 outside
         out[0] += F(2) * x * of_square
         out[1] += F(2) * y * of_square

@@ -58,7 +58,6 @@ class Compiled:
     def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
         """Return a copy that calls Numba's versions of what it calls, and a digest of all code in it."""
         import numba  # noqa: PLC0415
-        from numba.np.unsafe.ndarray import to_fixed_tuple  # noqa: PLC0415
 
         scope, code, callees = dict(function.__globals__), function.__code__, []
         for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
@@ -73,7 +72,7 @@ class Compiled:
                 value = value.dispatcher
                 callees.append(value.py_func.__qualname__)
             elif value is first_of:
-                value = to_fixed_tuple
+                value = _first_of()
             elif isinstance(value, int | float | str | tuple | np.generic):
                 callees.append(f"{name}={value!r}")
             scope[name] = value
@@ -94,6 +93,29 @@ def _compiler() -> Any:
             return super().define_pipelines()
 
     return Apart
+
+
+@cache
+def _first_of() -> Any:
+    """Make `first_of` for Numba: its own `to_fixed_tuple` leaves a loop through memory, number by number."""
+    import operator  # noqa: PLC0415
+
+    from numba import types  # noqa: PLC0415
+    from numba.core import typing  # noqa: PLC0415
+    from numba.extending import intrinsic  # noqa: PLC0415
+
+    @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+    def first_of(typing_context: Any, values: Any, n: Any) -> Any:
+        result = types.UniTuple(values.dtype, n.literal_value)
+
+        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            take = context.get_function(operator.getitem, typing.signature(values.dtype, values, types.intp))
+            places = [context.get_constant(types.intp, k) for k in range(n.literal_value)]
+            return context.make_tuple(builder, result, [take(builder, (args[0], place)) for place in places])
+
+        return result(values, n), build
+
+    return first_of
 
 
 def _names(code: CodeType) -> Iterator[str]:

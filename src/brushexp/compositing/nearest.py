@@ -4,22 +4,55 @@
 import numpy as np
 
 from brushexp.compat.compiled import inline
-from brushexp.compositing.tile_lists import AREA, NEAREST, F
+from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 
+MIDDLE = F(0.5 * TILE)
+HALF_DIAGONAL = F(np.sqrt(0.5) * (TILE - 1) * 1.001)
+PLACES = (np.arange(16, dtype=F) + F(0.5)) * F(1 / 16)
 LEAST_SLOPE = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
 LAST = F(1 / 32)  # of the curve: Halley's method is as near as that after its steps
 TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as can be told, the first one is taken
 
 
 @inline
-def _bends(bend, chord):
-    """0 for nearly straight, 1 for gently bent and 2 for strongly bent, from the squared lengths of bend and chord.
+def _part_near(reach, bx, by, fx, fy, mx, my):
+    """Bounds of t between which all points of the curve lie that come within ``reach`` of the tile.
 
-    Measured on random pixels within reach of random curves: the distance to a gently bent one is within 1e-3 px.
+    (mx, my) is the start of the curve, seen from the middle of the tile. No point is farther along than 1/32 from one
+    of the 16 places; no pixel's centre is farther than half a diagonal from the middle.
     """
-    if bend < F(0.04) * chord:
-        return 0
-    return 1 if bend < F(0.16) * chord else 2
+    fastest = max(fx * fx + fy * fy, (fx + bx) * (fx + bx) + (fy + by) * (fy + by))
+    far = reach + HALF_DIAGONAL + np.sqrt(fastest) * F(1.01 / 16)
+    first, last = 16, -1
+    for k in range(16):
+        t = PLACES[k]
+        x, y = (bx * t + F(2) * fx) * t + mx, (by * t + F(2) * fy) * t + my
+        near = x * x + y * y < far * far
+        first, last = min(first, k if near else 16), max(last, k if near else -1)
+    if first > last:
+        return F(0), F(1)
+    return F(first) * F(1 / 16), F(last + 1) * F(1 / 16)
+
+
+@inline
+def _evenness(a, b, c0, bx, by, mx, my, low, high):
+    """Least of the derivative of f, the cubic with zeros at the nearest points, over its greatest: 1 if f is straight.
+
+    Over t from ``low`` to ``high`` and all pixels of a tile. Above 0 each pixel has one nearest point on that part.
+    """
+    turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)
+    spread = F(0.5 * (TILE - 1)) * (abs(bx) + abs(by))
+    c = c0 + bx * mx + by * my
+    least = (F(3) * a * turn + F(2) * b) * turn + c - spread
+    return least / max(_greatest_slope(a, b, c0, bx, by, mx, my, low, high), F(1e-20))
+
+
+@inline
+def _greatest_slope(a, b, c0, bx, by, mx, my, low, high):
+    """Greatest derivative of f between ``low`` and ``high``, over all pixels of a tile."""
+    spread = F(0.5 * (TILE - 1)) * (abs(bx) + abs(by))
+    ends = max((F(3) * a * low + F(2) * b) * low, (F(3) * a * high + F(2) * b) * high)
+    return ends + c0 + bx * mx + by * my + spread
 
 
 @inline
@@ -29,35 +62,68 @@ def _constant(a, b, c0, t):
 
 
 @inline
-def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):
-    """Newton's method from the middle of the curve, or from the best of five places on it."""
-    floor = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20)
-    step = F(1)
-    if kind == 0:
-        for q in range(AREA):
-            own[NEAREST * AREA + q] = F(0.5)
-    else:
-        step = F(0.25)
-        k0, k1 = _constant(a, b, c0, F(0.25)), _constant(a, b, c0, F(0.5))
-        k2, k3 = _constant(a, b, c0, F(0.75)), _constant(a, b, c0, F(1))
-        for q in range(AREA):
-            mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-            bend, forward = F(0.5) * (bx * mx + by * my), fx * mx + fy * my
-            # A quarter of |B(t) - p|^2 - |P0 - p|^2 at the four places, and the best of them and of 0 at t = 0.
-            at0, at1 = (bend * F(0.25) + forward + k0) * F(0.25), (bend * F(0.5) + forward + k1) * F(0.5)
-            at2, at3 = (bend * F(0.75) + forward + k2) * F(0.75), bend + forward + k3
-            low, t_low = (at0, F(0.25)) if at0 < at1 else (at1, F(0.5))
-            high, t_high = (at2, F(0.75)) if at2 < at3 else (at3, F(1))
-            best, t = (low, t_low) if low < high else (high, t_high)
-            own[NEAREST * AREA + q] = t if best < F(0) else F(0)
+def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
+    """Newton's method from the middle."""
+    floor, middle = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.5) * (low + high)
     for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
-        t = own[NEAREST * AREA + q]
-        low, high = max(t - step, F(0)), min(t + step, F(1))
-        t = _newton(a, b, c, d, floor, t, low, high)
+        t = _newton(a, b, c, d, floor, middle, low, high)
         t = _newton(a, b, c, d, floor, t, low, high)
         own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, low, high)
+
+
+@inline
+def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
+    """Newton's method from the best of five places."""
+    floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.25) * (high - low)
+    shared, first = _four(a, b, c0, low + step, step), _constant(a, b, c0, low)
+    for q in range(AREA):
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
+        bend, d = F(0.5) * (bx * mx + by * my), fx * mx + fy * my
+        best, t = _best_of_four(low + step, step, bend, d, shared)
+        t = t if best < (bend * low + d + first) * low else low
+        least, most, c = max(t - step, low), min(t + step, high), c0 + F(2) * bend
+        t = _newton(a, b, c, d, floor, t, least, most)
+        t = _newton(a, b, c, d, floor, t, least, most)
+        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, least, most)
+
+
+@inline
+def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
+    """Newton's method from the best of nine places."""
+    floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.125) * (high - low)
+    odd, even = _four(a, b, c0, low + step, F(2) * step), _four(a, b, c0, low + F(2) * step, F(2) * step)
+    first = _constant(a, b, c0, low)
+    for q in range(AREA):
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
+        bend, d = F(0.5) * (bx * mx + by * my), fx * mx + fy * my
+        best, t = _best_of_four(low + step, F(2) * step, bend, d, odd)
+        other, u = _best_of_four(low + F(2) * step, F(2) * step, bend, d, even)
+        best, t = (best, t) if best < other else (other, u)
+        t = t if best < (bend * low + d + first) * low else low
+        least, most, c = max(t - step, low), min(t + step, high), c0 + F(2) * bend
+        t = _newton(a, b, c, d, floor, t, least, most)
+        t = _newton(a, b, c, d, floor, t, least, most)
+        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, least, most)
+
+
+@inline
+def _four(a, b, c0, t, step):
+    """`_constant` at ``t`` and three more places."""
+    u, v, w = t + step, t + F(2) * step, t + F(3) * step
+    return _constant(a, b, c0, t), _constant(a, b, c0, u), _constant(a, b, c0, v), _constant(a, b, c0, w)
+
+
+@inline
+def _best_of_four(t, step, bend, forward, shared):
+    """A quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four places, and the place."""
+    u, v, w = t + step, t + F(2) * step, t + F(3) * step
+    at_t, at_u = (bend * t + forward + shared[0]) * t, (bend * u + forward + shared[1]) * u
+    at_v, at_w = (bend * v + forward + shared[2]) * v, (bend * w + forward + shared[3]) * w
+    near, t_near = (at_t, t) if at_t < at_u else (at_u, u)
+    other, t_other = (at_v, v) if at_v < at_w else (at_w, w)
+    return (near, t_near) if near < other else (other, t_other)
 
 
 @inline
@@ -85,7 +151,7 @@ def _valley(a, b, c, d, t, low, high):
 
 
 @inline
-def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
+def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
     """Halley's method from both ends; the nearer of both valleys of the distance.
 
     The derivative of the distance is a cubic that rises; its outermost zeros are the valleys, one to each side of its
@@ -95,26 +161,26 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
     unit = F(1) / size  # so that no square overflows
     a, b, c0 = a * unit, b * unit, c0 * unit
     tie = TIE * np.sqrt(size)
-    turn = min(max(-b / (F(3) * a + F(1e-20)), F(0)), F(1))
+    turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)
     for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
-        t, u = _valley(a, b, c, d, F(0), F(0), turn), _valley(a, b, c, d, F(1), turn, F(1))
+        t, u = _valley(a, b, c, d, low, low, turn), _valley(a, b, c, d, high, turn, high)
         tx, ty = (bx * t + F(2) * fx) * t + mx, (by * t + F(2) * fy) * t + my
         ux, uy = (bx * u + F(2) * fx) * u + mx, (by * u + F(2) * fy) * u + my
         nearer = np.sqrt(tx * tx + ty * ty) <= np.sqrt(ux * ux + uy * uy) + tie
         own[NEAREST * AREA + q] = t if nearer else u
     for q in range(AREA):  # two steps more for the nearer one; where the derivative is flat they must not throw it away
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
         t = own[NEAREST * AREA + q]
-        low, high = (F(0), turn) if t <= turn else (turn, F(1))
-        t = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), low), high)
-        own[NEAREST * AREA + q] = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), low), high)
+        least, most = (low, turn) if t <= turn else (turn, high)
+        t = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), least), most)
+        own[NEAREST * AREA + q] = min(max(t - min(max(_halley(a, b, c, d, t), -LAST), LAST), least), most)
 
 
 @inline
-def find_nearest(p, i, ox, oy, own, near, j, keep):
+def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
     """Part `seek`: write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile.
 
     What is kept for the backward pass are 65535ths: a quarter of what alpha, t and distance would take.
@@ -122,12 +188,16 @@ def find_nearest(p, i, ox, oy, own, near, j, keep):
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    chord = (ex - sx) * (ex - sx) + (ey - sy) * (ey - sy)
-    kind = _bends(a, chord)
-    if kind == 2:
-        _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own)
+    low, high = _part_near(reach, bx, by, fx, fy, sx - MIDDLE, sy - MIDDLE)
+    even = _evenness(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, low, high)
+    if even > F(0.5):
+        _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
+    elif even > F(0.12):
+        _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
+    elif even > F(0.05):
+        _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
     else:
-        _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own)
+        _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
     if keep:
         row = near[j]
         for q in range(AREA):
@@ -136,17 +206,22 @@ def find_nearest(p, i, ox, oy, own, near, j, keep):
 
 @inline
 def recall_nearest(p, i, ox, oy, own, near, j):
-    """Part `recall`: bring back what `find_nearest` kept; one Newton step makes up for the rounding."""
+    """Part `recall`: bring back what `find_nearest` kept; most of a Newton step makes up for the rounding.
+
+    1 / slope comes from two of Newton's steps from the least that it can be, so that it is never too large.
+    """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    floor = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20)
+    least = F(1) / (_greatest_slope(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, F(0), F(1)) + F(1e-20))
     for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
+        mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
         kept = F(row[q]) * F(1 / 65535)
-        slope = ((a * kept + b) * kept + c) * kept + d
-        bend = (F(3) * a * kept + F(2) * b) * kept + c
-        t = min(max(kept - slope / max(bend, floor), kept - F(1e-5)), kept + F(1e-5))
+        f = ((a * kept + b) * kept + c) * kept + d
+        g = (F(3) * a * kept + F(2) * b) * kept + c
+        one = least * (F(2) - g * least)
+        one = one * (F(2) - g * one)
+        t = kept - min(max(f * one, F(-1e-5)), F(1e-5))
         own[NEAREST * AREA + q] = min(max(t, F(0)), F(1))

@@ -27,27 +27,28 @@ import numpy as np
 from brushexp.compat.compiled import function, inline
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
 
-WORKERS = 64  # every so many tiles are one worker's: enough to share the work evenly
+WORKERS = 64  # enough to share the work evenly
+RUN = 16  # tiles in a row that a worker paints one after the other, so that it meets a line of memory once
 ROWS = TEMPORARY = 1
 
 
 def channel_rows(channels: int) -> dict[str, int]:
     """Rows of a worker's scratch for colours of so many channels.
 
-    First the picture so far (on the way back: the colour behind), then the light that is left, the picture that is
-    given (target, gradient or error), what its pixels count or what `pull` is given, and the number of rows.
+    First the picture so far (on the way back: what is behind), then the light that is left, the picture that is given
+    (target, gradient or error), and what its pixels count or, for `pull`, the derivative with respect to alpha.
     """
     light, picture, weight = channels, channels + 1, 2 * channels + 1
-    alpha = weight + channels
-    rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL": weight, "PULL_ALPHA": alpha}
-    return {"CHANNELS": channels, **rows, "SCRATCH": alpha + 1}
+    rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}
+    return {"CHANNELS": channels, **rows, "SCRATCH": weight + 1}
 
 
-CHANNELS, LIGHT, PICTURE, WEIGHT, PULL, PULL_ALPHA, SCRATCH = channel_rows(3).values()
+BEHIND = 0
+CHANNELS, LIGHT, PICTURE, WEIGHT, PULL_ALPHA, SCRATCH = channel_rows(3).values()
 
 
 @inline
-def seek(p, i, ox, oy, own, near, j, keep):
+def seek(p, i, reach, ox, oy, own, near, j, keep):
     """Part: find the nearest points of stroke ``i``; if ``keep``, leave them in row ``j`` of ``near`` for `recall`."""
 
 
@@ -78,42 +79,79 @@ def tone(look, seen, own, q, c):
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, from that of what `shade` says.
+    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, from that of what `shade` and `tone` say.
 
-    It is in row PULL_ALPHA of ``buf``, and for each channel in the rows from PULL on; ``own`` may be written over.
+    That of alpha is in row PULL_ALPHA of ``buf``, that of a channel is `of_color`. ``own`` may be written over.
     """
 
 
 @inline
-def _lay(look, own, buf):
-    """Lay a stroke under those before it."""
-    for q in range(AREA):
-        seen = shade(look, own, q)
-        light = buf[LIGHT * AREA + q]
-        for c in range(CHANNELS):
-            buf[c * AREA + q] += light * tone(look, seen, own, q, c)
-        buf[LIGHT * AREA + q] = light - light * seen[0]
+def of_color(own, buf, q, c):
+    """Derivative with respect to channel ``c`` of what `tone` says at pixel ``q``."""
+    return own[ABOVE * AREA + q] * buf[(PICTURE + c) * AREA + q]
 
 
 @inline
-def _bright(buf, opaque):
-    """Pixels that still let as much light through as ``opaque``: all of them if it is 0."""
-    count = 0
+def _most_tiles(used):
+    """How many tiles a worker has at most."""
+    return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
+
+
+@inline
+def _tile_of(worker, k):
+    """Tile ``k`` of a worker; they ascend, and go beyond the last tile."""
+    return (k // RUN * WORKERS + worker) * RUN + k % RUN
+
+
+@inline
+def _lay(look, own, buf, opaque):
+    """Lay a stroke under those before it; how many pixels still let as much light through as ``opaque``."""
+    bright = F(0)
     for q in range(AREA):
-        count += 1 if buf[LIGHT * AREA + q] >= opaque else 0
-    return count
+        seen, light = shade(look, own, q), buf[LIGHT * AREA + q]
+        _add_color(look, seen, own, q, light, buf)
+        light -= light * seen[0]
+        buf[LIGHT * AREA + q] = light
+        bright += F(1) if light >= opaque else F(0)
+    return bright
+
+
+@inline
+def _add_color(look, seen, own, q, light, buf):
+    """Add what is seen of a stroke at a pixel; a loop of its own function is unrolled before that over the pixels."""
+    for c in range(CHANNELS):
+        buf[c * AREA + q] += light * tone(look, seen, own, q, c)
 
 
 @inline
 def _load(picture, top, left, buf):
     """Put a tile of a picture into rows PICTURE; WEIGHT is its plane after the channels, or 1 and beyond the edge 0."""
-    buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
-    for y in range(min(TILE, picture.shape[1] - top)):
-        for c in range(len(picture)):
-            line = picture[c, top + y, left:]
-            for x in range(min(TILE, len(line))):
-                buf[WEIGHT * AREA + y * TILE + x] = F(1)
-                buf[(PICTURE + c) * AREA + y * TILE + x] = line[x]
+    height, width = picture.shape[1] - top, picture.shape[2] - left
+    if height >= TILE and width >= TILE:
+        _read(picture, top, left, TILE, TILE, buf)
+    else:
+        buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
+        _read(picture, top, left, min(TILE, height), min(TILE, width), buf)
+
+
+@inline
+def _read(picture, top, left, height, width, buf):
+    """Copy part of a picture into rows from PICTURE on, and its weights."""
+    for c in range(CHANNELS):
+        for y in range(height):
+            _copy(picture[c, top + y, left:], buf[(PICTURE + c) * AREA + y * TILE :], width)
+    for y in range(height):
+        row = buf[WEIGHT * AREA + y * TILE :]
+        if len(picture) > CHANNELS:
+            _copy(picture[CHANNELS, top + y, left:], row, width)
+        else:
+            row[:width] = F(1)
+
+
+@inline
+def _copy(source, goal, n):
+    for x in range(n):
+        goal[x] = source[x]
 
 
 @inline
@@ -133,18 +171,28 @@ def _judge(look, own, buf):
 @inline
 def _show(buf, background, top, left, image):
     """Write a finished tile into the picture, with the bare canvas where light comes through."""
-    for y in range(min(TILE, image.shape[1] - top)):
-        for x in range(min(TILE, image.shape[2] - left)):
-            q = y * TILE + x
-            light = buf[LIGHT * AREA + q]
-            for c in range(CHANNELS):
-                image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
+    for c in range(CHANNELS):
+        for q in range(AREA):
+            buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]
+    height, width = image.shape[1] - top, image.shape[2] - left
+    if height >= TILE and width >= TILE:
+        _write(buf, top, left, TILE, TILE, image)
+    else:
+        _write(buf, top, left, min(TILE, height), min(TILE, width), image)
+
+
+@inline
+def _write(buf, top, left, height, width, image):
+    """Copy the colours of a tile, as far as it is there, into the picture."""
+    for c in range(CHANNELS):
+        for y in range(height):
+            _copy(buf[c * AREA + y * TILE :], image[c, top + y, left:], width)
 
 
 @function
 def forward_pass(
-    begin, end, p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near,
-    errors,
+    begin, end, p, data, reach, order, first, stroke, slot, columns, background, opaque, target, image, used, there,
+    near, errors,
 ):  # fmt: skip
     """Paint the tiles of workers ``begin`` to ``end``, of which there are WORKERS.
 
@@ -157,9 +205,12 @@ def forward_pass(
     ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
+    buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
     for worker in range(begin, end):
-        buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
-        for tile in range(worker, len(used), WORKERS):
+        for k in range(_most_tiles(used)):
+            tile = _tile_of(worker, k)
+            if tile >= len(used):
+                break
             top, left = tile // columns * TILE, tile % columns * TILE
             buf[: LIGHT * AREA] = F(0)
             buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
@@ -168,14 +219,14 @@ def forward_pass(
             j = first[tile]
             while j < first[tile + 1]:
                 i = order[stroke[j]]
-                seek(p, i, F(left), F(top), own, near, j, keep)
+                seek(p, i, reach[i], F(left), F(top), own, near, j, keep)
                 there[slot[j]] = cover(p, i, data, F(left), F(top), own, temporary)
                 look = tint(p, i)
-                _lay(look, own, buf)
+                bright = _lay(look, own, buf, opaque)
                 if judge:
                     errors[slot[j], 0], errors[slot[j], 1] = _judge(look, own, buf)
                 j += 1
-                if _bright(buf, opaque) == 0 and not judge:
+                if bright == F(0) and not judge:
                     break
             used[tile] = j - first[tile]
             _show(buf, background, top, left, image)
@@ -200,16 +251,37 @@ def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept,
 
 
 @inline
+def _begin_behind(background, weighs, buf):
+    """Lay out the bare canvas, which is behind the last stroke: its colour, or what `_step_back` needs of it."""
+    buf[: CHANNELS * AREA] = F(0)
+    for c in range(CHANNELS):
+        for q in range(AREA):
+            if weighs:
+                buf[c * AREA + q] = background[c]
+            else:
+                buf[BEHIND * AREA + q] += background[c] * buf[(PICTURE + c) * AREA + q]
+
+
+@inline
 def _step_back(look, own, buf):
-    """Write the gradient of what `shade` says of a stroke; the colour behind then includes the stroke."""
+    """Write the derivative with respect to alpha of a stroke; what lies behind then includes the stroke.
+
+    Of the colour behind, only its product with the gradient of the picture is needed.
+    """
     for q in range(AREA):
-        seen, light, of_alpha = shade(look, own, q), own[ABOVE * AREA + q], F(0)
-        for c in range(CHANNELS):
-            slope, behind = light * buf[(PICTURE + c) * AREA + q], buf[c * AREA + q]
-            of_alpha -= behind * slope
-            buf[(PULL + c) * AREA + q] = slope
-            buf[c * AREA + q] = behind + (tone(look, seen, own, q, c) - seen[0] * behind)
-        buf[PULL_ALPHA * AREA + q] = of_alpha
+        seen, light, behind = shade(look, own, q), own[ABOVE * AREA + q], buf[BEHIND * AREA + q]
+        painted = _product(look, seen, own, q, buf)
+        buf[PULL_ALPHA * AREA + q] = -light * behind
+        buf[BEHIND * AREA + q] = behind + (painted - seen[0] * behind)
+
+
+@inline
+def _product(look, seen, own, q, buf):
+    """Sum over channels of the colour of a stroke at a pixel times the gradient of the picture."""
+    total = F(0)
+    for c in range(CHANNELS):
+        total += buf[(PICTURE + c) * AREA + q] * tone(look, seen, own, q, c)
+    return total
 
 
 @inline
@@ -228,7 +300,23 @@ def _miss(look, own, buf):
 
 @function
 def backward_pass(
-    begin, end, p, data, order, first, stroke, slot, columns, background, used, there, near, picture, weighs, pairs
+    begin,
+    end,
+    p,
+    data,
+    reach,
+    order,
+    first,
+    stroke,
+    slot,
+    columns,
+    background,
+    used,
+    there,
+    near,
+    picture,
+    weighs,
+    pairs,
 ):
     """Visit the strokes of these workers' tiles back to front, for the gradients of all pairs.
 
@@ -236,16 +324,18 @@ def backward_pass(
     ``weighs``, it is image less target, and the weight of each pixel (C + 1, H, W), and what is written is what the
     weighted squared error would grow by without a stroke. ``pairs`` (pairs, .) is written where they are ``there``.
     """
+    buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
+    kept = np.empty(used.max() * ROWS * AREA, F)
     for worker in range(begin, end):
-        buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
-        kept = np.empty(used[worker::WORKERS].max() * ROWS * AREA, F)
-        for tile in range(worker, len(used), WORKERS):
+        for tile_of_worker in range(_most_tiles(used)):
+            tile = _tile_of(worker, tile_of_worker)
+            if tile >= len(used):
+                break
             top, left, at, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
             ox, oy = F(left), F(top)
             _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary)
             _load(picture, top, left, buf)
-            for c in range(CHANNELS):  # the bare canvas lies behind the last stroke
-                buf[c * AREA : (c + 1) * AREA] = background[c]
+            _begin_behind(background, weighs, buf)
             for back in range(n):
                 k = n - 1 - back
                 if not there[slot[at + k]]:
@@ -262,10 +352,22 @@ def backward_pass(
 @function
 def sum_by_stroke(begin, end, pairs, there, row, order, out):
     """Sum the rows of each stroke's pairs, in double precision and always in the same order."""
+    totals = np.empty(pairs.shape[1], np.float64)
     for i in range(begin, end):
-        for c in range(pairs.shape[1]):
-            total = 0.0
-            for j in range(row[i], row[i + 1]):
-                if there[j]:
-                    total += pairs[j, c]
-            out[order[i], c] = total
+        totals[:] = 0.0
+        for j in range(row[i], row[i + 1]):
+            if there[j]:
+                _add(pairs[j], totals)
+        _round(totals, out[order[i]])
+
+
+@inline
+def _add(values, totals):
+    for c in range(len(totals)):
+        totals[c] += values[c]
+
+
+@inline
+def _round(totals, out):
+    for c in range(len(totals)):
+        out[c] = totals[c]

@@ -15,8 +15,8 @@ from torch import Tensor
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
-from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
-from brushexp.compositing.tile_lists import AREA, NEAREST, F
+from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
+from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
@@ -81,28 +81,44 @@ def _rise(x):
 
 @inline
 def _slope(x):
+    """A sixth of the derivative of `_rise`."""
     z = min(max(x + F(0.5), F(0)), F(1))
-    return F(6) * z * (F(1) - z)
+    return z * (F(1) - z)
+
+
+@inline
+def _is_wide(h, sharp, taper):
+    """Whether the stroke is everywhere as thick as its edge, so that only one side of it is to be seen at a point."""
+    return taper == F(0) and h * sharp >= F(0.5)
 
 
 @inline
 def _cover(p, i, data, ox, oy, own, temporary):
     sharp, taper = data
+    if _is_wide(p[i, 6], sharp, taper):
+        _cover_pixels(p, i, ox, oy, sharp, taper, own, True)
+    else:
+        _cover_pixels(p, i, ox, oy, sharp, taper, own, False)
+    return True
+
+
+@inline
+def _cover_pixels(p, i, ox, oy, sharp, taper, own, wide):
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
     h = p[i, 6]
     there = F(1) if h > F(0) else F(0)
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
-        v = F(1) - t
-        b0, b1, b2 = v * v, F(2) * t * v, t * t
-        rx = b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5)
-        ry = b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5)
-        d = np.sqrt(rx * rx + ry * ry)
-        ht = h * (F(1) - taper * (t - v) * (t - v))
+        rx, ry = (bx * t + fx) * t + (sx - CENTER_X[q]), (by * t + fy) * t + (sy - CENTER_Y[q])
+        d, u = np.sqrt(rx * rx + ry * ry), t + t - F(1)
         own[DISTANCE * AREA + q] = d
-        cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
-        own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
-    return True
+        if wide:
+            own[COVER * AREA + q] = F(0.5) + _rise(h * sharp - d * sharp)
+        else:
+            ht = h - h * taper * u * u
+            cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
+            own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
 
 
 @inline
@@ -123,39 +139,61 @@ def _tone(look, seen, own, q, c):
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     sharp, taper = data
-    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
-    h, op, color = p[i, 6], p[i, 7], first_of(p[i, COLOR:], CHANNELS)
-    g0, g1, g2, g3, g4, g5, g6, g7 = F(0), F(0), F(0), F(0), F(0), F(0), F(0), F(0)
-    for q in range(AREA):
-        t, d, cover = own[NEAREST * AREA + q], own[DISTANCE * AREA + q], own[COVER * AREA + q]
-        ga = buf[PULL_ALPHA * AREA + q]
-        for c in range(CHANNELS):
-            ga += color[c] * buf[(PULL + c) * AREA + q]
-        g7 += cover * ga
-        v = F(1) - t
-        b0, b1, b2 = v * v, F(2) * t * v, t * t
-        profile = F(1) - taper * (t - v) * (t - v)
-        inner, outer = _slope((h * profile - d) * sharp), _slope((h * profile + d) * sharp)
-        gh = ga * op * sharp * (inner + outer)
-        gd = ga * op * sharp * (outer - inner) / max(d, F(1e-6))  # both slopes agree at d = 0
-        g6 += gh * profile
-        px = gd * (b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5))
-        py = gd * (b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5))
-        g0 += px * b0
-        g1 += py * b0
-        g2 += px * b1
-        g3 += py * b1
-        g4 += px * b2
-        g5 += py * b2
-        temporary[q] = gh
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = g0, g1, g2, g3, g4, g5, g6, g7
+    if _is_wide(p[i, 6], sharp, taper):
+        _pull_curve(p, i, ox, oy, sharp, taper, own, temporary, buf, out, True)
+    else:
+        _pull_curve(p, i, ox, oy, sharp, taper, own, temporary, buf, out, False)
     for c in range(CHANNELS):
         total = F(0)
         for q in range(AREA):
-            total += own[COVER * AREA + q] * buf[(PULL + c) * AREA + q]
-        out[COLOR + c] = op * total
+            total += own[COVER * AREA + q] * of_color(own, buf, q, c)
+        out[COLOR + c] = p[i, 7] * total
     if taper > F(0):
         _add_taper(p, i, ox, oy, taper, own, temporary, out)
+
+
+@inline
+def _pull_curve(p, i, ox, oy, sharp, taper, own, of_thickness, buf, out, wide):
+    """Gradient of the control points at fixed t, half width and opacity."""
+    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
+    h, scale, color = p[i, 6], F(6) * p[i, 7] * sharp, first_of(p[i, COLOR:], CHANNELS)
+    x0, x1, x2, y0, y1, y2, g6, g7 = F(0), F(0), F(0), F(0), F(0), F(0), F(0), F(0)
+    for q in range(AREA):
+        t, d = own[NEAREST * AREA + q], own[DISTANCE * AREA + q]
+        ga = buf[PULL_ALPHA * AREA + q] + _of_all(color, own, buf, q)
+        g7 += own[COVER * AREA + q] * ga
+        if wide:
+            gh = ga * _slope(h * sharp - d * sharp)
+            gd = -gh
+            g6 += gh
+        else:
+            u = t + t - F(1)
+            profile = F(1) - taper * u * u
+            inner, outer = _slope((h * profile - d) * sharp), _slope((h * profile + d) * sharp)
+            gh, gd = ga * (inner + outer), ga * (outer - inner)  # both slopes agree at d = 0
+            g6 += gh * profile
+            of_thickness[q] = scale * gh
+        gd /= max(d, F(1e-6))
+        px, py = gd * ((bx * t + fx) * t + (sx - CENTER_X[q])), gd * ((by * t + fy) * t + (sy - CENTER_Y[q]))
+        x0 += px  # moments, from which the Bernstein weights follow
+        x1 += px * t
+        x2 += px * t * t
+        y0 += py
+        y1 += py * t
+        y2 += py * t * t
+    out[0], out[2], out[4] = scale * (x0 - F(2) * x1 + x2), scale * F(2) * (x1 - x2), scale * x2
+    out[1], out[3], out[5] = scale * (y0 - F(2) * y1 + y2), scale * F(2) * (y1 - y2), scale * y2
+    out[6], out[7] = scale * g6, g7
+
+
+@inline
+def _of_all(color, own, buf, q):
+    """Derivative with respect to alpha through the color."""
+    total = F(0)
+    for c in range(CHANNELS):
+        total += color[c] * of_color(own, buf, q, c)
+    return total
 
 
 @inline
@@ -171,8 +209,8 @@ def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
         v = F(1) - t
         u = t - v
         b0, b1, b2 = v * v, F(2) * t * v, t * t
-        rx = b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5)
-        ry = b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5)
+        rx = b0 * sx + b1 * cx + b2 * ex - CENTER_X[q]
+        ry = b0 * sy + b1 * cy + b2 * ey - CENTER_Y[q]
         dx, dy = bx * t + fx, by * t + fy
         bend = max(F(2) * (dx * dx + dy * dy) + bx * rx + by * ry, floor, LEAST_BEND)
         gt = F(4) * of_thickness[q] * p[i, 6] * taper * u / bend

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, Size
-from brushexp.compositing.passes import WORKERS, sum_by_stroke
+from brushexp.compositing.passes import RUN, WORKERS, sum_by_stroke
 from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
 from brushexp.system.runtime import share
 
@@ -31,8 +31,16 @@ class Rasterization:
         self._forward, self._backward = inputs.kernel.passes(self.channels)
         data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in inputs.data)
         self._strokes = np.ascontiguousarray(inputs.strokes.detach().numpy()), data
-        self._tiles = (self.order, lists.first, lists.stroke, lists.slot, lists.shape[1], background.numpy())
-        self._workers = min(WORKERS, len(lists.first) - 1)
+        self._tiles = (
+            layers.reach.detach().numpy(),
+            self.order,
+            lists.first,
+            lists.stroke,
+            lists.slot,
+            lists.shape[1],
+            background.numpy(),
+        )
+        self._workers = min(WORKERS, -(-(len(lists.first) - 1) // RUN))
         self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
     def paint(self, target: Array | None, *, keep: bool) -> Array:

@@ -7,10 +7,10 @@ from brushexp.compat.compiled import function, inline
 from brushexp.compositing.frame import SLOWEST, SLOWEST_PIXELS
 from brushexp.compositing.nearest import find_nearest
 from brushexp.compositing.textures import LONG
-from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
+from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 
-X, Y = 2, 3  # rows of a stroke in a tile: its place in the texture, in texels
-PLACES = 4  # rows that are needed for it
+X, Y, ONE = 2, 3, 4  # rows of a stroke in a tile: its place in the texture, in texels, and 1 / length of the direction
+PLACES = 5  # rows that are needed for it
 
 
 @inline
@@ -21,20 +21,18 @@ def curve_size(bx, by, fx, fy):
 
 @inline
 def place_in_texture(p, i, ox, oy, frame, own):
-    """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels; see `frame`."""
+    """Write rows X, Y and ONE: where in its texture the pixels of a tile find stroke ``i``, in texels; see `frame`."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * curve_size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
     rows, columns, origin, body = frame[0], frame[1], frame[2], frame[3]
     begin, loop, more, flip = frame[4], frame[5], frame[6], frame[7]
+    far = frame[8]
     scale, middle, often = p[i, 8], F(0.5) * rows + F(0.5), F(1) / loop
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
-        v = F(1) - t
-        b0, b1, b2 = v * v, F(2) * t * v, t * t
-        wx = F(q & 7) + F(0.5) - b0 * sx - b1 * cx - b2 * ex
-        wy = F(q >> 3) + F(0.5) - b0 * sy - b1 * cy - b2 * ey
+        wx, wy = CENTER_X[q] - sx - (fx + fx + bx * t) * t, CENTER_Y[q] - sy - (fy + fy + by * t) * t
         dx, dy = fx + t * bx, fy + t * by
         speed, square = dx * dx + dy * dy, wx * wx + wy * wy
         moves = speed > still
@@ -44,11 +42,13 @@ def place_in_texture(p, i, ox, oy, frame, own):
         along = (tx * wx + ty * wy) * one
         along = F(0) if (t > F(0)) & (t < F(1)) else along
         across = (tx * wy - ty * wx) * one
+        own[ONE * AREA + q] = one
         x = origin + body * t + F(1 / LONG) * scale * along
         back = min(np.floor((x - begin) * often), more)
         x -= loop * back if x >= begin else F(0)
         own[X * AREA + q] = min(max(x, F(0)), columns + F(1))
-        own[Y * AREA + q] = min(max(middle + flip * scale * across, F(0)), rows + F(1))
+        y = middle + flip * scale * across if square < far else F(0)
+        own[Y * AREA + q] = min(max(y, F(0)), rows + F(1))
 
 
 @function
@@ -63,7 +63,7 @@ def places_in_windows(begin, end, p, frames, places):
         rows, columns = frames[i, 0], frames[i, 1]
         for oy in range(0, side, TILE):
             for ox in range(0, side, TILE):
-                find_nearest(p, i, F(ox), F(oy), own, near, 0, False)
+                find_nearest(p, i, F(np.inf), F(ox), F(oy), own, near, 0, False)
                 place_in_texture(p, i, F(ox), F(oy), frames[i], own)
                 for q in range(AREA):
                     place = places[i, oy + (q >> 3), ox + (q & 7)]

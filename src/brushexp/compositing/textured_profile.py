@@ -16,10 +16,10 @@ from torch.nn import functional
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
-from brushexp.compositing.texture_places import PLACES, X, Y, curve_size, place_in_texture, places_in_windows
+from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
+from brushexp.compositing.texture_places import ONE, PLACES, X, Y, curve_size, place_in_texture, places_in_windows
 from brushexp.compositing.textures import LONG, Sheets
-from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
+from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 from brushexp.system.runtime import share
 
 I = np.int32  # noqa: E741
@@ -104,6 +104,7 @@ class TexturedProfile(Layers):
         strokes = torch.zeros(len(frame), COLOR)
         strokes[:, :6], strokes[:, 6], strokes[:, 8] = self.curve.flatten(1), self.half_width, scale
         places = torch.empty(len(frame), side, side, 2)
+        frame = with_reach(frame, torch.full_like(scale, torch.inf))
         share(places_in_windows, len(frame), strokes.detach().numpy(), frame.numpy(), places.numpy())
         height, width = (size[0] + 2).tolist() if len(size) else (2, 2)
         own = self.sheets.first[self.look][:, None] + torch.arange(height * width)
@@ -119,8 +120,13 @@ class TexturedProfile(Layers):
         texels = 0.5 * frame[:, 0] / SPREAD / self.half_width  # per pixel, across
         strokes = [self.curve.flatten(1), self.half_width.detach()[:, None], self.opacity[:, None]]
         strokes += [texels[:, None], self.color]
-        data = (self.sheets.first[self.look], self.sheets.cells, frame)
+        data = (self.sheets.first[self.look], self.sheets.cells, with_reach(frame, self.reach))
         return KernelInput(KERNEL, torch.cat(strokes, dim=1), data)
+
+
+def with_reach(frame: Tensor, reach: Tensor) -> Tensor:
+    """Append to `frame` (N, 8) the square of the reach (N,) in pixels, beyond which nearest points are not sought."""
+    return torch.cat([frame, reach.detach().float().square()[:, None]], dim=1)
 
 
 @inline
@@ -201,7 +207,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     for c in range(CHANNELS):
         total = F(0)
         for q in range(AREA):
-            total += own[ALPHA * AREA + q] * (F(1) - abs(own[SHADE * AREA + q])) * buf[(PULL + c) * AREA + q]
+            total += own[ALPHA * AREA + q] * (F(1) - abs(own[SHADE * AREA + q])) * of_color(own, buf, q, c)
         out[COLOR + c] = total
     of_opacity = F(0)
     for q in range(AREA):
@@ -209,11 +215,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
         cover, cover_x, cover_y = _mix(opacity[q], x, y)
         _, shade_x, shade_y = _mix(light[q], x, y)
         pure, white = F(1) - abs(shade), max(shade, F(0))
-        plain, every = F(0), F(0)
-        for c in range(CHANNELS):
-            slope = buf[(PULL + c) * AREA + q]
-            plain += color[c] * slope
-            every += slope
+        plain, every = _of_colors(color, own, buf, q)
         gs = F(1 / 127) * alpha * (every - plain if shade > F(0) else plain)
         ga = buf[PULL_ALPHA * AREA + q] + pure * plain + white * every
         of_opacity += ga * cover
@@ -221,6 +223,17 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
         own[Y * AREA + q] = ga * op * cover_y + gs * shade_y
     out[7] = of_opacity * F(1 / 255)
     _move(p, i, ox, oy, data[2][i, 3], data[2][i, 7], own, out)
+
+
+@inline
+def _of_colors(color, own, buf, q):
+    """Derivatives with respect to how much there is of the stroke's color at a pixel, and of white."""
+    plain, every = F(0), F(0)
+    for c in range(CHANNELS):
+        slope = of_color(own, buf, q, c)
+        plain += color[c] * slope
+        every += slope
+    return plain, every
 
 
 @inline
@@ -234,17 +247,13 @@ def _move(p, i, ox, oy, body, flip, own, out):
     least = F(1) / np.sqrt(F(LEAST_SQUARE) * size + F(1e-30))
     short = F(LEAST_SQUARE) * size + F(SHORTEST_SQUARED) * half * half
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
-    g0, g1, g2, g3, g4, g5, g8 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)
+    x0, x1, x2, y0, y1, y2, g8 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)  # start, start to control, bend
     for q in range(AREA):
         t, gx, gy = own[NEAREST * AREA + q], own[X * AREA + q], flip * own[Y * AREA + q]
-        v = F(1) - t
-        b0, b1, b2 = v * v, F(2) * t * v, t * t
-        wx = F(q & 7) + F(0.5) - b0 * sx - b1 * cx - b2 * ex
-        wy = F(q >> 3) + F(0.5) - b0 * sy - b1 * cy - b2 * ey
+        wx, wy = CENTER_X[q] - sx - (fx + fx + bx * t) * t, CENTER_Y[q] - sy - (fy + fy + by * t) * t
         dx, dy = fx + t * bx, fy + t * by
-        speed, square = dx * dx + dy * dy, wx * wx + wy * wy
+        speed, one = dx * dx + dy * dy, own[ONE * AREA + q]
         moves, beside = speed > still, (t > F(0)) & (t < F(1))
-        one = F(1) / np.sqrt(speed if moves else max(square, F(1e-30)))
         tx, ty = (dx * one, dy * one) if moves else (outer * wy * one, -outer * wx * one)
         along, across = F(0) if beside else tx * wx + ty * wy, tx * wy - ty * wx
         g8 += F(1 / LONG) * gx * along + gy * across
@@ -255,13 +264,15 @@ def _move(p, i, ox, oy, body, flip, own, out):
         turn = turn if moves else F(0)
         ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # to the point of the curve
         vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # to the velocity there
-        g0 += b0 * ax - v * vx
-        g1 += b0 * ay - v * vy
-        g2 += b1 * ax + (v - t) * vx
-        g3 += b1 * ay + (v - t) * vy
-        g4 += b2 * ax + t * vx
-        g5 += b2 * ay + t * vy
-    out[0], out[1], out[2], out[3], out[4], out[5] = g0, g1, g2, g3, g4, g5
+        ux, uy = t * ax, t * ay
+        x0 += ax
+        x1 += F(2) * ux + vx
+        x2 += t * (ux + vx)
+        y0 += ay
+        y1 += F(2) * uy + vy
+        y2 += t * (uy + vy)
+    out[0], out[2], out[4] = x0 - x1 + x2, x1 - F(2) * x2, x2
+    out[1], out[3], out[5] = y0 - y1 + y2, y1 - F(2) * y2, y2
     out[6], out[8] = F(0), g8
 
 

@@ -18,6 +18,8 @@ from brushexp.system.runtime import share
 F = np.float32
 TILE = 8  # pixels
 AREA = TILE * TILE
+CENTER_X = np.tile(np.arange(TILE, dtype=F) + F(0.5), TILE)  # of the pixels of a tile, from its corner
+CENTER_Y = np.repeat(np.arange(TILE, dtype=F) + F(0.5), TILE)
 ABOVE, NEAREST = 0, 1  # rows of a stroke in a tile: the light above it, and the nearest parameter of its curve
 PIECES = 4  # straight pieces that stand for a curve when tiles are tested
 BANDS = 16  # bands of tile rows that are filled independently; fixed, so that slots do not depend on the thread count
