@@ -24,7 +24,7 @@ from brushexp_thesis.published import PublishedFigures
 
 QUALITY = {key: quantities()[key] for key in ("psnr", "ssim")} | {"ms_ssim": Quantity("MS-SSIM", 4, "higher")}
 QUALITY |= {key: quantities()[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
-COSTS = {"seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
+COSTS = {"bits": quantities()["bits"], "seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
 COSTS |= {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 COLUMNS = QUALITY | COSTS
 IGNORED_KEYS = {
