@@ -29,7 +29,7 @@ class Dual(PatchRenderer):
         window: side of the picture in pixels, a multiple of 16.
         width: channels of the finest convolutions; four times as many at the coarsest ones.
         shading: how far paint may be lighter or darker than its colour, 0 (not) to 1.
-        precision: of the network in painting; the framework sees to it.
+        precision: precision of the network in painting; the framework sees to it.
         checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
     """
 

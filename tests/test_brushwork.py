@@ -127,17 +127,6 @@ def test_the_distance_grows_with_what_is_changed():
     assert distances(made, (600, 900), reference)[0] > 1, "sizes are in pitches of the canvas"
 
 
-def test_the_loss_has_the_right_slope():
-    reference = loss_like(visible(45, seed=1))
-    made = visible(9)
-
-    def value(position: Tensor, start: Tensor, control: Tensor, end: Tensor, width: Tensor) -> Tensor:
-        return reference(painting(replace(made, position=position, start=start, control=control, end=end, width=width)))
-
-    inputs = [getattr(made, name).clone().requires_grad_() for name in ("position", "start", "control", "end", "width")]
-    assert torch.autograd.gradcheck(value, inputs)
-
-
 def test_the_canvas_counts_and_not_the_part_a_step_looks_at():
     made, loss = visible(50), loss_like(visible(40, seed=1))
     whole = painting(made)

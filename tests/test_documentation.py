@@ -1,9 +1,12 @@
-"""The documentation is true of the program: its commands can be typed, its files exist, its lines can be read."""
+"""The documentation is true of the program: its commands compose, its files exist, its examples and notebook run."""
 
+import doctest
 import re
 import shlex
 import tomllib
+from importlib import import_module
 
+import nbformat
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from program import ROOT
@@ -63,8 +66,8 @@ def test_files_of_the_program_that_a_page_names_exist(page):
     assert not [name for name in own if not any((root / name).is_file() for root in roots)]
 
 
-def test_design_gives_a_reason_for_every_dependency():
-    table = (ROOT / "docs" / "design.md").read_text().partition("## 6. Dependencies")[2]
+def test_a_reason_is_given_for_every_dependency():
+    table = (ROOT / "docs" / "decisions" / "014-dependencies.md").read_text().partition("## Packages")[2]
     names = re.sub(r"\(.*?\)", "", "\n".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)[1:]))
     assert {name.strip() for name in re.split(r"[,\n]", names)} == PACKAGES
 
@@ -72,3 +75,41 @@ def test_design_gives_a_reason_for_every_dependency():
 def test_constraints_name_the_version_that_was_tried_of_every_dependency():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert {line.partition("==")[0] for line in lines if "==" in line} == PACKAGES
+
+
+SOURCE = ROOT / "src"
+FOLDERS = [SOURCE, *ROOT.glob("packages/*")]
+MODULES = {path: folder for folder in FOLDERS for path in folder.rglob("*.py") if ">>> " in path.read_text()}
+
+
+def test_every_contract_has_an_example():
+    contracts = [*SOURCE.glob("brushexp/plugins/*/base.py"), SOURCE / "brushexp/strokes/catalogue.py"]
+    assert len(contracts) > 10
+    assert not [path for path in contracts if path not in MODULES]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_examples_in_docstrings_run(path):
+    module = import_module(".".join(path.relative_to(MODULES[path]).with_suffix("").parts))
+    result = doctest.testmod(module)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_the_loop_on_the_page_about_python_runs():
+    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
+def test_the_notebook_runs(tmp_path):
+    from nbclient import NotebookClient  # noqa: PLC0415
+
+    book = nbformat.read(ROOT / "docs" / "notebook.ipynb", as_version=4)
+    NotebookClient(book, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    shown, figures, states, gradient = (cell.outputs for cell in book.cells if cell.cell_type == "code")
+    assert "<iframe" in shown[-1]["data"]["text/html"]
+    assert "(400, 400, 3)" in figures[-1]["data"]["text/plain"]
+    assert "30 of 30" in "".join(output["text"] for output in states)  # which comes in pieces
+    assert "2])" in gradient[-1]["data"]["text/plain"]
+    assert not [*tmp_path.iterdir()]

@@ -13,14 +13,14 @@ from omegaconf import OmegaConf
 from PIL import Image
 from sweeps import collect, make_grid, make_run, note, read_csv, write_words
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, first_line
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.results import contact_sheet
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
 from brushexp.results.tables import write_run_tables
 from brushexp.runs import sweep_report
-from brushexp.runs.sweep_report import SweepReport, first_line, note_failure, renew
+from brushexp.runs.sweep_report import SweepReport, note_failure, renew
 from brushexp.system.files import write_picture
 
 METRICS = {

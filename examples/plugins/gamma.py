@@ -14,7 +14,7 @@ class Gamma(ColorSpace):
     """Powers of the colours as they come: above 1 mixtures are lighter, below 1 darker.
 
     Args:
-        exponent: of each channel.
+        exponent: exponent of each channel.
     """
 
     mixes = "light grey"

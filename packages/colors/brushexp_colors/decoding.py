@@ -42,7 +42,7 @@ class Decoder:
 
     Args:
         matrix: (3, C) float64.
-        rise: from channels to what the matrix takes.
+        rise: the curve from channels to what the matrix takes.
         compiled: the same of one float32 number, marked `inline`.
         slope: its derivative.
     """

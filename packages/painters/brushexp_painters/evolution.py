@@ -73,7 +73,7 @@ class Evolution(Painter):
         children: so many are judged, for each stroke.
         crossover: share of the children that have genes of another stroke.
         renewal: share that are new strokes.
-        opacity: of the paint.
+        opacity: opacity of the paint.
     """
 
     kind = "trial and error"

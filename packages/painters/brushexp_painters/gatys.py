@@ -33,7 +33,7 @@ class Gatys(Painter):
     Args:
         style: a painting; null = the picture's own statistics.
         start: the picture, or noise.
-        steps: of Adam.
+        steps: steps of Adam.
         lr: rate of the colours.
         content: weight of the features of the picture.
         style_weight: weight of the Gram matrices.

@@ -40,7 +40,7 @@ class Greedy(Painter):
         candidates: random strokes that are tried for each stroke.
         climbs: rounds of hill climbing.
         mutations: changes of the best stroke that are tried in a round.
-        opacity: of the paint.
+        opacity: opacity of the paint.
     """
 
     kind = "trial and error"

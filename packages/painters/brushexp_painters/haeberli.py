@@ -29,8 +29,8 @@ class Haeberli(Painter):
     Args:
         places: jittered (no clumps and no holes: a scrambled Sobol sequence) or random.
         largest: thickness of the first strokes, in mean distances between strokes.
-        smallest: of the last ones.
-        length: of a stroke, in its thickness.
+        smallest: thickness of the last strokes, likewise.
+        length: length of a stroke, in its thickness.
         stray: deviation of the direction from that of the picture, degrees.
         opacity: 0 to 1.
     """

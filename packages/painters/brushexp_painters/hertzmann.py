@@ -37,7 +37,7 @@ class Hertzmann(Painter):
     thresholds (``scale=1 threshold=100``) few thousand strokes leave most of a canvas bare.
 
     Args:
-        radii: of the brushes, largest first, in units of ``scale``.
+        radii: radii of the brushes, largest first, in units of ``scale``.
         scale: pixels of a unit; null = such that the first layer takes about a fifth of the strokes.
         threshold: T, mean difference of the colours in a cell, 0 to 441; null = what the strokes are enough for.
         blur: f_s, deviation of the blur in radii.
@@ -45,9 +45,9 @@ class Hertzmann(Painter):
         curvature: f_c; less than 1 straightens strokes.
         min_length: steps that every stroke takes.
         max_length: steps that none exceeds.
-        opacity: of the paint.
+        opacity: opacity of the paint.
         jitter_rgb: random change of red, green and blue, as a share of their range.
-        jitter_hsv: of hue, saturation and value.
+        jitter_hsv: random change of hue, saturation and value.
         tolerance: distance between a stroke and its Bezier curves, in radii.
     """
 

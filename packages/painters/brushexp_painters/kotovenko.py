@@ -33,7 +33,7 @@ class Kotovenko(Painter):
 
     Args:
         style: a painting; null = none.
-        steps: of Adam.
+        steps: steps of Adam.
         lr: rate of the shape, pixels a step.
         lr_color: rate of the colours.
         content: weight of the features of the picture; without a style, of its pixels.

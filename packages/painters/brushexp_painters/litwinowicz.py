@@ -32,16 +32,16 @@ class Litwinowicz(Painter):
     `image=clip.mp4` has strokes that optical flow carries.
 
     Args:
-        length: of a stroke without edges, least and most, in spacings.
+        length: length of a stroke without edges, least and most, in spacings.
         thickness: least and most, in spacings.
         smoothing: deviation of the Gaussian before gradients, in spacings.
         flat: gradient below which a direction is interpolated, 8-bit levels a pixel in x and in y.
         clip: end strokes at edges.
-        fall: of the Sobel magnitude beyond an edge, 8-bit levels a pixel; less is none.
+        fall: least fall of the Sobel magnitude beyond an edge, 8-bit levels a pixel.
         stray: greatest change of the direction, degrees.
-        stray_color: of red, green and blue, 8-bit levels.
-        stray_intensity: of all three together, as a share.
-        opacity: of the paint.
+        stray_color: greatest change of red, green and blue, 8-bit levels.
+        stray_intensity: greatest change of all three together, as a share.
+        opacity: opacity of the paint.
     """
 
     kind = "local rules"

@@ -40,8 +40,8 @@ class ProgressiveBlocks(Painter):
     are fewer iterations at a higher rate. Its transfer of style is `style=` of ``painter=gradient``.
 
     Args:
-        levels: of blocks; null = such that a block has about ten strokes.
-        iterations: of each level, shared between the strokes that are added.
+        levels: levels of blocks; null = such that a block has about ten strokes.
+        iterations: iterations of each level, shared between the strokes that are added.
         lr: rate of RMSprop, in halves of a block.
         transport: weight of the transport loss beside the L1 difference; 0 leaves it out.
     """

@@ -47,7 +47,7 @@ class WeightsAndBiases(Logger):
         mode: auto: online if somebody is logged in (WANDB_API_KEY or ``wandb login``), else offline, unless WANDB_MODE
             says otherwise; disabled: nothing is kept.
         group: shows runs together; None for the folder's name of the sweep.
-        tags: to find runs by.
+        tags: words by which runs are found.
     """
 
     def __init__(

@@ -25,7 +25,7 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
         n: strokes, drawn from the prior.
         engine: name of the simulator.
         seed: everything random follows from it.
-        options: of the engine, such as ``window=64``.
+        options: options of the engine, such as ``window=64``.
 
     >>> parameters, strokes = simulate(2, engine="disc", window=32)
     >>> parameters.shape, strokes.images.shape

@@ -172,7 +172,7 @@ def paint(
             floats in [0, 1].
         look: how it is painted: oil (the default), watercolour, ...
         strokes: how many; None for as many as the look has for a picture of this size.
-        seconds: of optimisation; None for the steps of the look.
+        seconds: seconds of optimisation; None for the steps of the look.
         output: folder of a run, with all its files; None writes nothing.
         overrides: keys of the command line: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
             ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.

@@ -67,7 +67,7 @@ def render(
         renderer: a name, or a renderer of `create`.
         blend: name of what lays them over each other.
         color: name of the space in which they mix.
-        options: of a renderer by name, such as ``soft=1.0``.
+        options: options of a renderer by name, such as ``soft=1.0``.
 
     Returns:
         (3, H, W) RGB in [0, 1].

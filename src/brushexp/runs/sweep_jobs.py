@@ -13,12 +13,12 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from brushexp.config.check import check
-from brushexp.errors import UserError
+from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.closing import say_page
 from brushexp.runs.run_folder import check_free, take, take_name
-from brushexp.runs.sweep_report import first_line, renew
+from brushexp.runs.sweep_report import renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
 from brushexp.system.run_files import CHECKPOINT

@@ -11,7 +11,7 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, first_line
 from brushexp.results.runs import gather
 from brushexp.results.tables import is_album, write_run_tables
 from brushexp.system.files import write_json
@@ -98,13 +98,6 @@ def write_comparison(folder: Path, frame: Any) -> Path | None:
     write_curves(folder, frame)
     _write_tables_and_page(folder, frame)
     return front
-
-
-def first_line(error: BaseException) -> str:
-    """Return the first line of an error, with its kind unless it is a message to the user."""
-    text = str(error).strip().partition("\n")[0]
-    kind = type(error).__name__
-    return text if isinstance(error, UserError) else f"{kind}: {text}" if text else kind
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:

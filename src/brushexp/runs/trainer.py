@@ -13,11 +13,10 @@ from lightning.pytorch.loggers import Logger
 from lightning.pytorch.profilers import PassThroughProfiler
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, first_line
 from brushexp.plugin_errors import EXPLAINED_ERRORS, mistake_of
 from brushexp.registry import plugins, take_built
 from brushexp.runs.resume import RunRecord
-from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.files import write_text
 from brushexp.system.reading import in_short

@@ -43,12 +43,12 @@ class Dabs(Engine):
             because here the two radii are the same.
         hardness: 0 (a needle) to 1 (a disc), of a dab's profile.
         opaque: opacity at no pressure, before it is multiplied by the pressure, 0 to 1.
-        opaque_by_pressure: what full pressure adds to it, 0 to 1.
+        opaque_by_pressure: opacity that full pressure adds, 0 to 1.
         opaque_linearize: 0: as it is; 1: make dabs paler, so that those over one point together have the opacity. The
             brush has 0; libmypaint's default for other brushes, 0.9, makes its strokes a faint mist.
         offset_by_random: radii, at full pressure.
         radius_by_random: spread of the logarithm of the radius.
-        pressure: in the middle of a stroke, above 0 to 1.
+        pressure: pressure in the middle of a stroke, above 0 to 1.
         end_pressure: at its start and end, 0 to 1; give both the same number for a constant pressure.
         head: share of the length over which the pressure rises.
         tail: share of the length from which on it sinks.

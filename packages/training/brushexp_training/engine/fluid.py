@@ -41,9 +41,9 @@ class Fluid(Engine):
     Args:
         window: pixels on the side of a picture, 8 to 1024.
         supersample: cells of the simulation per pixel, in each direction.
-        frames: of the motion from start to end.
+        frames: number of frames from start to end.
         after: frames that the paint goes on flowing when the brush has left.
-        bristles: of a brush, 10 to 200.
+        bristles: number of bristles, 10 to 200.
         brushes: stroke number i is painted with brush i modulo this.
         load: how much paint the brush carries, 0 to 1.
         projection: keep the flow nearly free of divergence, as Fluid Paint does and SPIRAL's port does not.
@@ -51,9 +51,9 @@ class Fluid(Engine):
         fluidity: share of the flow's velocity that lasts from frame to frame, 0 to 1.
         gravity: on the bristles, 256ths of the window per frame and frame.
         damping: share of a bristle's velocity that lasts from frame to frame, 0 to 1.
-        stiffness: of the stiffest bristle, 0 to 1.
+        stiffness: stiffness of the stiffest bristle, 0 to 1.
         jitter: irregularity of the bristles' places, 0 to 1.
-        iterations: of the bristles' constraints per frame.
+        iterations: rounds of the bristles' constraints per frame.
         rest: frames in which the brush comes to rest before it paints; for the first half it moves.
         approach: brush radii that it moves per frame meanwhile: the fewer, the more the start frays, the more, the more
             a stroke is a comb.

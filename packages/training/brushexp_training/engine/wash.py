@@ -35,7 +35,7 @@ class Wash(Engine):
         film: how much the middle of a stroke covers, 0 to 1.
         rim: how much more its edge does, 0 to 1.
         grain: how much coverage changes with the paper, as a share of it, 0 to 1.
-        wander: of the outline, in half widths, 0 to 0.5.
+        wander: how far the outline wanders, in half widths, 0 to 0.5.
     """
 
     window: Annotated[int, between(8, 1024)] = 64

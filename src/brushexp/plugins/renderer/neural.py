@@ -45,7 +45,7 @@ class Neural(Renderer):
     Args:
         window: side in pixels of the pictures that it is trained on; where strokes' windows are smaller, textures are
             averaged.
-        brushes: of the data set (``engine.brushes``); a stroke's number decides which one paints it.
+        brushes: brushes of the data set (``engine.brushes``); a stroke's number decides which one paints it.
         code: numbers that tell the network which brush it is.
         dense: width of the two dense layers.
         width: channels of the convolutions of a texture's last but one size; twice as many before.
