@@ -7,7 +7,8 @@ from torch import Tensor
 
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
+from brushexp.compositing.passes import of_color
+from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, F
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of

@@ -73,7 +73,7 @@ class Compiled:
                 callees.append(value.py_func.__qualname__)
             elif value is first_of:
                 value = _first_of()
-            elif isinstance(value, int | float | str | tuple | np.generic):
+            elif isinstance(value, int | float | str | tuple | np.generic | np.ndarray):
                 callees.append(f"{name}={value!r}")
             scope[name] = value
         copy = FunctionType(code, scope, function.__name__, function.__defaults__)
@@ -101,15 +101,15 @@ def _first_of() -> Any:
     import operator  # noqa: PLC0415
 
     from numba import types  # noqa: PLC0415
-    from numba.core import typing  # noqa: PLC0415
+    from numba.core.typing.templates import signature  # noqa: PLC0415
     from numba.extending import intrinsic  # noqa: PLC0415
 
-    @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+    @intrinsic(prefer_literal=True)
     def first_of(typing_context: Any, values: Any, n: Any) -> Any:
         result = types.UniTuple(values.dtype, n.literal_value)
 
-        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            take = context.get_function(operator.getitem, typing.signature(values.dtype, values, types.intp))
+        def build(context: Any, builder: Any, _: Any, args: Any) -> Any:
+            take = context.get_function(operator.getitem, signature(values.dtype, values, types.intp))
             places = [context.get_constant(types.intp, k) for k in range(n.literal_value)]
             return context.make_tuple(builder, result, [take(builder, (args[0], place)) for place in places])
 

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from brushexp.compat.compiled import Compiled
 from brushexp.compositing.nearest import find_nearest, recall_nearest
-from brushexp.compositing.passes import backward_pass, channel_rows, forward_pass
+from brushexp.compositing.passes import backward_pass, forward_pass
+from brushexp.compositing.scratch import channel_rows
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends

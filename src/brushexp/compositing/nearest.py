@@ -68,9 +68,7 @@ def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
     for q in range(AREA):
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
-        t = _newton(a, b, c, d, floor, middle, low, high)
-        t = _newton(a, b, c, d, floor, t, low, high)
-        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, low, high)
+        own[NEAREST * AREA + q] = _three_steps(a, b, c, d, floor, middle, low, high)
 
 
 @inline
@@ -84,9 +82,7 @@ def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
         best, t = _best_of_four(low + step, step, bend, d, shared)
         t = t if best < (bend * low + d + first) * low else low
         least, most, c = max(t - step, low), min(t + step, high), c0 + F(2) * bend
-        t = _newton(a, b, c, d, floor, t, least, most)
-        t = _newton(a, b, c, d, floor, t, least, most)
-        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, least, most)
+        own[NEAREST * AREA + q] = _three_steps(a, b, c, d, floor, t, least, most)
 
 
 @inline
@@ -103,9 +99,7 @@ def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
         best, t = (best, t) if best < other else (other, u)
         t = t if best < (bend * low + d + first) * low else low
         least, most, c = max(t - step, low), min(t + step, high), c0 + F(2) * bend
-        t = _newton(a, b, c, d, floor, t, least, most)
-        t = _newton(a, b, c, d, floor, t, least, most)
-        own[NEAREST * AREA + q] = _newton(a, b, c, d, floor, t, least, most)
+        own[NEAREST * AREA + q] = _three_steps(a, b, c, d, floor, t, least, most)
 
 
 @inline
@@ -127,6 +121,14 @@ def _best_of_four(t, step, bend, forward, shared):
 
 
 @inline
+def _three_steps(a, b, c, d, floor, t, low, high):
+    """Newton's method; written out, as a loop would keep that over the pixels from being SIMD code."""
+    t = _newton(a, b, c, d, floor, t, low, high)
+    t = _newton(a, b, c, d, floor, t, low, high)
+    return _newton(a, b, c, d, floor, t, low, high)
+
+
+@inline
 def _newton(a, b, c, d, floor, t, low, high):
     f = ((a * t + b) * t + c) * t + d
     g = (F(3) * a * t + F(2) * b) * t + c
@@ -142,7 +144,7 @@ def _halley(a, b, c, d, t):
 
 @inline
 def _valley(a, b, c, d, t, low, high):
-    """Five steps from an end; written out, as a loop of them would keep that over the pixels from being SIMD code."""
+    """Five steps from an end, written out too."""
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
@@ -190,6 +192,7 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
     low, high = _part_near(reach, bx, by, fx, fy, sx - MIDDLE, sy - MIDDLE)
     even = _evenness(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, low, high)
+    # On random curves the distance of pixels within 40 px is then found to 3e-4 px: where it is less even, to more.
     if even > F(0.5):
         _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
     elif even > F(0.12):

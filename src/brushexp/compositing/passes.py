@@ -3,9 +3,10 @@
 Nothing of size strokes x pixels is stored but a kind's nearest points. A tile's 64 pixels stay in the first-level cache
 while its strokes are laid over each other front to back ("over", Porter and Duff, 1984); the loops over the pixels have
 no branches, so that they become SIMD code. On the way back the forward pass of a tile is repeated, but for the search
-of nearest points; then its strokes are visited back to front with the colour behind them, which needs no division by
-1 - alpha. What a stroke receives from a tile goes to a row of its own, and rows are summed per stroke in double
-precision: no atomics, and the same bits on any number of threads.
+of nearest points; then its strokes are visited back to front with what lies behind them, which needs no division by
+1 - alpha: of its colours only the sum of their products with the gradient of the picture. What a stroke receives from a
+tile goes to a row of its own, and rows are summed per stroke in double precision: no atomics, and the same bits on any
+number of threads.
 
 Colours have CHANNELS numbers: a pixel's alpha is found once, and the loops over its channels are unrolled, for their
 number is known when a kernel is compiled (`channel_rows`).
@@ -25,26 +26,10 @@ what is expected; `TileKernel` puts those of a kind in their place. They are giv
 import numpy as np
 
 from brushexp.compat.compiled import function, inline
-from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
+from brushexp.compositing.scratch import BEHIND, CHANNELS, LIGHT, PICTURE, PULL_ALPHA, SCRATCH, WEIGHT, load_tile, show
+from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F, most_tiles, tile_of
 
-WORKERS = 64  # enough to share the work evenly
-RUN = 16  # tiles in a row that a worker paints one after the other, so that it meets a line of memory once
 ROWS = TEMPORARY = 1
-
-
-def channel_rows(channels: int) -> dict[str, int]:
-    """Rows of a worker's scratch for colours of so many channels.
-
-    First the picture so far (on the way back: what is behind), then the light that is left, the picture that is given
-    (target, gradient or error), and what its pixels count or, for `pull`, the derivative with respect to alpha.
-    """
-    light, picture, weight = channels, channels + 1, 2 * channels + 1
-    rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}
-    return {"CHANNELS": channels, **rows, "SCRATCH": weight + 1}
-
-
-BEHIND = 0
-CHANNELS, LIGHT, PICTURE, WEIGHT, PULL_ALPHA, SCRATCH = channel_rows(3).values()
 
 
 @inline
@@ -92,18 +77,6 @@ def of_color(own, buf, q, c):
 
 
 @inline
-def _most_tiles(used):
-    """How many tiles a worker has at most."""
-    return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
-
-
-@inline
-def _tile_of(worker, k):
-    """Tile ``k`` of a worker; they ascend, and go beyond the last tile."""
-    return (k // RUN * WORKERS + worker) * RUN + k % RUN
-
-
-@inline
 def _lay(look, own, buf, opaque):
     """Lay a stroke under those before it; how many pixels still let as much light through as ``opaque``."""
     bright = F(0)
@@ -118,45 +91,18 @@ def _lay(look, own, buf, opaque):
 
 @inline
 def _add_color(look, seen, own, q, light, buf):
-    """Add what is seen of a stroke at a pixel; a loop of its own function is unrolled before that over the pixels."""
+    """Add what is seen of a stroke at a pixel.
+
+    As a function of its own, like other loops over channels: within the loop over pixels it would keep `c` from one
+    pixel to the next, and the compiler would take the first pixel apart from the others, which then lie askew.
+    """
     for c in range(CHANNELS):
         buf[c * AREA + q] += light * tone(look, seen, own, q, c)
 
 
 @inline
-def _load(picture, top, left, buf):
-    """Put a tile of a picture into rows PICTURE; WEIGHT is its plane after the channels, or 1 and beyond the edge 0."""
-    height, width = picture.shape[1] - top, picture.shape[2] - left
-    if height >= TILE and width >= TILE:
-        _read(picture, top, left, TILE, TILE, buf)
-    else:
-        buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
-        _read(picture, top, left, min(TILE, height), min(TILE, width), buf)
-
-
-@inline
-def _read(picture, top, left, height, width, buf):
-    """Copy part of a picture into rows from PICTURE on, and its weights."""
-    for c in range(CHANNELS):
-        for y in range(height):
-            _copy(picture[c, top + y, left:], buf[(PICTURE + c) * AREA + y * TILE :], width)
-    for y in range(height):
-        row = buf[WEIGHT * AREA + y * TILE :]
-        if len(picture) > CHANNELS:
-            _copy(picture[CHANNELS, top + y, left:], row, width)
-        else:
-            row[:width] = F(1)
-
-
-@inline
-def _copy(source, goal, n):
-    for x in range(n):
-        goal[x] = source[x]
-
-
-@inline
 def _judge(look, own, buf):
-    """Sum of alpha |color - target|^2 and of alpha of a stroke over the pixels of a tile, which `_load` has brought."""
+    """Sum of alpha |color - target|^2 and of alpha of a stroke over a tile, the target of which is in rows PICTURE."""
     error, total = F(0), F(0)
     for q in range(AREA):
         seen, square = shade(look, own, q), F(0)
@@ -168,27 +114,6 @@ def _judge(look, own, buf):
     return error, total
 
 
-@inline
-def _show(buf, background, top, left, image):
-    """Write a finished tile into the picture, with the bare canvas where light comes through."""
-    for c in range(CHANNELS):
-        for q in range(AREA):
-            buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]
-    height, width = image.shape[1] - top, image.shape[2] - left
-    if height >= TILE and width >= TILE:
-        _write(buf, top, left, TILE, TILE, image)
-    else:
-        _write(buf, top, left, min(TILE, height), min(TILE, width), image)
-
-
-@inline
-def _write(buf, top, left, height, width, image):
-    """Copy the colours of a tile, as far as it is there, into the picture."""
-    for c in range(CHANNELS):
-        for y in range(height):
-            _copy(buf[c * AREA + y * TILE :], image[c, top + y, left:], width)
-
-
 @function
 def forward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, opaque, target, image, used, there,
@@ -196,9 +121,10 @@ def forward_pass(
 ):  # fmt: skip
     """Paint the tiles of workers ``begin`` to ``end``, of which there are WORKERS.
 
-    ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and ``slot`` are those of `TileLists`,
-    with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is finished when no pixel lets more light
-    than ``opaque`` through; but with a ``target`` (C, H, W) every stroke is looked at. Without, it is (C, 0, 0).
+    ``reach`` (N,) is that of `Layers`; ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and
+    ``slot`` are those of `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
+    finished when no pixel lets more light than ``opaque`` through; but with a ``target`` (C, H, W) every stroke is
+    looked at. Without, it is (C, 0, 0).
 
     Written are ``image`` (C, H, W); how much of its list was ``used`` by each tile (tiles,); by slot whether a stroke
     is ``there`` (pairs,), False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a target
@@ -207,15 +133,15 @@ def forward_pass(
     judge, keep = target.shape[1] > 0, len(near) > 0
     buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
     for worker in range(begin, end):
-        for k in range(_most_tiles(used)):
-            tile = _tile_of(worker, k)
+        for k in range(most_tiles(used)):
+            tile = tile_of(worker, k)
             if tile >= len(used):
                 break
             top, left = tile // columns * TILE, tile % columns * TILE
             buf[: LIGHT * AREA] = F(0)
             buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
             if judge:
-                _load(target, top, left, buf)
+                load_tile(target, top, left, buf)
             j = first[tile]
             while j < first[tile + 1]:
                 i = order[stroke[j]]
@@ -229,7 +155,7 @@ def forward_pass(
                 if bright == F(0) and not judge:
                     break
             used[tile] = j - first[tile]
-            _show(buf, background, top, left, image)
+            show(buf, background, top, left, image)
 
 
 @inline
@@ -327,14 +253,14 @@ def backward_pass(
     buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
     kept = np.empty(used.max() * ROWS * AREA, F)
     for worker in range(begin, end):
-        for tile_of_worker in range(_most_tiles(used)):
-            tile = _tile_of(worker, tile_of_worker)
+        for tile_of_worker in range(most_tiles(used)):
+            tile = tile_of(worker, tile_of_worker)
             if tile >= len(used):
                 break
             top, left, at, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
             ox, oy = F(left), F(top)
             _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary)
-            _load(picture, top, left, buf)
+            load_tile(picture, top, left, buf)
             _begin_behind(background, weighs, buf)
             for back in range(n):
                 k = n - 1 - back

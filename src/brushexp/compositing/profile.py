@@ -15,7 +15,8 @@ from torch import Tensor
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
-from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
+from brushexp.compositing.passes import of_color
+from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
 

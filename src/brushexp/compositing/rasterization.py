@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, Size
-from brushexp.compositing.passes import RUN, WORKERS, sum_by_stroke
-from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
+from brushexp.compositing.passes import sum_by_stroke
+from brushexp.compositing.tile_lists import AREA, RUN, WORKERS, Array, F, tile_lists
 from brushexp.system.runtime import share
 
 

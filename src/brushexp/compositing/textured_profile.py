@@ -16,7 +16,8 @@ from torch.nn import functional
 from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import CHANNELS, PULL_ALPHA, of_color
+from brushexp.compositing.passes import of_color
+from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.texture_places import ONE, PLACES, X, Y, curve_size, place_in_texture, places_in_windows
 from brushexp.compositing.textures import LONG, Sheets
 from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F

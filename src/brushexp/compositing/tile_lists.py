@@ -24,6 +24,9 @@ ABOVE, NEAREST = 0, 1  # rows of a stroke in a tile: the light above it, and the
 PIECES = 4  # straight pieces that stand for a curve when tiles are tested
 BANDS = 16  # bands of tile rows that are filled independently; fixed, so that slots do not depend on the thread count
 
+WORKERS = 64  # enough to share the work evenly
+RUN = 16  # tiles in a row that a worker paints one after the other, so that it meets a line of memory once
+
 Array = np.ndarray[Any, Any]
 
 
@@ -116,6 +119,39 @@ def _touches(points, reach, x, y):
 
 
 @inline
+def _sample(curve, reach, xs, ys):
+    """Write points of a curve, seen from its start, 16 for every 40 px and 64 at most; return their number.
+
+    And how near, squared, one of them comes to whatever is within ``reach`` of the curve: the offset from the nearest
+    point is square to the curve or that point is an end, and ends are among them.
+    """
+    sx, sy, cx, cy, ex, ey = curve
+    fx, fy, bx, by = 2 * (cx - sx), 2 * (cy - sy), sx - 2 * cx + ex, sy - 2 * cy + ey
+    fastest = np.sqrt(max(fx * fx + fy * fy, (fx + 2 * bx) * (fx + 2 * bx) + (fy + 2 * by) * (fy + 2 * by)))
+    count = 16 * (1 + int(min(fastest / 40, 3.0)))
+    for k in range(count):
+        t = F(k) / F(count - 1)
+        xs[k], ys[k] = (F(bx) * t + F(fx)) * t, (F(by) * t + F(fy)) * t
+    step = 0.51 / (count - 1)
+    near = fastest * step
+    return count, F(reach * reach + near * near + 2 * reach * np.sqrt(bx * bx + by * by) * step * step + 0.01)
+
+
+@inline
+def _glance(xs, ys, count, x, y, within, beyond):
+    """How near points of a curve come to the square around (x, y): 1000 or more if one does to less than ``within``.
+
+    If one comes to less than ``beyond``, 1 or more, and otherwise 0. Both are squares of distances.
+    """
+    total, half = F(0), F(0.5 * (TILE - 1))
+    for k in range(count):
+        dx, dy = max(abs(xs[k] - x) - half, F(0)), max(abs(ys[k] - y) - half, F(0))
+        square = dx * dx + dy * dy
+        total += F(1000) if square <= within else (F(1) if square <= beyond else F(0))
+    return total
+
+
+@inline
 def _near_square(x, y, half, reach):
     """Whether (x, y) is within ``reach`` of the square from -half to half."""
     dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
@@ -144,18 +180,21 @@ def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, 
     """
     for band in range(first_band, end_band):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
-        points = np.empty((PIECES + 1, 2), np.float64)
+        points, xs, ys = np.empty((PIECES + 1, 2), np.float64), np.empty(64, F), np.empty(64, F)
         for i in range(len(curve)):
             left, right = boxes[0, i], boxes[2, i]
             top, bottom = max(boxes[1, i], low), min(boxes[3, i], high - 1)
             if top > bottom:
                 continue
             r = reach[i] + _flatten(curve[i], points)
+            count, beyond = _sample(curve[i], reach[i], xs, ys)
             begin = space[i] + (top - boxes[1, i]) * (right - left + 1)
             place = begin
             for ty in range(top, bottom + 1):
                 for tx in range(left, right + 1):
-                    if boxes_only or _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
+                    x, y = (tx + 0.5) * TILE, (ty + 0.5) * TILE
+                    seen = _glance(xs, ys, count, F(x - curve[i, 0]), F(y - curve[i, 1]), reach[i] * reach[i], beyond)
+                    if boxes_only or seen >= F(1000) or (seen > F(0) and _touches(points, r, x, y)):
                         tile = ty * columns + tx
                         hits[place] = tile
                         per_tile[tile] += 1
@@ -175,3 +214,15 @@ def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, 
                 stroke[place[tile]] = i
                 slot[place[tile]] = row[i, band] + k
                 place[tile] += 1
+
+
+@inline
+def most_tiles(used):
+    """How many tiles a worker has at most."""
+    return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
+
+
+@inline
+def tile_of(worker, k):
+    """Tile ``k`` of a worker; they ascend, and go beyond the last tile."""
+    return (k // RUN * WORKERS + worker) * RUN + k % RUN

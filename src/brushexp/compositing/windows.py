@@ -16,7 +16,7 @@ from torch import Tensor
 
 from brushexp.compat.compiled import Compiled, function, inline
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import CHANNELS, PULL_ALPHA
+from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
 from brushexp.system.runtime import share
 

@@ -1,0 +1,72 @@
+"""A worker's scratch: rows of numbers for the 64 pixels of a tile, and how pictures come into it and leave it."""
+# mypy: allow-untyped-defs
+
+from brushexp.compat.compiled import inline
+from brushexp.compositing.tile_lists import AREA, TILE, F
+
+
+def channel_rows(channels: int) -> dict[str, int]:
+    """Rows of a worker's scratch for colours of so many channels.
+
+    First the picture so far (on the way back: what is behind), then the light that is left, the picture that is given
+    (target, gradient or error), and what its pixels count or, for `pull`, the derivative with respect to alpha.
+    """
+    light, picture, weight = channels, channels + 1, 2 * channels + 1
+    rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}
+    return {"CHANNELS": channels, **rows, "SCRATCH": weight + 1}
+
+
+BEHIND = 0
+CHANNELS, LIGHT, PICTURE, WEIGHT, PULL_ALPHA, SCRATCH = channel_rows(3).values()
+
+
+@inline
+def load_tile(picture, top, left, buf):
+    """Put a tile of a picture into rows PICTURE; WEIGHT is its plane after the channels, or 1 and beyond the edge 0."""
+    height, width = picture.shape[1] - top, picture.shape[2] - left
+    if height >= TILE and width >= TILE:
+        _read(picture, top, left, TILE, TILE, buf)
+    else:
+        buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
+        _read(picture, top, left, min(TILE, height), min(TILE, width), buf)
+
+
+@inline
+def _read(picture, top, left, height, width, buf):
+    """Copy part of a picture into rows from PICTURE on, and its weights."""
+    for c in range(CHANNELS):
+        for y in range(height):
+            _copy(picture[c, top + y, left:], buf[(PICTURE + c) * AREA + y * TILE :], width)
+    for y in range(height):
+        row = buf[WEIGHT * AREA + y * TILE :]
+        if len(picture) > CHANNELS:
+            _copy(picture[CHANNELS, top + y, left:], row, width)
+        else:
+            row[:width] = F(1)
+
+
+@inline
+def _copy(source, goal, n):
+    for x in range(n):
+        goal[x] = source[x]
+
+
+@inline
+def show(buf, background, top, left, image):
+    """Write a finished tile into the picture, with the bare canvas where light comes through."""
+    for c in range(CHANNELS):
+        for q in range(AREA):
+            buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]
+    height, width = image.shape[1] - top, image.shape[2] - left
+    if height >= TILE and width >= TILE:
+        _write(buf, top, left, TILE, TILE, image)
+    else:
+        _write(buf, top, left, min(TILE, height), min(TILE, width), image)
+
+
+@inline
+def _write(buf, top, left, height, width, image):
+    """Copy the colours of a tile, as far as it is there, into the picture."""
+    for c in range(CHANNELS):
+        for y in range(height):
+            _copy(buf[c * AREA + y * TILE :], image[c, top + y, left:], width)
