@@ -157,41 +157,38 @@ def closed_picture() -> Image.Image:
         return picture
 
 
-@pytest.mark.parametrize(
-    ("picture", "options", "words"),
-    [
-        ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
-        ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
-        ("astronaut", {"resume": "x"}, "resume=x is no option here"),
-        ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
-        ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
-        ("nowhere.png", {}, "image=nowhere.png is not there"),
-        (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
-        (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give"),
-        (np.full((4, 4), np.nan), {}, "image is an array of float64 from nan to nan; give"),
-        (np.array([["a"]]), {}, "image is an array of <U1; give"),
-        (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
-        (torch.rand(2, 5, 6), {}, "image is a tensor of shape"),
-        (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
-        (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse or without numbers"),
-        (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
-        (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
-        (torch.rand(5, 6, 3), {}, r"permute\(2, 0, 1\) puts the channels first"),
-        (np.zeros((3, 4, 6)), {}, r"transpose\(1, 2, 0\) puts the channels last"),
-        (b"no picture" * 1000, {}, "^image, 10000 bytes, is not a picture of a known format; .{1,60}$"),
-        (io.StringIO("x"), {}, 'image is a file that was opened as text; open it with "rb"'),
-        (["a.jpg", "b.jpg"], {}, "image takes one picture, and this is a list of 2; paint each"),
-        ("astronaut", {"style": [np.zeros((4, 4))] * 2}, "style takes one picture, .* list of 2; give one of them"),
-        ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
-        (closed_picture(), {}, "image is closed or damaged .*; give"),
-        ({}, {}, "image={} says nothing; leave it out"),
-        (
-            "astronaut",
-            {"focus": np.ones((3, 9))},
-            "focus=.* pixels, the picture 32 x 32; give one whose sides have the same ratio",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("picture", "options", "words"), [
+    ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
+    ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
+    ("astronaut", {"resume": "x"}, "resume=x is no option here"),
+    ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
+    ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
+    ("nowhere.png", {}, "image=nowhere.png is not there"),
+    (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
+    (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give"),
+    (np.full((4, 4), np.nan), {}, "image is an array of float64 from nan to nan; give"),
+    (np.array([["a"]]), {}, "image is an array of <U1; give"),
+    (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
+    (torch.rand(2, 5, 6), {}, "image is a tensor of shape"),
+    (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
+    (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse or without numbers"),
+    (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
+    (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
+    (torch.rand(5, 6, 3), {}, r"permute\(2, 0, 1\) puts the channels first"),
+    (np.zeros((3, 4, 6)), {}, r"transpose\(1, 2, 0\) puts the channels last"),
+    (b"no picture" * 1000, {}, "^image, 10000 bytes, is not a picture of a known format; .{1,60}$"),
+    (io.StringIO("x"), {}, 'image is a file that was opened as text; open it with "rb"'),
+    (["a.jpg", "b.jpg"], {}, "image takes one picture, and this is a list of 2; paint each"),
+    ("astronaut", {"style": [np.zeros((4, 4))] * 2}, "style takes one picture, .* list of 2; give one of them"),
+    ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
+    (closed_picture(), {}, "image is closed or damaged .*; give"),
+    ({}, {}, "image={} says nothing; leave it out"),
+    (
+        "astronaut",
+        {"focus": np.ones((3, 9))},
+        "focus=.* pixels, the picture 32 x 32; give one whose sides have the same ratio",
+    ),
+])  # fmt: skip
 def test_a_mistake_is_a_message_of_one_line(picture, options, words):
     for call in (brushexp.paint, brushexp.iterate):  # at once, and not with the first state
         with pytest.raises(brushexp.UserError, match=words) as caught:

@@ -12,7 +12,7 @@ from skimage import data, io
 
 from brushexp import painting
 from brushexp.config.tasks import TASKS
-from brushexp.registry import FAMILIES, PACKAGES
+from brushexp.registry import FAMILIES, PACKAGES, plugins
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
@@ -118,9 +118,8 @@ def test_the_tutorial_says_what_a_plugin_may_import():
 @pytest.mark.parametrize("path", [painting, brushexp_training], ids=lambda path: path.__name__)
 def test_the_map_names_every_module_of_the_path(path):
     line = " ".join(path.__doc__.splitlines()[2:])
-    steps = {step.strip() for step in line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")} - {
-        ""
-    }
+    names = line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")
+    steps = {name.strip() for name in names} - {""}
     modules = {file.stem for file in Path(path.__file__).parent.glob("*.py")} - {"__init__"}
     assert modules <= steps, f"not on the map: {modules - steps}"
     assert steps <= modules | set(FAMILIES), f"on the map only: {steps - modules - set(FAMILIES)}"
@@ -135,15 +134,11 @@ def test_every_family_is_a_package_with_a_contract(family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
-    from brushexp.registry import plugins  # noqa: PLC0415
-
     shipped = [plugin for plugin in plugins(family) if plugin.cls.__module__.startswith("brushexp.")]
     assert [plugin.cls.__module__.rpartition(".")[2] for plugin in shipped] == [plugin.name for plugin in shipped]
 
 
 def test_no_preset_has_the_name_of_a_plugin():
-    from brushexp.registry import plugins  # noqa: PLC0415
-
     for family in FAMILIES:
         presets = {path.stem for path in (SOURCE / "conf" / family).glob("*.yaml")}
         assert not presets & {plugin.name for plugin in plugins(family)}

@@ -43,9 +43,8 @@ def test_curves_are_read_in_order_and_a_run_without_one_is_passed_over():
 
 
 def test_a_run_that_has_ended_keeps_its_picture_in_the_mean_and_the_lead():
-    times, psnr = mean_curve(
-        [(np.array([0.0, 1.0]), np.array([10.0, 20.0])), (np.array([0.5, 2.0]), np.array([20.0, 30.0]))]
-    )
+    curves = (([0.0, 1.0], [10.0, 20.0]), ([0.5, 2.0], [20.0, 30.0]))
+    times, psnr = mean_curve([(np.array(times), np.array(psnr)) for times, psnr in curves])
     assert times.tolist() == [0.5, 1.0, 2.0]
     assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 20 + 10 / 3) / 2, (20 + 30) / 2])
     fast = (np.array([0.0, 1.0]), np.array([10.0, 20.0]))

@@ -39,12 +39,7 @@ def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
     assert list(table["mean"]) == ["psnr", "perceptual", "seconds"]
     (tmp_path / "more").mkdir()
     make_grid(tmp_path / "more", {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
-    assert list(means(tmp_path / "more")) == [
-        "a=1 image=a.png",
-        "a=1 image=b.png",
-        "a=2 image=a.png",
-        "a=2 image=b.png",
-    ]
+    assert list(means(tmp_path / "more")) == [f"a={a} image={name}.png" for a in "12" for name in "ab"]
     for size in ("64", "128"):
         run = {"psnr_alpha": 20.0, "fid_effl0": 90.0, "l2": 0.001, "seconds": 3.0}
         make_run(tmp_path / "training", {"engine.window": size}, name=size, **run)

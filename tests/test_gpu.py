@@ -9,18 +9,15 @@ from brushexp.tasks import paint
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")]
 
 
-@pytest.mark.parametrize(
-    "chosen",
-    [
-        "look=oil",  # strays, textures, light
-        "look=plain density=adaptive order=accuracy",
-        "look=plain sampler=patches sampler.n_active=40 sampler.patch=64",
-        "look=plain renderer=neural finish_steps=5",
-        "look=plain color=pigment loss=[mse,width,kl]",
-        "look=plain painter=haeberli",
-        "look=plain painter=greedy",
-    ],
-)
+@pytest.mark.parametrize("chosen", [
+    "look=oil",  # strays, textures, light
+    "look=plain density=adaptive order=accuracy",
+    "look=plain sampler=patches sampler.n_active=40 sampler.patch=64",
+    "look=plain renderer=neural finish_steps=5",
+    "look=plain color=pigment loss=[mse,width,kl]",
+    "look=plain painter=haeberli",
+    "look=plain painter=greedy",
+])  # fmt: skip
 def test_a_painting_is_that_of_the_processor(chosen, run_task, tmp_path):
     words = ["image=astronaut", "resolution=96", "strokes=150", "steps=30", "report=false", *chosen.split()]
     there, here = (run_task(paint, *words, f"device={name}", f"output={tmp_path / name}") for name in ("cuda", "cpu"))

@@ -140,9 +140,8 @@ def test_layers_go_from_large_strokes_everywhere_to_small_ones_where_the_picture
     sizes, counts = (strokes.width * strokes.scale).round(decimals=4).unique(return_counts=True)
     assert_close(sizes[1:] / sizes[:-1], torch.full((2,), 2.0), atol=1e-3, rtol=0)
     assert counts.tolist() == [80, 40, 20]
-    right = [
-        float((strokes.position[strokes.scale == scale, 0] > 60).float().mean()) for scale in strokes.scale.unique()
-    ]
+    is_right = (strokes.position[:, 0] > 60).float()
+    right = [float(is_right[strokes.scale == scale].mean()) for scale in strokes.scale.unique()]
     assert right[0] > 0.6
     assert 0.5 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
 

@@ -59,18 +59,15 @@ def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
     assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
 
 
-@pytest.mark.parametrize(
-    ("typed", "same", "changed"),
-    [
-        ("steps=7", "init loss optimizer", {"steps": 7}),
-        ("init=slic", "loss optimizer", {"init.width": 0.8}),
-        ("init=grid", "init loss optimizer", {}),
-        ("loss=[mse]", "init optimizer", {"loss.mse.weight": 1.0, "loss.kl": None}),
-        ("loss=[kl,l1]", "init loss.kl", {"loss.l1.weight": 1.0}),
-        ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
-        ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
-    ],
-)
+@pytest.mark.parametrize(("typed", "same", "changed"), [
+    ("steps=7", "init loss optimizer", {"steps": 7}),
+    ("init=slic", "loss optimizer", {"init.width": 0.8}),
+    ("init=grid", "init loss optimizer", {}),
+    ("loss=[mse]", "init optimizer", {"loss.mse.weight": 1.0, "loss.kl": None}),
+    ("loss=[kl,l1]", "init loss.kl", {"loss.l1.weight": 1.0}),
+    ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
+    ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
+])  # fmt: skip
 def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine, typed, same, changed):
     before, after = mine(), mine(typed)
     check(after, typed.split())
@@ -80,14 +77,11 @@ def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine, typed, same, chan
         assert OmegaConf.select(after, key) == value
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
-        ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
-        ("- steps\n", "sets nothing"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
+    ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
+    ("- steps\n", "sets nothing"),
+])  # fmt: skip
 def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "wrong.yaml").write_text(text)
@@ -96,18 +90,15 @@ def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, messa
     offer([SHIPPED])
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("look", b"hello", r"is no config; it has lines like 'steps: 100'"),
-        ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
-        ("experiment", b"", "would set nothing"),
-        ("renderer", b"\x82\xff", "is no YAML .*; correct it, or take it away"),
-        ("renderer", b"[" * 9999, "is no YAML"),
-        ("renderer", b"!!python/name:os.system", "is no YAML"),
-        ("pictures", b"a: 1", "is no config; it has lines like '- photo.jpg'"),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "message"), [
+    ("look", b"hello", r"is no config; it has lines like 'steps: 100'"),
+    ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
+    ("experiment", b"", "would set nothing"),
+    ("renderer", b"\x82\xff", "is no YAML .*; correct it, or take it away"),
+    ("renderer", b"[" * 9999, "is no YAML"),
+    ("renderer", b"!!python/name:os.system", "is no YAML"),
+    ("pictures", b"a: 1", "is no config; it has lines like '- photo.jpg'"),
+])  # fmt: skip
 def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name, content, message):
     (tmp_path / "conf" / name).mkdir(parents=True)
     (tmp_path / "conf" / name / "wrong.yaml").write_bytes(content)

@@ -48,6 +48,8 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
     page = (folder / "report.html").read_text()
     assert "a_b_c" in page
     assert "is not a picture of a known format" in page
+    assert (folder / "table.md").exists()
+    assert (folder / "sheet.png").exists()
     before = (folder / "second" / "painting.png").stat().st_mtime_ns
     Image.new("RGB", (24, 16)).save(tmp_path / "my photos" / "broken.jpg")  # mended, and a new one beside it
     Image.new("RGB", (9, 16)).save(tmp_path / "my photos" / "new.png")

@@ -80,11 +80,8 @@ def test_srgb_of_exif_and_of_png_changes_no_bit(tmp_path):
     gama, chrm = struct.pack(">I", 45455), struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
     linear, wide = chunk(b"gAMA", struct.pack(">I", 100_000)), chunk(b"cICP", bytes([12, 13, 0, 1]))
     named = chunk(b"sRGB", b"\0")
-    for extra in (
-        (chunk(b"gAMA", gama), chunk(b"cHRM", chrm)),
-        (named, linear),
-        (chunk(b"cICP", bytes([1, 13, 0, 1])),),
-    ):
+    usual = chunk(b"gAMA", gama), chunk(b"cHRM", chrm)
+    for extra in (usual, (named, linear), (chunk(b"cICP", bytes([1, 13, 0, 1])),)):
         (tmp_path / "same.png").write_bytes(png_with(numbers, *extra))
         assert np.array_equal(read_picture(tmp_path / "same.png"), numbers)
     (tmp_path / "wide.png").write_bytes(png_with(numbers, wide, named))  # cICP counts before all others
@@ -186,11 +183,8 @@ def test_a_raw_photograph_is_not_painted_as_its_thumbnail(tmp_path, name, sub):
     path = raw(tmp_path / name, "cfa", sub)
     assert "is a raw photograph; develop it" in refusal(path)
     if name == "a.dng":
-        for other in (
-            raw(tmp_path / "b.tif", "linear", sub),
-            raw(tmp_path / "b.nef", None),
-            raw(tmp_path / "v", None, version=True),
-        ):
+        others = raw(tmp_path / "b.tif", "linear", sub), raw(tmp_path / "b.nef", None)
+        for other in (*others, raw(tmp_path / "v", None, version=True)):
             assert "is a raw photograph; develop it" in refusal(other)
         with Image.open(path) as picture, pytest.raises(UserError, match="raw photograph"):
             decode_image(picture)
@@ -247,9 +241,7 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     options = {"strips": {"compression": "zlib", "rowsperstrip": 7}, "tiles": {"compression": "zlib", "tile": (48, 32)}}
     if kind in ("JPEG", "MPO", "JPEG2000"):
         path = tmp_path / "large"
-        Image.fromarray(picture).save(path, kind, quality=95) if kind == "JPEG" else Image.fromarray(picture).save(
-            path, kind
-        )
+        Image.fromarray(picture).save(path, kind, **({"quality": 95} if kind == "JPEG" else {}))
     elif kind == "lzw":
         Image.fromarray(picture).save(path, compression="tiff_lzw")
     elif kind == "planes":
@@ -352,15 +344,9 @@ def test_pictures_of_phones_are_read_where_their_decoder_is_installed(tmp_path, 
 
 
 def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
-    kinds_of = {
-        "a.jpg": "JPEG",
-        "b.jfif": "JPEG",
-        "c.avif": "AVIF",
-        "d.jp2": "JPEG2000",
-        "e.mpo": "MPO",
-        "f.TGA": "TGA",
-    }
-    for name, kind in (kinds_of | {"g.ppm": "PPM", "h.qoi": "QOI", "i.apng": "PNG"}).items():
+    kinds_of = {"a.jpg": "JPEG", "b.jfif": "JPEG", "c.avif": "AVIF", "d.jp2": "JPEG2000", "e.mpo": "MPO"}
+    kinds_of |= {"f.TGA": "TGA", "g.ppm": "PPM", "h.qoi": "QOI", "i.apng": "PNG"}
+    for name, kind in kinds_of.items():
         Image.fromarray(FULL).save(tmp_path / name, kind)
     read = sorted(os.listdir(tmp_path))
     for name in ("x.DNG", "x.MOV", "y.mp4", "x.svg", "notes.txt", ".DS_Store", "._a.jpg"):

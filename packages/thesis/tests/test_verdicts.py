@@ -105,15 +105,8 @@ def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pai
 def study_of(gains, unit="picture", name="s"):
     """A study whose second setting gains so much over the first."""
     index = pd.MultiIndex.from_product([["y=1", "x=1"], sorted(gains)], names=["option", unit])
-    return Study(
-        name,
-        (),
-        pd.DataFrame({"psnr": [30.0] * len(gains) + [30 + gains[one] for one in sorted(gains)]}, index),
-        0,
-        0,
-        0,
-        "",
-    )
+    table = pd.DataFrame({"psnr": [30.0] * len(gains) + [30 + gains[one] for one in sorted(gains)]}, index)
+    return Study(name, (), table, 0, 0, 0, "")
 
 
 def test_claims_of_a_page_are_corrected_together():
