@@ -1,4 +1,4 @@
-"""Regions of strokes are found in a picture of any size: at the right scale, tile by tile, the surest ones first."""
+"""Regions of strokes are found in a picture of any size: from its scale to coarser ones, tile by tile, surest first."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,7 +21,9 @@ Box = tuple[int, int, int, int]  # top, bottom, left, right
 TILE, MARGIN = 704, 96  # pixels that are looked at at once, and those at its borders that neighbours know better
 SCALES = (0.15, 3.0)  # to which a picture is brought at most
 SOUGHT = 18.0  # pixels: width of the middle stroke; a quarter wider than in training found 2 % more
-TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to find its scale
+TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to guess its scale
+DOUBT = 0.05  # by which another scale must explain more of a picture than the guessed one
+COARSER = (1.0, 0.7, 0.5)  # of the scale: strokes that are sought in what is left, one after the other
 LEAST = 12  # pixels of a region
 PRICE = 0.42  # of a region: it is kept if its chance is higher
 CERTAIN = 0.85  # weight of the chance of an IoU of 0.5, beside the expected IoU, in what a region is worth
@@ -50,30 +52,60 @@ class Candidate:
     pixels: Array  # flat numbers in the picture, int32
     chance: float
     told: Array  # (7,)
+    level: int = 0  # number of the scale at which it was found, in `COARSER`
 
 
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
-    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` the one that suits its strokes."""
+    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes."""
     height, width = image.shape[:2]
-    zoom = find_zoom(model, image) if zoom is None else zoom
     judges = (model.pairs.asked(), model.nodes.asked())
+    zoom = find_zoom(model, judges, image) if zoom is None else zoom
     over = np.zeros((8, height, width), np.int8)
     candidates: list[Candidate] = []
-    boxes = list(tiles(height, width, zoom))
-    for number, (box, core) in enumerate(boxes):
-        show(number / len(boxes), f"{len(candidates)} strokes")
-        part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom)
+    looks = [(level, *place) for level, part in enumerate(COARSER) for place in tiles(height, width, zoom * part)]
+    for number, (level, box, core) in enumerate(looks):
+        show(number / len(looks), f"{len(candidates)} strokes")
+        part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * COARSER[level])
         maps = predict(model.network, part, copies)
-        candidates += regions_in(maps, part, judges, box, core, width)
-        _keep_over(over, maps, box, core)
+        candidates += regions_in(maps, part, judges, box, core, width, level)
+        if level == 0:
+            _keep_over(over, maps, box, core)
     labels, kept = assemble(candidates, height, width)
     chance = np.array([candidates[k].chance for k in kept])
     told = np.array([candidates[k].told for k in kept]).reshape(-1, 7)
     return Regions(labels, chance, told, over, zoom)
 
 
-def find_zoom(model: RecoveryModel, image: Array) -> float:
-    """Find the scale at which the strokes of a picture are about as wide as is best for the network."""
+def find_zoom(model: RecoveryModel, judges: tuple[Asked, Asked], image: Array) -> float:
+    """Find the scale at which strokes are sought first.
+
+    It is the one at which the network takes strokes to be as wide as it likes them, unless the picture's own scale, or
+    the one half-way to it, explains more: grain and canvas, enlarged enough, look like strokes, but the network is not
+    sure of them.
+    """
+    guess = guess_zoom(model, image)
+    if abs(np.log(guess)) < SETTLED:
+        return guess
+    middle = float(np.sqrt(guess))
+    parts = parts_of(image, TRIED / middle)
+    worth = {zoom: explained(model, judges, parts, zoom) for zoom in (guess, middle, 1.0)}
+    worth[guess] *= 1 + DOUBT
+    return max(worth, key=lambda zoom: worth[zoom])
+
+
+def explained(model: RecoveryModel, judges: tuple[Asked, Asked], parts: list[Array], zoom: float) -> float:
+    """Compute the share of parts of a picture that lies in regions at a scale, each weighted by its chance."""
+    total = 0.0
+    for part in parts:
+        height, width = part.shape[:2]
+        whole, shown = (0, height, 0, width), zoomed(part, zoom)
+        found = regions_in(predict(model.network, shown, 1), shown, judges, whole, whole, width)
+        total += sum(len(candidate.pixels) * candidate.chance for candidate in found)
+    return total / sum(part.shape[0] * part.shape[1] for part in parts)
+
+
+def guess_zoom(model: RecoveryModel, image: Array) -> float:
+    """Guess the scale at which strokes are as wide as is best for the network, by what it says of their widths."""
     zoom = 1.0
     for _ in range(TRIALS):
         found = [_widths(model, zoomed(part, zoom)) for part in parts_of(image, TRIED / zoom)]
@@ -141,7 +173,7 @@ def _spans(size: int, zoom: float) -> Iterator[tuple[tuple[int, int], tuple[int,
 
 
 def regions_in(
-    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int
+    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int, level: int = 0
 ) -> list[Candidate]:
     """Find the regions of a tile whose middles lie in its core; ``width`` is that of the whole picture."""
     pieces = pieces_of(maps, image)
@@ -159,7 +191,7 @@ def regions_in(
         y, x = np.divmod(groups[number], labels.shape[1])
         y, x = y + box[0], x + box[2]
         if node >= 0 and len(y) >= 1 and core[0] <= y.mean() < core[1] and core[2] <= x.mean() < core[3]:
-            found.append(Candidate((y * width + x).astype(np.int32), float(chance[node, 0]), told[number]))
+            found.append(Candidate((y * width + x).astype(np.int32), float(chance[node, 0]), told[number], level))
     return found
 
 
@@ -179,9 +211,13 @@ def told_of(sums: Array, scale: Array, box: Box) -> Array:
 
 
 def assemble(candidates: list[Candidate], height: int, width: int) -> tuple[Array, list[int]]:
-    """Lay candidates into a picture, the surest first, where enough of each is free; labels, and which were kept."""
+    """Lay candidates into a picture where enough of each is free: labels, and which were kept.
+
+    Those of the first scale come before those of coarser ones, and of each scale the surest first: a group of strokes,
+    seen small, looks like a stroke.
+    """
     labels, kept = np.full(height * width, -1, np.int32), list[int]()
-    for number in sorted(range(len(candidates)), key=lambda k: -candidates[k].chance):
+    for number in sorted(range(len(candidates)), key=lambda k: (candidates[k].level, -candidates[k].chance)):
         pixels = candidates[number].pixels
         free = pixels[labels[pixels] < 0]
         if len(free) >= max(FREE * len(pixels), 1):

@@ -1,6 +1,6 @@
 """Small networks judge features of regions; they are fitted in minutes and asked without PyTorch."""
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits as logistic
 
 Array = NDArray[Any]
-Asked = Callable[[Array], Array]
 
 HIDDEN = (64, 32)
 CLIPPED = 6.0  # standard deviations beyond which a feature says no more
@@ -38,19 +37,28 @@ class Judge(nn.Module):
     def forward(self, features: Tensor) -> Tensor:
         return self.layers(((features - self.mean) / self.scale).clamp(-CLIPPED, CLIPPED))
 
-    def asked(self) -> Asked:
-        """Return a function of features (N, F) that gives probabilities (N, outputs); PyTorch is slow at small N."""
+    def asked(self) -> "Asked":
+        """Return the same without PyTorch, which is slow at small N."""
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
-        weights = [(layer.weight.detach().float().numpy().T, layer.bias.detach().float().numpy()) for layer in linear]
-        mean, scale = self.mean.float().numpy(), self.scale.float().numpy()
+        layers = tuple(
+            torch.cat([layer.weight.detach().T, layer.bias.detach()[None]]).float().numpy() for layer in linear
+        )
+        return Asked(self.mean.float().numpy(), self.scale.float().numpy(), layers)
 
-        def ask(features: Array) -> Array:
-            x = np.clip((features - mean) / scale, -CLIPPED, CLIPPED)
-            for number, (weight, bias) in enumerate(weights):
-                x = (np.maximum(x, 0) if number else x) @ weight + bias
-            return 1 / (1 + np.exp(-x))
 
-        return ask
+@dataclass(frozen=True)
+class Asked:
+    """Weights of a judge, float32; called with features (N, F) it gives probabilities (N, `outputs`)."""
+
+    mean: Array  # (F,)
+    scale: Array  # (F,)
+    layers: tuple[Array, ...]  # (inputs + 1, outputs) each, the last row is added
+
+    def __call__(self, features: Array) -> Array:
+        x = np.clip((features - self.mean) / self.scale, -CLIPPED, CLIPPED)
+        for number, layer in enumerate(self.layers):
+            x = (np.maximum(x, 0) if number else x) @ layer[:-1] + layer[-1]
+        return 1 / (1 + np.exp(-x))
 
 
 def fit_judge(judge: Judge, features: Array, goal: Array, weight: Array, steps: int, seed: int) -> float:

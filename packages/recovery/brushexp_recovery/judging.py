@@ -14,7 +14,7 @@ from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import KNOTS, RecoveryModel
 from brushexp_recovery.network import USUAL
 from brushexp_recovery.recover import COPIES
-from brushexp_recovery.regions import GROUPS, Pieces, pieces_of
+from brushexp_recovery.regions import Pieces, pieces_of
 from brushexp_recovery.score import overlaps
 from brushexp_recovery.synthesis import Random
 from brushexp_recovery.synthesis_ageing import weather
@@ -109,14 +109,7 @@ def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
 
 def simple_examples(one: Known, random: Random) -> tuple[Array, Array, Array]:
     """Make examples of pairs of pieces, and of regions made by joining what has the highest mean affinity."""
-    pieces = one.pieces
-    weight = np.array([4.0, 2.0, 1.0, 1.0])
-
-    def judge(features: Array) -> Array:
-        mean, count = features[:, :GROUPS], np.expm1(features[:, GROUPS : 2 * GROUPS])
-        return ((mean * count * weight).sum(1) / np.maximum((count * weight).sum(1), 1e-9))[:, None]
-
-    return stage_examples(one, grow(pieces, judge, min(STAGES)), random)
+    return stage_examples(one, grow(one.pieces, None, min(STAGES)), random)
 
 
 def stage_examples(one: Known, tree: Tree, random: Random) -> tuple[Array, Array, Array]:

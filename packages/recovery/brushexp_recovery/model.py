@@ -7,10 +7,11 @@ from torch import Tensor, nn
 
 from brushexp.system.checkpoint import CheckpointFormat
 from brushexp_recovery.judges import Judge
+from brushexp_recovery.merging import PAIR_FEATURES
 from brushexp_recovery.network import StrokeNetwork
 
 NAME = "strokes"
-PAIR_FEATURES, NODE_FEATURES = 45, 35
+NODE_FEATURES = 35
 KNOTS = 9  # of the curve from what the judge of nodes says to the share of such strokes that were really there
 RECOVERIES = CheckpointFormat(
     noun="recovery", family="recovery", node="recovery", task="task=train model=recovery", without="no recovery",

@@ -1,6 +1,6 @@
-"""Strokes are found again: maps turned back, trees cut, tiles joined, curves and order fitted, results stored."""
+"""Strokes are found again: maps turned back, scales chosen, tiles joined, curves and order fitted, results stored."""
 
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -21,7 +21,6 @@ from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
 from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.training import losses_of
-from brushexp_recovery.tree import Tree, cut
 
 from brushexp.errors import UserError
 from brushexp.strokes.storage import load_catalogue, save_catalogue
@@ -88,28 +87,6 @@ def test_losses_have_the_gradients_of_their_values():
     torch.testing.assert_close(slope, (loss(t + 1e-6) - loss(t - 1e-6)) / 2e-6, rtol=1e-5, atol=1e-7)
 
 
-def test_the_cut_of_a_tree_is_the_best_of_all():
-    random = np.random.default_rng(3)
-    for _ in range(20):
-        roots, children = list(range(5)), []
-        while len(roots) > 1 and random.random() < 0.9:
-            i, j = random.choice(len(roots), 2, replace=False)
-            children.append((roots[i], roots[j]))
-            roots = [root for k, root in enumerate(roots) if k not in (i, j)] + [4 + len(children)]
-        leaves = {k: {k} for k in range(5)}
-        for k, (i, j) in enumerate(children):
-            leaves[5 + k] = leaves[i] | leaves[j]
-        value = random.normal(size=len(leaves))
-        sets = chain.from_iterable(combinations(leaves, k) for k in range(6))
-        apart = (s for s in sets if sum(len(leaves[k]) for k in s) == len(set().union(*(leaves[k] for k in s))))
-        best = max(sum(value[k] for k in s) for s in apart)
-        zeros = np.zeros((len(leaves), 8))
-        tree = Tree(np.array(children, int).reshape(-1, 2), zeros, zeros, zeros, zeros[:, 0], zeros[:, 0])
-        chosen = cut(tree, value)
-        assert sum(value[k] for k in set(chosen.tolist()) - {-1}) == pytest.approx(best)
-        assert all(k in leaves[node] for k, node in enumerate(chosen) if node >= 0)
-
-
 @pytest.mark.parametrize("size", [(1, 1), (300, 200), (5000, 3), (1900, 2500)])
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 2.2])
 def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
@@ -129,6 +106,34 @@ def test_the_surest_region_is_laid_first_and_little_rests_are_dropped():
     labels, kept = assemble(candidates, 5, 10)
     assert kept == [1, 2, 3]  # half of the first is taken
     np.testing.assert_array_equal(np.bincount(labels.ravel() + 1), [50 - 29, 10, 15, 4])
+
+
+def test_what_coarser_scales_show_is_laid_only_where_the_first_left_room():
+    told = np.zeros(7)
+    fine = [Candidate(np.arange(0, 10), 0.5, told), Candidate(np.arange(10, 20), 0.6, told)]
+    coarse = [Candidate(np.arange(0, 20), 0.9, told, 1), Candidate(np.arange(18, 28), 0.7, told, 1)]
+    labels, kept = assemble([*coarse, *fine], 5, 10)
+    assert kept == [3, 2, 1]
+    np.testing.assert_array_equal(np.bincount(labels.ravel() + 1), [50 - 28, 10, 10, 8])
+
+
+@pytest.mark.parametrize(
+    ("worth", "zoom"), [((0.50, 0.52, 0.4), 2.25), ((0.50, 0.53, 0.4), 1.5), ((0.1, 0.2, 0.3), 1.0)]
+)
+def test_a_scale_that_explains_clearly_more_is_taken_instead_of_the_guessed_one(monkeypatch, worth, zoom):
+    shares = dict(zip((2.25, 1.5, 1.0), worth, strict=True))
+    monkeypatch.setattr(finding, "guess_zoom", lambda *_: 2.25)
+    monkeypatch.setattr(finding, "explained", lambda model, judges, parts, zoom: shares[round(zoom, 6)])
+    assert finding.find_zoom(None, None, np.zeros((300, 400, 3), np.float32)) == pytest.approx(zoom)
+
+
+def test_a_part_is_explained_by_the_regions_that_were_painted(scene):
+    model = shipped()
+    judges, image = (model.pairs.asked(), model.nodes.asked()), scene.image.astype(np.float32) / 255
+    noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
+    assert finding.explained(model, judges, [image], 1.0) > 0.4
+    assert finding.explained(model, judges, [noise], 1.0) < 0.2
+    assert finding.explained(model, judges, [image], 1.0) <= 1
 
 
 def test_strokes_are_stacked_as_the_evidence_says():
