@@ -5,9 +5,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from brushexp_recovery.finding import Regions
+
 Array = NDArray[Any]
 
 BINS = 10  # of equal width
+DOUBT = 1e-3  # chance that is left to what is sure
+
+
+def signs_of(regions: Regions) -> Array:
+    """Describe N regions by what tells how likely they are strokes: (N, `CONFIDENCE_FEATURES`).
+
+    Log-odds of what the judge says, the visible share that the network sees, and log of the area for what length and
+    width promise.
+    """
+    chance = np.clip(regions.chance, DOUBT, 1 - DOUBT)
+    odds = np.log(chance / (1 - chance))
+    area = np.bincount(regions.labels[regions.labels >= 0], minlength=len(odds))
+    filled = np.log(np.maximum(area, 1)) - regions.told[:, 4:6].sum(1)
+    return np.stack([odds, regions.told[:, 6], filled], 1)
 
 
 def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:

@@ -16,6 +16,7 @@ HIDDEN = (64, 32)
 CLIPPED = 6.0  # standard deviations beyond which a feature says no more
 BATCH = 2048
 RATE, DECAY = 3e-3, 1e-3
+RIDGE = 3e-4  # price of the squared weights of a linear judge
 
 
 class Judge(nn.Module):
@@ -80,3 +81,36 @@ def fit_judge(judge: Judge, features: Array, goal: Array, weight: Array, steps: 
         schedule.step()
         recent += 0.02 * (float(loss.detach()) - recent)
     return recent
+
+
+def fit_linear(linear: nn.Linear, features: Array, goal: Array) -> None:
+    """Fit log-odds that are linear in features (N, F) to goals (N,) in [0, 1]; without any they stay as they are.
+
+    Logistic regression by L-BFGS in float64, on features of deviation 1, with a small price on their weights.
+    """
+    if not len(goal):
+        return
+    scale = features.std(0) + 1e-6
+    x, y = torch.from_numpy(features / scale), torch.from_numpy(goal.astype(float))
+    weight = torch.zeros(x.shape[1], dtype=torch.float64, requires_grad=True)
+    bias = torch.zeros(1, dtype=torch.float64, requires_grad=linear.bias is not None)
+    optimizer = torch.optim.LBFGS([weight, bias], max_iter=200, line_search_fn="strong_wolfe")
+
+    def loss_of() -> Tensor:
+        optimizer.zero_grad()
+        loss = logistic(x @ weight + bias, y) + RIDGE * weight.square().sum()
+        loss.backward()
+        return loss
+
+    optimizer.step(loss_of)
+    with torch.no_grad():
+        linear.weight.copy_(weight / torch.from_numpy(scale))
+        if linear.bias is not None:
+            linear.bias.copy_(bias)
+
+
+def ask_linear(linear: nn.Linear, features: Array) -> Array:
+    """Return the log-odds (N,) of features (N, F)."""
+    bias = 0.0 if linear.bias is None else float(linear.bias.detach())
+    odds: Array = features @ linear.weight.detach().double().numpy()[0] + bias
+    return odds

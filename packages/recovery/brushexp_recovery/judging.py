@@ -1,21 +1,23 @@
-"""The judges of pairs and of nodes learn from paintings that the network has not seen, and so does the confidence."""
+"""Judges of pairs and of nodes, order and confidence learn from paintings that the network has not seen."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from brushexp_recovery.calibration import signs_of
+from brushexp_recovery.curves import fit_curves
 from brushexp_recovery.finding import LEAST, find_regions, zoomed
-from brushexp_recovery.judges import fit_judge
+from brushexp_recovery.judges import fit_judge, fit_linear
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
-from brushexp_recovery.model import KNOTS, RecoveryModel
+from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import USUAL
 from brushexp_recovery.recover import COPIES
 from brushexp_recovery.regions import Pieces, pieces_of
 from brushexp_recovery.score import overlaps
+from brushexp_recovery.stacking import meetings_of
 from brushexp_recovery.synthesis import Random
 from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
@@ -41,6 +43,16 @@ class Known(NamedTuple):
     truth: Array  # (H, W), -1 is the ground
 
 
+class Found(NamedTuple):
+    """What was found in a painting, and what is known of it."""
+
+    signs: Array  # (N, `CONFIDENCE_FEATURES`) of its regions
+    hits: Array  # (N,) whether they are strokes
+    meetings: Array  # (P, `ORDER_FEATURES`) of pairs that are strokes
+    above: Array  # (P,) whether the second lies above
+    strokes: int  # that there are
+
+
 def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, show: Progress) -> dict[str, float]:
     """Fit the judges of a model to paintings, clean and weathered; returns the losses."""
     random = np.random.default_rng(seed)
@@ -61,37 +73,39 @@ def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, sh
     return losses
 
 
-def fit_confidence(model: RecoveryModel, paintings: Iterable[Painted], seed: int) -> dict[str, float]:
-    """Learn which share of the regions of each chance are strokes, found as `recover` finds them in other paintings.
+def fit_beliefs(
+    model: RecoveryModel, mixed: Sequence[Painted], plain: Sequence[Painted], seed: int
+) -> dict[str, float]:
+    """Learn which of two regions lies above, and from plain paintings how far regions are to be believed.
 
-    Returns F1 and that share over all of them, clean and weathered.
+    They are found as `recover` finds them, clean and weathered. Returns F1 and precision over the plain paintings.
     """
-    random, parts = np.random.default_rng(seed), list[tuple[Array, Array, int]]()
-    for painted in paintings:
-        visible = np.bincount(painted.labels[painted.labels >= 0])
-        for aged in (False, True):
-            image = painted.image.astype(np.float32) / 255
-            image = weather(image, random).astype(np.float32) if aged else image
-            regions = find_regions(model, image, None, COPIES, lambda *_: None)
-            _, found, iou = overlaps(painted.labels, regions.labels, len(visible), len(regions.chance))
-            best = np.zeros(len(regions.chance))
-            np.maximum.at(best, found, iou)
-            parts.append((regions.chance, best >= HIT, int((visible >= LEAST).sum())))
-    chances, hits = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    model.confidence.copy_(torch.from_numpy(isotonic(chances, hits)))
-    f1 = 2 * hits.sum() / max(len(hits) + sum(part[2] for part in parts), 1)
+    random = np.random.default_rng(seed)
+    found = [found_of(model, painted, aged, random) for painted in (*mixed, *plain) for aged in (False, True)]
+    known = found[2 * len(mixed) :]
+    signs, hits = (np.concatenate([one[k] for one in known]) for k in range(2))
+    meetings, above = (np.concatenate([one[k] for one in found]) for k in (2, 3))
+    fit_linear(model.confidence, signs, hits)
+    fit_linear(model.order, meetings, above)
+    f1 = 2 * hits.sum() / max(len(hits) + sum(one.strokes for one in known), 1)
     return {"f1": float(f1), "precision": float(hits.mean())}
 
 
-def isotonic(chance: Array, hit: Array) -> Array:
-    """Fit a rising curve at `KNOTS` chances from 0 to 1 to hits (N,), by pooling (Zadrozny and Elkan, 2002)."""
-    from scipy.optimize import isotonic_regression  # noqa: PLC0415
-
-    order = np.argsort(chance, kind="stable")
-    smooth = isotonic_regression(hit[order].astype(float)).x
-    knots = np.linspace(0, 1, KNOTS)
-    near = np.exp(-0.5 * ((knots[:, None] - chance[order]) * (KNOTS - 1) / 0.5) ** 2) + 1e-12
-    return np.maximum.accumulate((near * smooth).sum(1) / near.sum(1)).astype(np.float32)
+def found_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Found:
+    """Find regions in a painting, and compare them with its strokes."""
+    image = painted.image.astype(np.float32) / 255
+    image = weather(image, random).astype(np.float32) if aged else image
+    regions = find_regions(model, image, None, COPIES, lambda *_: None)
+    visible = np.bincount(painted.labels[painted.labels >= 0])
+    strokes, numbers, iou = overlaps(painted.labels, regions.labels, len(visible), len(regions.chance))
+    partner = np.full(len(regions.chance), -1)
+    partner[numbers[iou >= HIT]] = strokes[iou >= HIT]
+    pairs, features = meetings_of(regions, fit_curves(regions, image))
+    below, upper = partner[pairs].T
+    known = (below >= 0) & (upper >= 0) & (below != upper)
+    return Found(
+        signs_of(regions), partner >= 0, features[known], (upper > below)[known], int((visible >= LEAST).sum())
+    )
 
 
 def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Known:

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-import torch
-from torch import Tensor, nn
+from torch import nn
 
 from brushexp.system.checkpoint import CheckpointFormat
 from brushexp_recovery.judges import Judge
@@ -12,7 +11,7 @@ from brushexp_recovery.network import StrokeNetwork
 
 NAME = "strokes"
 NODE_FEATURES = 35
-KNOTS = 9  # of the curve from what the judge of nodes says to the share of such strokes that were really there
+ORDER_FEATURES, CONFIDENCE_FEATURES = 9, 3  # of `stacking.meetings_of` and `calibration.signs_of`
 RECOVERIES = CheckpointFormat(
     noun="recovery", family="recovery", node="recovery", task="task=train model=recovery", without="no recovery",
     folders=lambda: [Path(__file__).parent / "weights"],
@@ -22,14 +21,16 @@ RECOVERIES = CheckpointFormat(
 class RecoveryModel(nn.Module):
     """The network, the judges of pairs and of nodes, and how far these are to be believed."""
 
-    confidence: Tensor
-
     def __init__(self) -> None:
         super().__init__()
         self.network = StrokeNetwork()
         self.pairs = Judge(PAIR_FEATURES)
         self.nodes = Judge(NODE_FEATURES, 2)  # chance of an IoU of 0.5 or more, and the IoU
-        self.register_buffer("confidence", torch.linspace(0, 1, KNOTS))  # at chances of 0 to 1
+        self.order = nn.Linear(ORDER_FEATURES, 1, bias=False)  # log-odds that the second of two lies above
+        self.confidence = nn.Linear(CONFIDENCE_FEATURES, 1)  # log-odds that a region is a stroke
+        for linear in (self.order, self.confidence):  # untrained, they believe what they are told first
+            linear.weight.data.zero_()[0, 0] = 1.0
+        self.confidence.bias.data.zero_()
 
 
 def load_model(checkpoint: str = NAME) -> RecoveryModel:

@@ -13,11 +13,13 @@ from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
+from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import Fitted, fit_curves
 from brushexp_recovery.finding import Regions, find_regions
+from brushexp_recovery.judges import ask_linear
 from brushexp_recovery.model import NAME, RecoveryModel, load_model
 from brushexp_recovery.refining import refine
-from brushexp_recovery.stacking import evidence_of, stack
+from brushexp_recovery.stacking import meetings_of, stack
 from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
 
 __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
@@ -57,13 +59,15 @@ def recover_with(
 ) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
     regions = find_regions(model, image, scale, copies, show)
-    order = stack(len(regions.chance), *evidence_of(regions))
-    fitted = refine(fit_curves(regions, image), regions.labels, order, show=show)
-    chance = np.interp(regions.chance, np.linspace(0, 1, len(model.confidence)), model.confidence.numpy())
-    return in_order(regions, fitted, chance, order, image)
+    fitted = fit_curves(regions, image)
+    pairs, features = meetings_of(regions, fitted)
+    order = stack(len(regions.chance), pairs, ask_linear(model.order, features))
+    fitted = refine(fitted, regions.labels, order, show=show)
+    confidence = 1 / (1 + np.exp(-ask_linear(model.confidence, signs_of(regions))))
+    return in_order(regions, fitted, confidence, order, image)
 
 
-def in_order(regions: Regions, fitted: Fitted, chance: Array, order: Array, image: Array) -> Recovered:
+def in_order(regions: Regions, fitted: Fitted, confidence: Array, order: Array, image: Array) -> Recovered:
     """Make a catalogue of fitted strokes, bottom to top by ``order`` (N,)."""
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
@@ -79,4 +83,4 @@ def in_order(regions: Regions, fitted: Fitted, chance: Array, order: Array, imag
         background=torch.as_tensor(np.median(ground, 0), dtype=torch.float32).clamp(0, 1),
         renderer=RENDERER,
     )
-    return Recovered(saved, chance[order].astype(np.float32), labels)
+    return Recovered(saved, confidence[order].astype(np.float32), labels)

@@ -6,14 +6,47 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from brushexp_recovery.curves import Fitted
 from brushexp_recovery.finding import OVER_UNIT, Regions
 from brushexp_recovery.network import OVER
+from brushexp_recovery.outlines import covers_of
 
 Array = NDArray[Any]
 
+SOLID = 0.5  # share of a pixel that a stroke covers
+FEW = 4  # pixels of an overlap that say little
 
-def evidence_of(regions: Regions) -> tuple[Array, Array]:
-    """Weigh, of pairs (P, 2) of regions that meet, the evidence (P,) that the second lies above the first."""
+
+def meetings_of(regions: Regions, fitted: Fitted) -> tuple[Array, Array]:
+    """Describe pairs (P, 2) of regions that meet by what speaks for the second above the first.
+
+    Features (P, `ORDER_FEATURES`) change their sign if a pair is turned over: what the network says where they meet,
+    weighed by the root of its pixels, and softly counted; by how much more of the second is seen, by the network's
+    opinion and by the area that its length and width promise; whose pixels lie where the strokes drawn whole would
+    overlap (an outline that goes on belongs to the upper one; Kanizsa, 1979); and how much wider, larger and surer the
+    second is, since painters go from broad to fine.
+    """
+    pairs, place, said = _sides(regions)
+    number = np.bincount(place, minlength=len(pairs))
+    mean, soft = (
+        np.bincount(place, values, minlength=len(pairs)) / np.maximum(number, 1) for values in (said, np.tanh(said / 2))
+    )
+    lower, upper = pairs.T
+    area = np.maximum(np.bincount(regions.labels[regions.labels >= 0], minlength=len(regions.chance)), 1)
+    each = np.stack([
+        regions.told[:, 6], np.log(area) - regions.told[:, 4:6].sum(1), regions.told[:, 4], np.log(area), regions.chance
+    ])  # fmt: skip
+    columns = [
+        mean * np.sqrt(number),
+        soft,
+        *_crossings(regions.labels, pairs, fitted),
+        *(each[:, upper] - each[:, lower]),
+    ]
+    return pairs, np.stack(columns, 1)
+
+
+def _sides(regions: Regions) -> tuple[Array, Array, Array]:
+    """List pairs (P, 2) of regions that meet; of each meeting (M,) its pair, and the log-odds of the second above."""
     labels, count = regions.labels, len(regions.chance)
     height, width = labels.shape
     keys, values = [np.empty(0, np.int64)], [np.empty(0)]
@@ -29,9 +62,30 @@ def evidence_of(regions: Regions) -> tuple[Array, Array]:
         keys.append(np.minimum(a, b) * count + np.maximum(a, b))
         values.append(np.where(a < b, value, -value))
     pair, place = np.unique(np.concatenate(keys), return_inverse=True)
-    number = np.bincount(place, minlength=len(pair))
-    mean = np.bincount(place, np.concatenate(values), minlength=len(pair)) / np.maximum(number, 1)
-    return np.stack([pair // max(count, 1), pair % max(count, 1)], 1), mean * np.sqrt(number)
+    return np.stack([pair // max(count, 1), pair % max(count, 1)], 1), place, np.concatenate(values)
+
+
+def _crossings(labels: Array, pairs: Array, fitted: Fitted) -> tuple[Array, Array]:
+    """Compare, where two strokes (P,) drawn whole overlap, the pixels of either: as a share, and times their root."""
+    covers = covers_of(fitted.curve, fitted.width, (labels.shape[0], labels.shape[1]))
+    share, seen = np.zeros(len(pairs)), np.zeros(len(pairs))
+    for number, (lower, upper) in enumerate(pairs.tolist()):
+        one, two = covers[lower], covers[upper]
+        if one is None or two is None:
+            continue
+        box = tuple(slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one[0], two[0], strict=True))
+        if any(part.start >= part.stop for part in box):
+            continue
+        parts = [cover[_within(box, place)] >= SOLID for place, cover in (one, two)]
+        there = labels[box][parts[0] & parts[1]]
+        above, below = (there == upper).sum(), (there == lower).sum()
+        share[number], seen[number] = (above - below) / (above + below + FEW), above + below
+    return share, share * np.sqrt(seen)
+
+
+def _within(box: tuple[slice, ...], place: tuple[slice, slice]) -> tuple[slice, ...]:
+    """Say where a box lies in a larger one."""
+    return tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(box, place, strict=True))
 
 
 def stack(count: int, pairs: Array, evidence: Array) -> Array:

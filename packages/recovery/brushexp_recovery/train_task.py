@@ -8,13 +8,14 @@ from omegaconf import DictConfig
 
 from brushexp.pictures.folders import pictures_in
 from brushexp.system.progress import showing
-from brushexp_recovery.judging import fit_confidence, fit_judges
+from brushexp_recovery.judging import fit_beliefs, fit_judges
 from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel, load_model
 from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
 from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
 
-CALIBRATED = PLAIN - HELD_OUT  # held-out paintings from here on are for the confidence, those before for the judges
+BELIEVED = 22  # held-out paintings from here on are for order and confidence, those before for the judges
+CALIBRATED = PLAIN - HELD_OUT  # and of them those from here on for confidence
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -46,8 +47,9 @@ class RecoveryJob(NetworkJob):
         self._save(model, {})  # whatever may fail below
         self.data.paint()
         with showing("learning to judge") as show:
-            judged = fit_judges(model, self.data.held_out(CALIBRATED, VALIDATED), self.cfg.seed, show)
-        judged |= fit_confidence(model, self.data.held_out(HELD_OUT_COUNT, CALIBRATED), self.cfg.seed)
+            judged = fit_judges(model, self.data.held_out(BELIEVED, VALIDATED), self.cfg.seed, show)
+        mixed, plain = self.data.held_out(CALIBRATED, BELIEVED), self.data.held_out(HELD_OUT_COUNT, CALIBRATED)
+        judged |= fit_beliefs(model, mixed, plain, self.cfg.seed)
         self.data.teardown("fit")
         figures: dict[str, object] = {**self.module.figures, **judged}
         return {

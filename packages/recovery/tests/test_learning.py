@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import judging
+from brushexp_recovery import judges, judging
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import UNIT
 from brushexp_recovery.synthesis import Hand, lay_strokes
@@ -56,16 +56,20 @@ def test_judges_learn_from_a_painting(monkeypatch):
     model = RecoveryModel().eval()
     losses = judging.fit_judges(model, [bars()], 0, silent)
     assert all(np.isfinite(loss) for loss in losses.values())
-    figures = judging.fit_confidence(model, [bars(1.0)], 0)
+    figures = judging.fit_beliefs(model, [], [bars(1.0)], 0)
     assert 0 <= figures["f1"] <= 1
-    assert (model.confidence.diff() >= 0).all()
+    assert all(np.isfinite(value) for value in figures.values())
 
 
-def test_confidence_is_the_share_of_those_that_were_right():
+@pytest.mark.parametrize("biased", [True, False])
+def test_a_linear_judge_finds_the_odds_that_made_its_examples(biased):
     random = np.random.default_rng(0)
-    chance = random.random(20_000)
-    curve = judging.isotonic(chance, random.random(20_000) < chance**2)
-    np.testing.assert_allclose(curve[1:-1], np.linspace(0, 1, len(curve))[1:-1] ** 2, atol=0.04)
+    features, weight, bias = random.normal(size=(40_000, 3)) * [1, 10, 0.1], np.array([1.0, -0.05, 4.0]), 0.5 * biased
+    chance = 1 / (1 + np.exp(-(features @ weight + bias)))
+    linear = torch.nn.Linear(3, 1, bias=biased)
+    judges.fit_linear(linear, features, random.random(len(chance)) < chance)
+    told = 1 / (1 + np.exp(-judges.ask_linear(linear, features)))
+    np.testing.assert_allclose(told, chance, atol=0.03)
 
 
 def test_learning_lowers_the_loss():
