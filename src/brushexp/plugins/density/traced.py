@@ -165,7 +165,7 @@ def _reduced(maps: Array, zoom: int) -> Array:
     channels, height, width = maps.shape
     rows, columns = height // zoom, width // zoom
     squares = maps[:, : rows * zoom, : columns * zoom].reshape(channels, rows, zoom, columns, zoom)
-    return squares if zoom == 1 and squares.shape == maps.shape else squares.mean((2, 4))
+    return maps if zoom == 1 else squares.mean((2, 4))
 
 
 def _traced(angle: Array, seeds: Array, sign: int) -> Array:
@@ -232,7 +232,8 @@ def _explained(moments: Array) -> tuple[Array, Array]:
 
 def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
     """Choose at most ``n`` lines, those that gain most, which hardly lie on each other."""
-    taken, chosen = np.zeros(size, bool), []
+    taken = np.zeros(size, bool)
+    chosen: list[int] = []
     x, y = (lines.points[..., axis].astype(int).clip(0, size[1 - axis] - 1) for axis in (0, 1))
     reach = (lines.width / 2).round().astype(int).clip(1)
     for k in np.argsort(-lines.gain, kind="stable")[: int((lines.gain > least).sum())]:
