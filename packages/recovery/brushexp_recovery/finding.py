@@ -18,7 +18,7 @@ from brushexp_recovery.tree import Tree, cut, grow, node_features
 Array = NDArray[Any]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
 
-TILE, MARGIN = 704, 96  # pixels that are looked at at once, and those at its borders that neighbours know better
+TILE, MARGIN = 576, 80  # pixels that are looked at at once, and those at its borders that neighbours know better
 SCALES = (0.15, 3.0)  # to which a picture is brought at most
 SOUGHT = 18.0  # pixels: width of the middle stroke; a quarter wider than in training found 2 % more
 TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to guess its scale

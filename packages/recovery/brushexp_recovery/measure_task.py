@@ -15,7 +15,7 @@ from brushexp_recovery.measure_scale import regions_of, scale_of
 from brushexp_recovery.measure_views import View, views_of
 from brushexp_recovery.page import write_page
 from brushexp_recovery.recover import Recovered, read_recovered, recover, write_recovered
-from brushexp_recovery.stroke_rows import rows_of
+from brushexp_recovery.stroke_rows import remark_on, rows_of
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +49,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         one, unit = figures["whole"][name], "mm" if mm and name in ("length", "width") else ""
         log.info("%s %s, 95 %% between %s and %s %s", name, *map(digits, (one.value, one.low, one.high)), unit)
     log.info(MEANING)
+    if (remark := remark_on(rows)) is not None:
+        log.warning(remark)
     return {"n_strokes": len(rows), **{f"measured_{name}": one.value for name, one in figures["whole"].items()}}
 
 

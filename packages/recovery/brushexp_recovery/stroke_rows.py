@@ -15,6 +15,8 @@ from brushexp_recovery.truth import pixels_of
 Array = NDArray[Any]
 
 SIMPLE = 0.45  # pixels by which an outline may be simplified
+NARROW = 6.0  # pixels: width below which strokes are hard to find
+FEW = 0.3  # share of a photograph that strokes cover, below which little is said of the whole
 POINTS = {"length": 1, "width": 1, "area": 2}  # powers of pixels in columns that have millimetres too
 
 
@@ -57,6 +59,27 @@ def rows_of(found: Any, mm: float | None = None) -> Rows:
     }
     outlines = outlines_of(labels, curve)
     return Rows(columns, strokes.color.numpy(), [outlines[k] for k in number], labels.shape, mm)
+
+
+def remark_on(rows: Rows) -> str | None:
+    """Say what is doubtful about recovered strokes and what to do about it; None if they are many and wide enough."""
+    if len(rows) == 0:
+        return (
+            "no strokes were found: the photograph may be too small, blurred, or of no painting; give a sharper or "
+            "larger one in which strokes are 6 pixels wide or wider"
+        )
+    if (width := float(np.median(rows.columns["width"]))) < NARROW:
+        return (
+            f"half of the strokes found are narrower than {width:.1f} pixels: they may be canvas or grain, and finer "
+            "ones are missed; give a larger photograph, or scale=1 to look at it as it is"
+        )
+    covered = float(rows.columns["seen"].sum()) / (rows.size[0] * rows.size[1])
+    if covered < FEW:
+        return (
+            f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest could not be read, so "
+            "figures speak of those found, not of the whole painting; look at strokes.html"
+        )
+    return None
 
 
 def outlines_of(labels: Array, curve: torch.Tensor) -> list[Array]:

@@ -18,7 +18,7 @@ from brushexp_recovery.model import load_model
 from brushexp_recovery.page import write_page
 from brushexp_recovery.recover import recover_with
 from brushexp_recovery.storage import Recovered, write_recovered
-from brushexp_recovery.stroke_rows import rows_of, table_with_units
+from brushexp_recovery.stroke_rows import remark_on, rows_of, table_with_units
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +42,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     metrics |= {"picture": "painting.png", "status": "completed"}
     write_json(folder / "metrics.json", metrics)
     log.info("%s: %d strokes on %.0f %% of the picture", folder, len(saved.strokes), 100 * metrics["covered"])  # type: ignore[operator]
+    if (remark := remark_on(rows)) is not None:
+        log.warning(remark)
     return metrics
 
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ import torch
 from brushexp_recovery.measure import View, draws_of, intervals_of, sight
 from brushexp_recovery.measure_files import figure_rows, write_measures
 from brushexp_recovery.page import page_of, write_page
-from brushexp_recovery.stroke_rows import Rows, rows_of, table_with_units
+from brushexp_recovery.stroke_rows import Rows, remark_on, rows_of, table_with_units
 from brushexp_recovery.truth import drawn_truth
 
 from brushexp.strokes.bezier import strokes_along
@@ -129,3 +130,15 @@ def test_it_fits_every_screen(width, opened, tmp_path):
     watched = opened(write_page(tmp_path, image, rows, "x" * 80), (width, 800), color_scheme="dark")
     assert watched.page.evaluate("document.documentElement.scrollWidth") <= width
     assert not watched.errors
+
+
+def test_what_is_doubtful_is_said_with_what_to_do_about_it():
+    rows, _ = rows_and_image()
+    narrow = {**rows.columns, "width": np.full(3, 4.0)}
+    dense = {**rows.columns, "width": np.full(3, 7.0), "seen": np.full(3, SIZE[0] * SIZE[1] / 5)}
+    few = {**dense, "seen": np.full(3, 50.0)}
+    none = {name: column[:0] for name, column in rows.columns.items()}
+    assert remark_on(replace(rows, columns=dense)) is None
+    assert "narrower than 4.0 pixels" in remark_on(replace(rows, columns=narrow))
+    assert "on 3 % of the photograph only" in remark_on(replace(rows, columns=few))
+    assert "no strokes were found" in remark_on(replace(rows, columns=none, color=rows.color[:0], outlines=[]))
