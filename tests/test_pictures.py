@@ -335,7 +335,7 @@ KINDS = ("JPEG", "PNG", "GIF", "WEBP", "TIFF", "BMP", "JPEG2000")
 def test_a_truncated_picture_is_refused_without_a_word_of_its_decoder(tmp_path, whole, share, capfd):
     (tmp_path / "cut").write_bytes(whole[: int(len(whole) * share)])
     message = refusal(tmp_path / "cut")
-    assert "is damaged or cannot be decoded" in message or "not a picture" in message
+    assert any(words in message for words in ("is damaged or cannot be decoded", "not a picture", "is cut short"))
     assert capfd.readouterr() == ("", "")
 
 

@@ -1,7 +1,6 @@
 """Files as cameras, phones, scanners and browsers leave them: their colours, their sizes, and what they are not."""
 
 import io
-import logging
 import os
 import struct
 import sys
@@ -272,27 +271,6 @@ def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
         with pytest.raises(UserError, match="at most 100 megapixels"):
             check_pixels(10_001, 10_000, kind, 64)
     check_pixels(31_000, 31_000, "JPEG", 64)
-
-
-@pytest.mark.parametrize("progressive", [True, False])
-def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_much_is_refused(
-    tmp_path, caplog, progressive
-):
-    path, file = tmp_path / "cut.jpg", io.BytesIO()
-    Image.fromarray(FULL.repeat(3, 0).repeat(3, 1)).save(file, "JPEG", quality=90, progressive=progressive)
-    whole = np.asarray(Image.open(file)).astype(int)
-    for fewer in (2, 40):
-        path.write_bytes(file.getvalue()[:-fewer])
-        with caplog.at_level(logging.WARNING):
-            found = read_picture(path).astype(int)
-        assert (np.abs(found - whole).max(2) > 9).mean() < 0.02
-        assert "is cut short, and painted as it is" in caplog.text
-        assert size_of_picture(str(path), "image") == whole.shape[:2]
-        os.utime(path, ns=(fewer, fewer))
-    if not progressive:  # else the whole picture is there, only coarser
-        path.write_bytes(file.getvalue()[: len(file.getvalue()) * 6 // 10])
-        assert "it is cut short: 4" in (message := refusal(path))
-        assert "% of the picture are missing); get the whole file" in message
 
 
 @pytest.mark.parametrize(("start", "message"), [

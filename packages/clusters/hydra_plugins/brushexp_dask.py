@@ -47,6 +47,7 @@ class DaskLauncher(Launcher):
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
         logging.getLogger("distributed").setLevel(logging.WARNING)  # else it logs the start of every worker
+        logging.getLogger("distributed.nanny").setLevel(logging.ERROR)  # else it tells of workers that end slowly
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # else it logs futures that Ctrl-C has abandoned
         workers = min(len(jobs), jobs_at_once(self.n_jobs))
         with ExitStack() as stack:

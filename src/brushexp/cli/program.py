@@ -23,6 +23,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, add_task
+from brushexp.config.vocabulary import is_path
 from brushexp.config.words import RESUME_SWEEP, expand_positional, expand_shorthand, types_of_keys
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -80,6 +81,7 @@ def refuse_flags(words: Sequence[str]) -> None:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
             cure = f"type {name}={value or '...'}, without dashes" if equal or name in types_of_keys() else ""
+            cure = f"type ./{word} for the file of this name" if is_path(word) else cure
             raise UserError(f"{word} is no flag; {cure or '--help lists the keys, which have no dashes'}")
 
 

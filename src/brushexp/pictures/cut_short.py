@@ -4,38 +4,74 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from PIL import Image, ImageFile
 
 from brushexp.errors import UserError
+from brushexp.pictures.kinds import TIFF_MAGIC
+from brushexp.pictures.tiff import first_page
 
+SOME_MISSING = "is cut short: its file ends before the picture does; get the whole file"
 END_OF_JPEG = b"\xff\xd9"
-ENDS = {"JPEG": END_OF_JPEG, "MPO": END_OF_JPEG, "JPEG2000": END_OF_JPEG, "PNG": b"IEND", "GIF": b";"}
+LAST_MARKS = {  # first bytes of a file -> what comes last in it, and what comes before that for the last time
+    b"\xff\xd8": (END_OF_JPEG, b"\xff\xda"),  # a thumbnail has an end of its own, before the picture begins
+    b"\xff\x4f\xff\x51": (END_OF_JPEG, b"\xff\x93"),
+    b"\0\0\0\x0cjP  ": (END_OF_JPEG, b"\xff\x93"),
+    b"\x89PNG": (b"IEND", b"IDAT"),
+}
+LAST_BYTES = {b"GIF8": b";", b"qoif": b"\0\0\0\0\0\0\0\1"}
+SHORTEST_BOX = 8  # bytes: length and name
+BOXES = (b"ftyp", b"jP  ", b"JXL ")  # fifth to eighth byte of files that are made of boxes (ISO/IEC 14496-12)
+MOST_BOXES = 1000  # of a file, which are looked at
 TAIL = 2**16  # bytes at the end of a file, among which its end is sought: some append more than a picture
-ROW_BY_ROW = ("JPEG", "MPO", "PNG", "GIF", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats that decode what there is
+JPEGS = ("JPEG", "MPO")
+ROW_BY_ROW = (*JPEGS, "PNG", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats that decode what there is
 MOST_MISSING = 0.05  # share of the pixels without which a picture is still painted
 JPEG_FILL = 128  # grey level of what a JPEG lacks; in other formats 0
 
 
-def looks_whole(path: Path, kind: str) -> bool:
-    """Test whether the file of a picture has an end; False also where its format does not say."""
+def has_end(path: Path) -> bool | None:
+    """Test whether the file of a picture goes as far as it says; None where its format, or the file, says nothing."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(8)
+        head = file.read(16)
+        if head[:4] == b"RIFF":
+            return size >= 8 + int.from_bytes(head[4:8], "little")
+        if head[:4] in TIFF_MAGIC:
+            return None if first_page(head) < size else False
+        if head[4:8] in BOXES and (fit := _boxes_fit(file, size)) is not None:
+            return fit
         file.seek(max(0, size - TAIL))
         tail = file.read()
-    if kind == "WEBP":
-        return size >= 8 + int.from_bytes(head[4:], "little")
-    return kind in ENDS and ENDS[kind] in tail
+    for start, (last, before) in LAST_MARKS.items():
+        if head.startswith(start):
+            return tail.rfind(last) > tail.rfind(before)
+    return next((tail.endswith(end) for start, end in LAST_BYTES.items() if head.startswith(start)), None)
+
+
+def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
+    """Test whether the boxes of a file end within it; None if the last one has no length."""
+    at = 0
+    for _ in range(MOST_BOXES):
+        if at >= size:
+            return at == size
+        file.seek(at)
+        head = file.read(16)
+        length = int.from_bytes(head[:4])
+        length = int.from_bytes(head[8:]) if length == 1 else length
+        if length < SHORTEST_BOX:
+            return None
+        at += length
+    return None
 
 
 def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
     """Reopen a picture that is cut short so that what there is of it can be decoded; None if it is not, or cannot."""
-    if kind not in ROW_BY_ROW or looks_whole(path, kind):
+    if kind not in ROW_BY_ROW or has_end(path):
         return None
-    is_jpeg = ENDS.get(kind) == END_OF_JPEG
-    return Image.open(io.BytesIO(path.read_bytes() + (END_OF_JPEG if is_jpeg else b"")))
+    return Image.open(io.BytesIO(path.read_bytes() + (END_OF_JPEG if kind in JPEGS else b"")))
 
 
 @contextmanager
@@ -51,7 +87,7 @@ def lenient() -> Iterator[None]:
 def check_missing(picture: Image.Image) -> str:
     """Say how much of a rescued picture is missing; a UserError if that is much, an OSError if it is all."""
     pixels = np.atleast_3d(np.asarray(picture))
-    fill = JPEG_FILL if ENDS.get(picture.format or "") == END_OF_JPEG else 0
+    fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
     share = max(_run(empty), _run(empty[::-1])) / empty.size
     if share == 1:

@@ -18,10 +18,11 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
 from brushexp.pictures.carriers import Colors, colors_of
-from brushexp.pictures.cut_short import check_missing, lenient, looks_whole, rescued
+from brushexp.pictures.cut_short import SOME_MISSING, check_missing, has_end, lenient, rescued
 from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
 from brushexp.pictures.kinds import (
     CURE,
+    FILM,
     FORMATS,
     HEAD,
     RAW,
@@ -34,14 +35,16 @@ from brushexp.pictures.kinds import (
     what_it_is,
 )
 from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
+from brushexp.pictures.shape import pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
-from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, read_tiff
+from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, pages_in, read_tiff
 from brushexp.system.reading import check_file, explaining
 
 log = logging.getLogger(__name__)
 WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
 MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one another in time
 MOVES = "moves, and its first picture is taken; to paint all of it as a film, type: brushexp {}"
+PAGES = "has {} pages, and the first is taken; save the others as files of their own"
 JPEG_HALVINGS = 3  # at most
 _alone = RLock()  # a process has one stderr, and one list of warnings
 
@@ -51,10 +54,11 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
 
     It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits are kept; PNG of 16 bits other than plain grey,
     CMYK, and TIFF that Pillow alone can unpack keep 8. Whatever a file says of its colours is heeded: an ICC profile
-    (in 8 bits, unless it is broken), numbers of ITU-T H.273, gamma and corners, a camera's Adobe RGB. A JPEG, TIFF or
-    JPEG 2000 of more than 100 megapixels is read smaller, with ``side`` pixels or more on its longer side. What is
-    noteworthy, that the file is cut short or that it moves, is logged once. UserError, with the ``key`` that the user
-    types before the path, if the picture cannot be read, is too large, or has floats outside [0, 1].
+    (in 8 bits, unless it is broken), numbers of ITU-T H.273, gamma and corners, a camera's Adobe RGB; and
+    of its pixels, which become square. A JPEG, TIFF or JPEG 2000 of more than 100 megapixels is read smaller, with
+    ``side`` pixels or more on its longer side. What is noteworthy, that the file is cut short, moves or has more pages,
+    is logged once. UserError, with the ``key`` that the user types before the path, if the picture cannot be read, is
+    too large, or has floats outside [0, 1].
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -78,8 +82,9 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
             width, height = (picture.tag_v2[tag] for tag in (WIDTH, LENGTH))
         if orientation_of(picture) >= SWAPPED:
             width, height = height, width
+        height, width = squared(height, width, pixel_aspect(picture))
         check_decoder(picture)
-        if not looks_whole(path, picture.format or ""):
+        if not has_end(path):
             _read(path, 1.0, 1)
     return height, width
 
@@ -94,15 +99,25 @@ def _explained(path: Path, key: str) -> Iterator[None]:
         except UserError as error:
             reason = str(error)
         except UnidentifiedImageError:
-            with path.open("rb") as file:
-                reason = RAW if is_raw(str(path)) else what_it_is(file.read(HEAD))
+            reason = _unknown(path)
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
+            elif has_end(path) is False:
+                reason = SOME_MISSING
             else:
-                words = " ".join(str(error).split()) or type(error).__name__
+                words = " ".join(str(error).split()).partition(". ")[0] or type(error).__name__
                 reason = f"is damaged or cannot be decoded ({words}); get it again, or {CURE}"
     raise UserError(f"{key}={path} {reason}")
+
+
+def _unknown(path: Path) -> str:
+    """Say what a file is that no decoder knows, and what to do."""
+    if is_raw(str(path)):
+        return RAW
+    with path.open("rb") as file:
+        words = what_it_is(file.read(HEAD))
+    return SOME_MISSING if words != FILM and has_end(path) is False else words
 
 
 @contextmanager
@@ -174,9 +189,9 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
-        moves = picture.format in MOVING and getattr(picture, "is_animated", False)
+        aspect, remark = pixel_aspect(picture), _of_several(path, picture)
         try:
-            return _decoded(file, picture, backdrop, side), MOVES.format(path) if moves else ""
+            return _squared(_decoded(file, picture, backdrop, side), aspect), remark
         except UserError:
             raise
         except (OSError, ValueError, SyntaxError):
@@ -187,7 +202,22 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
         draft(again, side)
         again.load()
         remark = check_missing(again)
-        return _to_srgb(again, colors, backdrop), remark
+        return _squared(_to_srgb(again, colors, backdrop), aspect), remark
+
+
+def _of_several(path: Path, picture: ImageFile) -> str:
+    """Say of which pictures of a file this is the first; nothing if it is alone."""
+    if getattr(picture, "n_frames", 1) == 1:
+        return ""
+    if picture.format in MOVING:
+        return MOVES.format(path)
+    count = pages_in(path) if isinstance(picture, TiffImageFile) else 1
+    return PAGES.format(count) if count > 1 else ""
+
+
+def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
+    height, width = pixels.shape[:2]
+    return resample(pixels, squared(height, width, aspect))
 
 
 def _decoded(file: Path | IO[bytes], picture: ImageFile, backdrop: float, side: int | None) -> np.ndarray:
@@ -218,7 +248,8 @@ def draft(picture: ImageFile, side: int | None) -> None:
 def decode_image(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
     """Decode an image of Pillow as `read_picture` does; its decoder may raise anything."""
     check_not_raw(picture)
-    return _to_srgb(picture, colors_of(picture), backdrop)
+    aspect = pixel_aspect(picture)  # before the decoder closes the file
+    return _squared(_to_srgb(picture, colors_of(picture), backdrop), aspect)
 
 
 def _to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:

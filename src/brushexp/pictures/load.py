@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 from torch.nn import functional
 
@@ -22,6 +21,7 @@ from brushexp.pictures.decode import picture_size, read_picture
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
 from brushexp.pictures.limits import MAX_PIXELS, too_large
+from brushexp.pictures.shape import resample
 
 LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
 TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
@@ -57,7 +57,7 @@ def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
     """Convert a picture (H, W, 3), uint8 or in [0, 1], as `load_picture` does."""
     if resolution is not None:
-        picture = _resample(picture, size_at(resolution, *picture.shape[:2]))
+        picture = resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
     if picture.dtype == np.uint8:
         planes /= 255
@@ -110,7 +110,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
     scale = 255 if picture.dtype == np.uint8 else 1
-    grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
+    grey = np.asarray(resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
     return torch.from_numpy(grey).clamp_(0, 1)
 
 
@@ -162,7 +162,8 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     if image in shipped:
         return shipped[image]
     state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    near = nearest_files(image, shipped)
+    state = "a link to a file that is not there" if os.path.islink(path) else state
+    near = [name for name in nearest_files(image, shipped) if name != image]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     raise UserError(f"{key}={image} is {state}; {meant}give {also}the path of a picture, or a sample such as coffee")
 
@@ -193,14 +194,3 @@ def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
             f"use resolution={most} or less"
         )
     return size
-
-
-def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Resample by Lanczos, 3 lobes, widened when the picture shrinks; the dtype stays."""
-    height, width = size
-    if picture.shape[:2] == size:
-        return picture
-    if picture.dtype == np.uint8:
-        return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
-    channels = [Image.fromarray(picture[..., c]).resize((width, height), Image.Resampling.LANCZOS) for c in range(3)]
-    return np.stack([np.asarray(channel) for channel in channels], 2).clip(0, 1)  # Lanczos overshoots at edges

@@ -2,9 +2,10 @@
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 import numpy as np
 from PIL.ImageFile import ImageFile
@@ -55,9 +56,29 @@ def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
     if not pages[0].subfiletype & REDUCED or chosen is pages[0]:
         return None
     file = bytearray(path.read_bytes())  # in which that page comes first
-    at, length = (8, 8) if BIG in file[2:4] else (4, 4)
-    file[at : at + length] = chosen.offset.to_bytes(length, "little" if file[:1] == b"I" else "big")
+    at, order = _place_of_first_page(file)
+    file[at] = chosen.offset.to_bytes(at.stop - at.start, order)
     return io.BytesIO(file)
+
+
+def first_page(head: bytes) -> int:
+    """Read where the first page of a TIFF is described from its first 16 bytes."""
+    at, order = _place_of_first_page(head)
+    return int.from_bytes(head[at], order)
+
+
+def _place_of_first_page(head: bytes | bytearray) -> tuple[slice, Literal["little", "big"]]:
+    return slice(8, 16) if BIG in head[2:4] else slice(4, 8), "little" if head[:1] == b"I" else "big"
+
+
+def pages_in(path: Path) -> int:
+    """Count the pages of a TIFF that are no smaller copies of others; 1 if it is damaged."""
+    from tifffile import TiffFile  # noqa: PLC0415  (rarely needed)
+
+    with suppress(Exception), TiffFile(path) as tiff:  # damaged tags raise nearly anything
+        pages: Iterable[Any] = tiff.pages
+        return sum(not page.subfiletype & REDUCED for page in pages)
+    return 1
 
 
 def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int | None) -> np.ndarray:
@@ -75,7 +96,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
         check_pixels(page.imagewidth, page.imagelength, "TIFF", side)
         n_colors = _colors_in(page)
         if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
-            raise UserError(f"is damaged or cannot be decoded (rows are missing); {CURE}")
+            raise UserError("is damaged or cannot be decoded (rows are missing); get the whole file")
         samples = _samples(page, side)
         orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
     if samples.dtype.kind not in "uf":

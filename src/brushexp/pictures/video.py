@@ -50,7 +50,7 @@ def filming(
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
-        log.info("%s becomes a GIF; for a video: pip install av", stem.name)
+        log.info("%s becomes a GIF; for a video: pip install 'brushexp[video]'", stem.name)
     with ExitStack() as opened:
         files = {}
         if av is not None:
