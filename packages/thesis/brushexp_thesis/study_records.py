@@ -24,7 +24,7 @@ from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
-EXPERIMENT = "experiment="
+EXPERIMENT, PICTURE_WORD = "experiment=", "image="
 HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question")  # the first line of a record has these
 # Words that say where and by how many processes, not what.
 OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
@@ -120,9 +120,24 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
             continue
         frame = gather([path], into)
         if (table := paired_table(frame)) is not None:
+            table = as_listed(table, record.get("jobs", []))
             finished = frame[~frame["run", "status"].isin(UNFINISHED)]
             sizes = (len(record.get("jobs", [])), len(frame), len(finished))
             yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]))
+
+
+def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
+    """Name the options of a `paired_table` as the study lists its settings: what ``jobs`` have behind the picture.
+
+    The table has them without the words that all share, in an order of its own.
+    """
+    places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
+    listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))
+    if not listed:
+        return table
+    shared = frozenset.intersection(*map(frozenset, listed))
+    names = {frozenset(words) - shared: " ".join(words) for words in listed}
+    return table.rename(index=lambda option: names.get(frozenset(option.split()), option), level=0)
 
 
 def _cost(metrics: pd.DataFrame) -> str:

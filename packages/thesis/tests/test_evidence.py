@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from brushexp_thesis.evidence import holm, median_of, p_of_mean, p_of_ranks
+from brushexp_thesis.study_records import as_listed
 from scipy.stats import bootstrap, ttest_1samp, wilcoxon
 
 GAINS = [0.3, -0.1, 0.4, 0.25, 0.6, 0.15, -0.02, 0.33]
@@ -43,3 +45,14 @@ def test_the_interval_of_a_median_is_that_of_percentiles():
     assert middle == np.median(gains)
     assert (low, high) == pytest.approx((expected.low, expected.high), abs=0.05)
     assert median_of(gains, 0.95) == (middle, low, high)
+
+
+def test_settings_have_the_words_and_the_order_of_the_study():
+    settings = ["init=even steps=800", "init=even init.orient=random steps=800", "init=even steps=50"]
+    jobs = [["seed=0", f"image={name}", *setting.split()] for setting in settings for name in "ab"]
+    labels = ["steps=800", "steps=800 init.orient=random", "steps=50"]
+    index = pd.MultiIndex.from_product([labels, [*"ab"]], names=["option", "picture"])
+    table = as_listed(pd.DataFrame({"psnr": range(6)}, index), jobs)
+    assert [*table.index] == [(setting, name) for setting in settings for name in "ab"]
+    assert table.index.names == index.names
+    assert [*as_listed(table, []).index] == [*table.index]

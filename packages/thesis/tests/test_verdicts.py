@@ -53,7 +53,7 @@ def claim(expects, **fields):
 def make_sweep(folder, typed=(), jobs=12, **options):
     """A sweep of experiment=mine with the runs of `make_study`."""
     (folder / ".hydra").mkdir(parents=True)
-    write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [0] * jobs})
+    write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [[]] * jobs})
     return make_study(folder, **options)
 
 
