@@ -14,12 +14,12 @@ import numpy as np
 import program
 import pytest
 import yaml
+from brushexp_trackers.tensorboard import TensorBoard
 from brushexp_trackers.wandb import WeightsAndBiases, mode_of
 from films import pixels_of
 
 from brushexp.errors import UserError
 from brushexp.plugins.logger.base import Run
-from brushexp.runs.tracking import make_trackers
 from brushexp.system.files import write_picture
 
 pytestmark = pytest.mark.slow
@@ -144,11 +144,11 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert end.exit_code == 0
 
 
-@pytest.mark.parametrize("name", ["tensorboard", "wandb"])
-def test_a_tracker_that_is_not_installed_is_refused_before_the_work(name, config, monkeypatch):
+@pytest.mark.parametrize(("name", "tracker"), [("tensorboard", TensorBoard), ("wandb", WeightsAndBiases)])
+def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, tracker, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)  # for Python it is not there
     with pytest.raises(UserError, match=rf"needs the package {name}; pip install 'brushexp\[{name}\]'"):
-        make_trackers(config(f"logger={name}"), Path("x"))
+        tracker()
 
 
 class FakeWandb:
