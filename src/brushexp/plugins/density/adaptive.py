@@ -1,35 +1,31 @@
 """Add strokes where the error is largest, and remove those that matter least."""
 
-import logging
 import math
-from dataclasses import dataclass, field
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import along_edges, structure_tensor, worst_of_cells
-from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.plugins.density._rounds import Rounds
+from brushexp.plugins.density.base import DensificationState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-CHANNELS = 3
-MIN_SHARE = 1e-3  # least share of the strokes to begin with
 MIN_PITCHES = 1e-3  # least size of a new stroke
-STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
 BLUR = 0.45  # blur of the error, in sizes of a new stroke
 SPACING = 2.5  # least distance of new strokes, roughly, in their sizes
 LENGTH, THICKNESS = 1.4, 0.8  # of a new stroke, in its size, as the initialisers have it
 OPACITY = 0.95
 STRUCTURE = 1.5  # pixels over which the picture's direction is measured
 
-log = logging.getLogger(__name__)
-
 
 @register("density", "adaptive")
 @dataclass(kw_only=True)
-class Adaptive(Density):
+class Adaptive(Rounds):
     """Start with fewer strokes, add small ones where the error is, move there those that matter least.
 
     Each round removes the strokes without which the squared error grows least, and hidden ones in any case, and adds
@@ -49,51 +45,16 @@ class Adaptive(Density):
         psnr: dB from which no more strokes are added; null for none.
     """
 
-    start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
-    rounds: Annotated[int, at_least(1)] = 12
-    until: Annotated[float, between(0, 1)] = 0.75
-    moved: Annotated[float, between(0, 0.5)] = 0.1
     size: Annotated[float, between(MIN_PITCHES, 10)] = 0.25
-    tolerance: Annotated[float, between(0, 1)] = 0.004
     psnr: Annotated[float | None, at_least(0)] = None
-    _round: int = field(default=0, init=False)  # number of the last one
-    _first: int = field(default=0, init=False)  # strokes at the beginning
-    uses_importance = True
 
-    def first(self, budget: int, steps: int) -> int:
-        return max(1, round(self.start * budget)) if self._rounds(steps) else budget
+    def is_good_enough(self, state: DensificationState) -> bool:
+        wanted = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
+        return bool((state.image - state.target).square().mean() <= wanted)
 
-    def _rounds(self, steps: int) -> int:
-        return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
-
-    def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        n, rounds = len(state.strokes), self._rounds(state.steps)
-        self._first = self._first or n
-        current = min(rounds, int(rounds * state.step / (self.until * state.steps))) if rounds else 0
-        if current <= self._round or state.step >= state.steps:
-            return None
-        self._round = current
-        good_enough = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
-        if (state.image - state.target).square().mean() <= good_enough:
-            return None
-        importance = state.importance()
-        keep = importance > CHANNELS * self.tolerance**2  # the others gain less than a pixel that is good enough
-        if n:
-            keep[importance.argmax()] = True
-        rest = int(keep.sum())
-        goal = self._first + max(0, state.budget - self._first) * current // rounds
-        missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
-        weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
-        new = new_strokes(state, missing + moved, self.size, self.tolerance)
-        keep[weakest[: max(0, len(new) - missing)]] = False
-        log.debug("step %d: %d strokes, %d added, %d dropped", state.step, n, len(new), n - int(keep.sum()))
-        return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"round": self._round, "first": self._first}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self._round, self._first = state["round"], state["first"]
+    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        new = new_strokes(state, missing + len(weakest), self.size, self.tolerance)
+        return new, max(0, len(new) - missing)
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:

@@ -1,22 +1,20 @@
 """Trace lines through what is missing, and put new strokes there in place of those that matter least."""
 
 import math
-from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 from torch import Tensor
 
-from brushexp.bounds import at_least, between
+from brushexp.bounds import at_least
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
-from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.plugins.density._rounds import CHANNELS, Rounds
+from brushexp.plugins.density.base import DensificationState
 from brushexp.registry import register
 from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-CHANNELS = 3
-MIN_SHARE = 1e-3  # least share of the strokes to begin with
-STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
 POINTS = 10  # steps of a line to each side of its seed
 STEP = 1.2  # pixels of the picture on which lines of a width are sought
 OLD = 0.2  # share of the direction so far in that of a step
@@ -37,7 +35,7 @@ Array = np.ndarray
 
 @register("density", "traced")
 @dataclass(kw_only=True)
-class Traced(Density):
+class Traced(Rounds):
     """Start with fewer strokes, add whole ones that explain most of the error, also in place of the least important.
 
     From each peak of the error a line grows both ways along the picture's edges, as far as the error falls; its colour
@@ -58,49 +56,13 @@ class Traced(Density):
         tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
     """
 
-    start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
-    rounds: Annotated[int, at_least(1)] = 12
-    until: Annotated[float, between(0, 1)] = 0.75
-    moved: Annotated[float, between(0, 0.5)] = 0.1
     price: Annotated[float, at_least(0)] = 0.1
-    tolerance: Annotated[float, between(0, 1)] = 0.004
-    _round: int = field(default=0, init=False)  # number of the last one
-    _first: int = field(default=0, init=False)  # strokes at the beginning
-    uses_importance = True
 
-    def first(self, budget: int, steps: int) -> int:
-        return max(1, round(self.start * budget)) if self._rounds(steps) else budget
-
-    def _rounds(self, steps: int) -> int:
-        return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
-
-    def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        n, rounds = len(state.strokes), self._rounds(state.steps)
-        self._first = self._first or n
-        current = min(rounds, int(rounds * state.step / (self.until * state.steps))) if rounds else 0
-        if current <= self._round or state.step >= state.steps:
-            return None
-        self._round = current
-        importance, least = state.importance(), CHANNELS * self.tolerance**2
-        keep = importance > least
-        if n:
-            keep[importance.argmax()] = True
-        rest = int(keep.sum())
-        goal = self._first + max(0, state.budget - self._first) * current // rounds
-        missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
-        new, gain = traced_strokes(state, missing + moved, least)
-        weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
+    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
         offered = gain[missing:]  # the best gain goes to what is missing, the next to the weakest stroke
-        pays = int((offered > self.price * importance[weakest[: len(offered)]]).long().cumprod(0).sum())
-        keep[weakest[:pays]] = False
-        new = new[: missing + pays]
-        return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"round": self._round, "first": self._first}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self._round, self._first = state["round"], state["first"]
+        pays = int((offered > self.price * weakest[: len(offered)]).long().cumprod(0).sum())
+        return new[: missing + pays], pays
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,77 @@
+"""Rounds at which strokes are added and removed; what is added, and in whose place, is the policy's."""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from torch import Tensor
+
+from brushexp.bounds import at_least, between
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.strokes.catalogue import Strokes
+
+CHANNELS = 3
+MIN_SHARE = 1e-3  # least share of the strokes to begin with
+STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
+
+
+@dataclass(kw_only=True)
+class Rounds(Density):
+    """Starts with fewer strokes, and in each round drops the useless ones, adds others and moves the weakest.
+
+    A stroke is useless if the squared error without it grows by no more than ``tolerance`` at one pixel.
+    """
+
+    start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
+    rounds: Annotated[int, at_least(1)] = 12
+    until: Annotated[float, between(0, 1)] = 0.75
+    moved: Annotated[float, between(0, 0.5)] = 0.1
+    tolerance: Annotated[float, between(0, 1)] = 0.004
+    _round: int = field(default=0, init=False)  # number of the last one
+    _first: int = field(default=0, init=False)  # strokes at the beginning
+    uses_importance = True
+
+    @abstractmethod
+    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        """Return new strokes, at most ``missing`` and as many as go, and how many of the weakest go.
+
+        ``weakest`` (M,) is how important the strokes are that may go, the least important first.
+        """
+
+    def is_good_enough(self, state: DensificationState) -> bool:
+        """Tell whether a round is left out because of the picture as it is."""
+        return False
+
+    def first(self, budget: int, steps: int) -> int:
+        return max(1, round(self.start * budget)) if self._rounds(steps) else budget
+
+    def _rounds(self, steps: int) -> int:
+        return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
+
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
+        n, rounds = len(state.strokes), self._rounds(state.steps)
+        self._first = self._first or n
+        current = min(rounds, int(rounds * state.step / (self.until * state.steps))) if rounds else 0
+        if current <= self._round or state.step >= state.steps:
+            return None
+        self._round = current
+        if self.is_good_enough(state):
+            return None
+        importance = state.importance()
+        keep = importance > CHANNELS * self.tolerance**2
+        if n:
+            keep[importance.argmax()] = True
+        rest = int(keep.sum())
+        goal = self._first + max(0, state.budget - self._first) * current // rounds
+        missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
+        weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
+        new, gone = self.replaced(state, missing, importance[weakest])
+        keep[weakest[:gone]] = False
+        return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"round": self._round, "first": self._first}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._round, self._first = state["round"], state["first"]
