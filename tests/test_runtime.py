@@ -1,5 +1,6 @@
 """What one library or job does must not change what another was told: threads, packages, memory."""
 
+import importlib
 import subprocess
 import sys
 import time
@@ -96,11 +97,12 @@ def test_the_peak_of_a_job_is_not_that_of_one_before_it():
     assert (peak_memory() or 0) < (first or np.inf), "systems that cannot forget say that they do not know"
 
 
-def test_a_hidden_package_looks_as_if_it_were_not_installed_and_a_loaded_one_stays():
+def test_a_hidden_package_looks_as_if_it_were_not_installed_to_lightning_alone_and_a_loaded_one_stays():
+    assert "xmlrpc" not in sys.modules
     with hidden("xmlrpc", "mkdocs", "torch"):
         assert not RequirementCache("mkdocs>=0.1")
-        assert find_spec("xmlrpc") is None
-        assert find_spec("torch") is not None
+        assert not RequirementCache(module="xmlrpc.client")
         assert RequirementCache("torch>=2")
+        importlib.import_module("xmlrpc.server")  # a task may need it
     assert find_spec("xmlrpc") is not None
     assert RequirementCache("mkdocs>=0.2")

@@ -1,7 +1,6 @@
 """Measure how good a painting is where its target is flat, and where it is busy."""
 
 import torch
-from scipy.ndimage import uniform_filter
 from torch import Tensor
 
 from brushexp.pictures.similarity import psnr_of
@@ -13,6 +12,8 @@ WINDOWS = 16  # along the shorter side of a picture
 
 def variation(target: Tensor) -> Tensor:
     """Compute the standard deviation (H, W) of the colours of ``target`` (3, H, W) in a square around each pixel."""
+    from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
+
     side = max(3, min(target.shape[1:]) // WINDOWS)
     channels = target.double().cpu().numpy()
     squares, means = (uniform_filter(values, (1, side, side)) for values in (channels**2, channels))

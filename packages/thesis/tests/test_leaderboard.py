@@ -11,6 +11,7 @@ from brushexp_thesis.published import read_published
 from brushexp_thesis.standings import entries_of, sections_of
 from brushexp_thesis.standings_tables import at_equal_seconds, by_picture, table_cells
 from PIL import Image
+from program import ended
 from scipy import stats
 from sweeps import make_run, read_csv
 
@@ -193,3 +194,12 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     ):
         with pytest.raises(UserError, match=re.escape(reason)):
             run_task(task, "task=leaderboard", *wrong)
+
+
+def test_the_task_begins_from_the_command_line(tmp_path):
+    (tmp_path / "none").mkdir()
+    code, output = ended(tmp_path, "task=leaderboard", "runs=none")
+    assert (code, output) == (
+        1,
+        "brushexp: runs=none: there is no finished run in it; give the folder of a run or of a sweep\n",
+    )

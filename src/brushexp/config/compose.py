@@ -13,9 +13,9 @@ from omegaconf import DictConfig
 from brushexp.compat.hydra import isolated, parse_arguments
 from brushexp.config.keys import groups_of
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 
-SHIPPED = Path(__file__).parents[1] / "conf"
 OF_THE_TASK = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
 GLOBAL = "# @package _global_\n"  # first line of such a file
 
