@@ -175,3 +175,12 @@ def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path
     (line,) = (line for line in found.stdout.splitlines() if line.startswith("brushexp"))
     assert line.split()[-1] == "brushexp.pictures.load"
     assert len(line.split()) <= 8, line
+
+
+def test_help_loads_plugins_and_nothing_slow():
+    command = [sys.executable, "-X", "importtime", "-m", "brushexp", "--help"]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    loaded = {line.rpartition("|")[2].strip() for line in found.stderr.splitlines()}
+    assert "  psnr_flat " in found.stdout  # which needs a filter when it measures
+    assert "brushexp.registry" in loaded
+    assert not loaded & {"lightning", "numba", "scipy.ndimage", "matplotlib"}
