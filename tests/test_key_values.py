@@ -22,10 +22,11 @@ from brushexp.cli.many_pictures import name_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
-from brushexp.config.compose import SHIPPED, chosen_groups
+from brushexp.config.compose import chosen_groups
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import translate
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS

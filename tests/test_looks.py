@@ -9,10 +9,11 @@ from program import ended
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
-from brushexp.config.compose import SHIPPED, folders_of, presets_of
+from brushexp.config.compose import folders_of, presets_of
 from brushexp.config.looks import FACTORS
 from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.registry import plugin_of
 from brushexp.tasks import paint

@@ -12,7 +12,7 @@ from program import ended
 from brushexp.cli import many_pictures
 from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
 from brushexp.cli.program import expand_arguments
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import parse_value, verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples

@@ -11,10 +11,10 @@ from brushexp.bounds import above, at_least, between, multiple_of, one_of
 from brushexp.cli.help import help_text
 from brushexp.cli.program import expand_arguments
 from brushexp.config.check import check
-from brushexp.config.compose import SHIPPED
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]

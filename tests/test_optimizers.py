@@ -9,7 +9,7 @@ from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 from torch import Tensor
 
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.density.base import DensificationUpdate, Density

@@ -3,7 +3,7 @@
 import pytest
 from omegaconf import OmegaConf
 
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, build_named, plugins
 from brushexp.testing import contract
 

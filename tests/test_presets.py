@@ -7,7 +7,7 @@ import pytest
 
 from brushexp.config import compose
 from brushexp.config.check import check
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import build
 from brushexp.system.reading import read_text, yaml_of
 

@@ -11,8 +11,8 @@ from hydra.core.singleton import Singleton
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 
-from brushexp.config.compose import SHIPPED
 from brushexp.config.mistakes import explanation
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
 from brushexp.runs.sweep_jobs import check_jobs

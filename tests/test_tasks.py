@@ -15,7 +15,7 @@ from films import pixels_of
 from PIL import Image
 from program import ROOT, run
 
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 from brushexp.tasks import export, paint

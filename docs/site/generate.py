@@ -13,7 +13,8 @@ from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.bounds import Bounds, Rule
-from brushexp.config.compose import SHIPPED, presets_of
+from brushexp.config.compose import presets_of
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task

@@ -10,7 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.reporting.tables import markdown_table
 from brushexp.results.paired import (
     CONFIDENCE,

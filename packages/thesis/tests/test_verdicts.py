@@ -19,7 +19,7 @@ from scipy.stats import t
 from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
 
-from brushexp.config.compose import SHIPPED
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.results.paired import paired_differences
 from brushexp.system.files import write_json
