@@ -14,11 +14,11 @@ from omegaconf import MISSING
 
 from brushexp.bounds import Bounds, Rule
 from brushexp.config.compose import presets_of
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import as_typed
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
