@@ -1,0 +1,67 @@
+"""Draw parts of a canvas from its strokes, and measure their errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+
+from brushexp.painting.components import Components, build_components
+from brushexp.painting.finished import bare_job
+from brushexp.pictures.load import background_color
+from brushexp.pictures.region import Region
+from brushexp.plugins.order.base import front_to_back
+from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.laying import reaching
+from brushexp_canvases.store import SQUARES, CanvasStore
+from brushexp_canvases.tile import Canvas
+
+SEAM = 4  # pixels on each side of a border between tiles whose errors are those of the seam
+EDGE = 2  # pixels around a part that its light depends on
+
+
+def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
+    """Draw a tile of a canvas whose tiles around it are painted, with its light, and store it with its errors."""
+    store, cfg = canvas.open()
+    if store.is_drawn(tile):
+        return
+    region = store.grid.region(tile)
+    pixels = draw_region(store, cfg, build_components(cfg), region)
+    target = store.read("target", region)
+    store.write("painting", region, pixels)
+    store.put_squares(tile, errors_of(pixels, target, _near_borders(store.grid, tile, region)))
+
+
+def draw_region(store: CanvasStore, cfg: DictConfig, parts: Components, region: Region, zoom: float = 1) -> np.ndarray:
+    """Draw a part of a painted canvas, crisp at any ``zoom``: (3, zoom h, zoom w) uint8."""
+    wide = region.widened(EDGE, store.grid.size)
+    near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
+    strokes, depth = store.strokes_of(near)
+    seen = reaching(strokes, wide, EDGE)
+    strokes = strokes[seen].moved(shift=(-wide.left, -wide.top)).moved(zoom=zoom)
+    size = (round(wide.height * zoom), round(wide.width * zoom))
+    job = bare_job(cfg, parts.stages[-1].renderer, parts.blend, size)
+    background = background_color(cfg.background, torch.ones(3, 1, 1))
+    job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
+    top, left = round((region.top - wide.top) * zoom), round((region.left - wide.left) * zoom)
+    height, width = round(region.height * zoom), round(region.width * zoom)
+    return np.ascontiguousarray(job.picture()[top : top + height, left : left + width].transpose(2, 0, 1))
+
+
+def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> dict[str, float]:
+    """Sum squared errors of pictures (3, h, w) uint8, in [0, 1]: of all pixels, and ``near`` (h, w) a border."""
+    squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
+    numbers = float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size
+    return dict(zip(SQUARES, numbers, strict=True))
+
+
+def _near_borders(grid: Grid, tile: Tile, region: Region) -> np.ndarray:
+    """Mark the pixels (h, w) of a tile that lie at most `SEAM` pixels from another tile."""
+    near = np.zeros((region.height, region.width), bool)
+    near[:SEAM] |= tile.row > 0
+    near[-SEAM:] |= tile.row < grid.shape[0] - 1
+    near[:, :SEAM] |= tile.column > 0
+    near[:, -SEAM:] |= tile.column < grid.shape[1] - 1
+    return near

@@ -1,0 +1,80 @@
+"""Cut a canvas into tiles, and say which of them are painted before which."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from brushexp.pictures.region import Region
+
+
+@dataclass(frozen=True, order=True)
+class Tile:
+    """A tile by its place in the grid."""
+
+    row: int
+    column: int
+
+    @property
+    def round(self) -> int:
+        """Number, 0 to 3, of the round in which it is painted: tiles of a round do not touch each other."""
+        return 2 * (self.row % 2) + self.column % 2
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square tiles of ``side`` pixels over a canvas of ``size`` (H, W), smaller ones at the right and the bottom.
+
+    A tile is painted in its window, which is ``margin`` pixels wider on each side, within the canvas. Windows of tiles
+    of one round do not overlap, so that these tiles do not depend on each other.
+
+    >>> grid = Grid((100, 70), side=40, margin=8)
+    >>> grid.shape, grid.region(Tile(2, 1)), grid.window(Tile(2, 1))
+    ((3, 2), Region(top=80, left=40, height=20, width=30), Region(top=72, left=32, height=28, width=38))
+    >>> list(grid.before(Tile(1, 1)))
+    [Tile(row=0, column=0), Tile(row=0, column=1), Tile(row=1, column=0), Tile(row=2, column=0), Tile(row=2, column=1)]
+    """
+
+    size: tuple[int, int]  # height and width in pixels
+    side: int
+    margin: int  # at most half a side
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        return -(-self.size[0] // self.side), -(-self.size[1] // self.side)
+
+    def tiles(self) -> list[Tile]:
+        """List all tiles, round by round."""
+        rows, columns = self.shape
+        tiles = [Tile(row, column) for row in range(rows) for column in range(columns)]
+        return sorted(tiles, key=lambda tile: (tile.round, tile))
+
+    def region(self, tile: Tile) -> Region:
+        """Return the pixels of a tile."""
+        return self._within(tile, 0)
+
+    def window(self, tile: Tile) -> Region:
+        """Return the pixels that are looked at while a tile is painted."""
+        return self._within(tile, self.margin)
+
+    def tiles_in(self, region: Region) -> Iterator[Tile]:
+        """Yield the tiles that have pixels of a region."""
+        for row in range(region.top // self.side, -(-(region.top + region.height) // self.side)):
+            for column in range(region.left // self.side, -(-(region.left + region.width) // self.side)):
+                yield Tile(row, column)
+
+    def around(self, tile: Tile) -> Iterator[Tile]:
+        """Yield the tiles that touch a tile, at most eight."""
+        for row in range(max(0, tile.row - 1), min(self.shape[0], tile.row + 2)):
+            for column in range(max(0, tile.column - 1), min(self.shape[1], tile.column + 2)):
+                if (row, column) != (tile.row, tile.column):
+                    yield Tile(row, column)
+
+    def before(self, tile: Tile) -> Iterator[Tile]:
+        """Yield the tiles around a tile that are painted before it."""
+        return (other for other in self.around(tile) if other.round < tile.round)
+
+    def _within(self, tile: Tile, margin: int) -> Region:
+        top, left = max(0, tile.row * self.side - margin), max(0, tile.column * self.side - margin)
+        bottom = min(self.size[0], (tile.row + 1) * self.side + margin)
+        right = min(self.size[1], (tile.column + 1) * self.side + margin)
+        return Region(top, left, bottom - top, right - left)

@@ -1,0 +1,79 @@
+"""Paint the tiles of a canvas on the workers of a Dask cluster, each as soon as those before it are painted."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from brushexp.errors import UserError
+from brushexp_canvases.drawing import draw_tile
+from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.tile import Canvas, paint_tile
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
+AGAIN = 3  # workers that may die of one tile; Dask's own default
+
+
+@contextmanager
+def workers(n: int, address: str | None) -> Iterator[Client]:
+    """Start ``n`` workers of one thread on this machine, or take those of the scheduler at ``address``."""
+    try:
+        from distributed import Client, LocalCluster  # noqa: PLC0415  (the extra ``canvas``)
+    except ImportError as error:
+        raise UserError("canvas= needs Dask; install it with: pip install 'brushexp[canvas]'") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what happens is said in our words
+    with ExitStack() as stack:
+        if address is None:
+            cluster = stack.enter_context(
+                LocalCluster(n_workers=n, threads_per_worker=1, dashboard_address=None, silence_logs=SILENT)
+            )
+            yield stack.enter_context(Client(cluster))
+            return
+        try:
+            client = stack.enter_context(Client(address, timeout="10s"))
+        except (OSError, ValueError) as error:
+            cure = "start one with: dask scheduler; or leave cluster= out"
+            raise UserError(f"cluster={address} has no scheduler of Dask that answers ({error}); {cure}") from error
+        yield client
+
+
+def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> None:
+    """Paint and draw the tiles that are left ``todo``; ``show`` is told how many of these jobs are done.
+
+    A tile is painted after those ``before`` it, and drawn after those around it. A worker that dies is replaced, and
+    its tile is begun again.
+    """
+    painted: dict[Tile, Future] = {}
+    for tile in todo:
+        needed = [painted[other] for other in grid.before(tile) if other in painted]
+        painted[tile] = client.submit(paint_tile, canvas, tile, *needed, pure=False)
+    drawn = []
+    for tile in todo:
+        needed = [painted[other] for other in (tile, *grid.around(tile)) if other in painted]
+        drawn.append(client.submit(draw_tile, canvas, tile, *needed, pure=False))
+    _follow(client, [*painted.values(), *drawn], canvas, show)
+
+
+def _follow(client: Client, futures: list[Future], canvas: Canvas, show: Callable[[int], None]) -> None:
+    from distributed import as_completed  # noqa: PLC0415
+    from distributed.comm.core import CommClosedError  # noqa: PLC0415
+    from distributed.scheduler import KilledWorker  # noqa: PLC0415
+
+    again = f"type the same command to go on; tiles that are painted stay in {canvas.path}"
+    try:
+        for done, future in enumerate(as_completed(futures), start=1):
+            if future.status == "cancelled":
+                raise UserError(f"the scheduler is gone, with {len(futures) - done + 1} jobs left; {again}")
+            future.result()  # raises what the job has raised
+            show(done)
+    except KilledWorker as error:
+        raise UserError(
+            f"a tile has ended {AGAIN} workers, for want of memory maybe; lower tile=, and {again}"
+        ) from error
+    except (CommClosedError, TimeoutError) as error:
+        raise UserError(f"the scheduler is gone; {again}") from error

@@ -1,0 +1,68 @@
+"""Which strokes a tile begins with: those of its neighbours that stay, its own, and some that pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.painting.canvas_memory import boxes_of
+from brushexp.painting.components import first_strokes
+from brushexp.pictures.region import Region
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.strokes.catalogue import Strokes
+from brushexp_canvases.grid import Tile
+from brushexp_canvases.store import CanvasStore
+
+
+@dataclass(frozen=True)
+class Laid:
+    """The strokes of a window before its first step, in pixels of the canvas; ``ring`` and ``depth`` are as long."""
+
+    ring: Strokes  # of neighbours that are painted; they stay as they are
+    depth: Tensor  # the depths of these
+    own: Strokes  # which the tile will have
+    passing: Strokes  # in neighbours that are not painted; they lie below the others, and are not stored
+
+
+def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
+    """Lay the strokes of a tile whose window shows ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
+    grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
+    before = sorted(grid.before(tile))
+    stored, depth = store.strokes_of(before)
+    near = reaching(stored, window, 0)
+    inner = Region(region.top - window.top, region.left - window.left, region.height, region.width)
+    own, _ = first_strokes(cfg, inner.of(target).contiguous(), Fixed(), None if focus is None else inner.of(focus))
+    wide, _ = first_strokes(cfg, target, Fixed(), focus)
+    wide = wide.moved(shift=(window.left, window.top))
+    passing = wide[~in_any(wide.position, [region, *(grid.region(other) for other in before)])]
+    return Laid(stored[near], depth[near], own.moved(shift=(region.left, region.top)), passing)
+
+
+def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
+    """Tell which of N strokes have boxes, ``edge`` pixels wider, that meet a region: (N,) bool."""
+    low, high = boxes_of(strokes, 1 + edge)
+    first = low.new_tensor([region.left, region.top])
+    return ((high > first) & (low < first + low.new_tensor([region.width, region.height]))).all(1)
+
+
+def joined(*parts: Strokes) -> Strokes:
+    """Join strokes, each with the brush that it has."""
+    parts = parts or (Strokes.none(),)
+    return replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))
+
+
+def inside(position: Tensor, region: Region) -> Tensor:
+    """Tell which positions (N, 2) lie in a region; of two regions side by side, no position lies in both."""
+    low = position.new_tensor([region.left, region.top])
+    return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)
+
+
+def in_any(position: Tensor, regions: list[Region]) -> Tensor:
+    """Tell which positions (N, 2) lie in one of the regions."""
+    found = torch.zeros(len(position), dtype=torch.bool)
+    for region in regions:
+        found |= inside(position, region)
+    return found

@@ -1,0 +1,206 @@
+"""Pyramids of a large picture: OME-Zarr levels, and the static files of Deep Zoom and IIIF that viewers read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from brushexp.errors import UserError
+from brushexp.pictures.region import Region
+from brushexp.system.files import write_bytes, write_json, write_text
+
+TILE = 512  # pixels of a side of the files
+QUALITY = 90  # of JPEG
+BASE = "http://localhost:8000"  # address that IIIF documents begin with unless another is given
+LARGEST_WHOLE = 4096  # pixels of the longer side of the largest level that IIIF offers in one file
+HALVED_CHUNK = 1024  # pixels of a side that is halved at a time
+
+Read = Callable[[Region], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A resolution of a picture: its size (H, W), and what reads a part of it, (3, h, w) uint8."""
+
+    size: tuple[int, int]
+    read: Read
+
+    @property
+    def zoomed_out(self) -> tuple[int, int]:
+        """Size of the level above it."""
+        return -(-self.size[0] // 2), -(-self.size[1] // 2)
+
+
+def add_levels(group: Any, name: str) -> list[Level]:
+    """Add levels ``1``, ``2``, ... to the level ``0`` (3, H, W) of a Zarr group, each of half the size of the last.
+
+    A level is the mean over squares of four pixels, until both sides are at most `TILE`. The group is then an image
+    of OME-Zarr 0.5 with the given ``name``.
+    """
+    levels = [_level(group["0"])]
+    while max(levels[-1].size) > TILE:
+        below, number = levels[-1], len(levels)
+        height, width = below.zoomed_out
+        chunk = group["0"].chunks
+        array = group.create_array(str(number), shape=(3, height, width), chunks=chunk, dtype="uint8", overwrite=True)
+        for part in Region(0, 0, height, width).tiles(HALVED_CHUNK):
+            place = Region(2 * part.top, 2 * part.left, 2 * part.height, 2 * part.width)
+            array[:, part.top : part.top + part.height, part.left : part.left + part.width] = halved(below.read(place))
+        levels.append(_level(array))
+    datasets = [
+        {"path": str(number), "coordinateTransformations": [{"type": "scale", "scale": [1, 2**number, 2**number]}]}
+        for number in range(len(levels))
+    ]
+    axes = [{"name": "c", "type": "channel"}, {"name": "y", "type": "space"}, {"name": "x", "type": "space"}]
+    colors = [("red", "FF0000"), ("green", "00FF00"), ("blue", "0000FF")]
+    window = {"start": 0, "end": 255, "min": 0, "max": 255}
+    channels = [{"label": label, "color": color, "active": True, "window": window} for label, color in colors]
+    image = {"name": name, "axes": axes, "datasets": datasets, "type": "mean"}
+    group.attrs["ome"] = {"version": "0.5", "multiscales": [image], "omero": {"channels": channels}}
+    return levels
+
+
+def _level(array: Any) -> Level:
+    def read(region: Region) -> np.ndarray:
+        rows = slice(region.top, region.top + region.height)
+        pixels: np.ndarray = array[:, rows, region.left : region.left + region.width]
+        return pixels
+
+    return Level((array.shape[1], array.shape[2]), read)
+
+
+def halved(pixels: np.ndarray) -> np.ndarray:
+    """Average (3, h, w) uint8 over squares of four pixels; an odd last row or column counts twice."""
+    odd = [(0, 0), (0, pixels.shape[1] % 2), (0, pixels.shape[2] % 2)]
+    even = np.pad(pixels, odd, mode="edge").astype(np.uint16)
+    total = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
+    return ((total + 2) // 4).astype(np.uint8)
+
+
+def write_dzi(folder: Path, name: str, levels: list[Level]) -> Path:
+    """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image."""
+    height, width = levels[0].size
+    everything = list(levels)
+    while max(everything[-1].size) > 1:  # Deep Zoom goes on to a single pixel
+        everything.append(_above(everything[-1]))
+    for number, level in enumerate(reversed(everything)):
+        for region in Region(0, 0, *level.size).tiles(TILE):
+            tile = f"{region.left // TILE}_{region.top // TILE}.jpg"
+            _write_jpeg(folder / f"{name}_files" / str(number) / tile, level.read(region))
+    size = f'<Size Width="{width}" Height="{height}"/>'
+    opening = f'<Image xmlns="{DEEP_ZOOM}" Format="jpg" Overlap="0" TileSize="{TILE}">'
+    write_text(path := folder / f"{name}.dzi", f'<?xml version="1.0" encoding="UTF-8"?>\n{opening}{size}</Image>\n')
+    return path
+
+
+DEEP_ZOOM = "http://schemas.microsoft.com/deepzoom/2008"
+
+
+def _above(level: Level) -> Level:
+    whole = halved(level.read(Region(0, 0, *level.size)))
+    return Level((whole.shape[1], whole.shape[2]), lambda region: region_of(whole, region))
+
+
+def region_of(picture: np.ndarray, region: Region) -> np.ndarray:
+    """Cut a part out of a picture (3, H, W)."""
+    rows = slice(region.top, region.top + region.height)
+    return picture[:, rows, region.left : region.left + region.width]
+
+
+def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> Path:
+    """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
+
+    ``names`` are the levels of each picture, all of one size; the first is the painting. The documents name each other
+    by addresses that begin with ``base``: where the folder will be served. Without a server behind, viewers get the
+    tiles, and whole pictures up to `LARGEST_WHOLE` pixels.
+    """
+    if not base.startswith(("http://", "https://")):
+        raise UserError(f"base={base} is no address; give where the files will be served, https://example.org/rhone")
+    base = base.rstrip("/")
+    for name, levels in names.items():
+        write_json(folder / name / "info.json", _write_image(folder / name, f"{base}/{name}", levels))
+    first = next(iter(names))
+    size = names[first][0].size
+    write_json(path := folder / "manifest.json", manifest_of(base, list(names), size, title))
+    return path
+
+
+def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, Any]:
+    height, width = levels[0].size
+    wholes = []
+    for number, level in enumerate(levels):
+        scale = 2**number
+        for region in Region(0, 0, *level.size).tiles(TILE):
+            left, top = region.left * scale, region.top * scale
+            right, bottom = min(width, left + TILE * scale), min(height, top + TILE * scale)
+            is_whole = (right - left, bottom - top) == (width, height)
+            part = "full" if is_whole else f"{left},{top},{right - left},{bottom - top}"
+            size = f"{region.width},{region.height}"
+            _write_jpeg(folder / part / size / "0" / "default.jpg", level.read(region))
+        if max(level.size) <= LARGEST_WHOLE:
+            whole = level.read(Region(0, 0, *level.size))
+            wholes.append({"width": level.size[1], "height": level.size[0]})
+            _write_jpeg(folder / "full" / f"{level.size[1]},{level.size[0]}" / "0" / "default.jpg", whole)
+            if len(wholes) == 1:
+                _write_jpeg(folder / "full" / "max" / "0" / "default.jpg", whole)
+    info = {
+        "@context": "http://iiif.io/api/image/3/context.json",
+        "id": address,
+        "type": "ImageService3",
+        "protocol": "http://iiif.io/api/image",
+        "profile": "level0",
+        "width": width,
+        "height": height,
+        "sizes": wholes[::-1],
+        "tiles": [{"width": TILE, "height": TILE, "scaleFactors": [2**number for number in range(len(levels))]}],
+    }
+    largest = wholes[0]
+    if largest["width"] < width:
+        info |= {"maxWidth": largest["width"], "maxHeight": largest["height"]}
+    return info
+
+
+def manifest_of(base: str, names: list[str], size: tuple[int, int], title: str) -> dict[str, Any]:
+    """Describe pictures of one ``size`` (H, W) as layers of one canvas, of which a viewer shows one at a time."""
+    height, width = size
+    canvas, shape = f"{base}/canvas", {"height": height, "width": width}
+    bodies = [
+        {
+            "id": f"{base}/{name}/full/max/0/default.jpg",
+            "type": "Image",
+            "label": {"en": [name]},
+            "format": "image/jpeg",
+            **shape,
+            "service": [{"id": f"{base}/{name}", "type": "ImageService3", "profile": "level0"}],
+        }
+        for name in names
+    ]
+    body = bodies[0] if len(bodies) == 1 else {"type": "Choice", "items": bodies}
+    painting = {
+        "id": f"{canvas}/painting",
+        "type": "Annotation",
+        "motivation": "painting",
+        "body": body,
+        "target": canvas,
+    }
+    page = {"id": f"{canvas}/page", "type": "AnnotationPage", "items": [painting]}
+    return {
+        "@context": "http://iiif.io/api/presentation/3/context.json",
+        "id": f"{base}/manifest.json",
+        "type": "Manifest",
+        "label": {"en": [title]},
+        "items": [{"id": canvas, "type": "Canvas", **shape, "items": [page]}],
+    }
+
+
+def _write_jpeg(path: Path, pixels: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 2, 0))).save(data, "JPEG", quality=QUALITY, subsampling=0)
+    write_bytes(path, data.getvalue())

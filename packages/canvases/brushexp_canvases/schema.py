@@ -1,0 +1,65 @@
+"""Keys of ``task=canvas``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.bounds import at_least, between, one_of
+from brushexp.config.keys import key
+from brushexp.config.rules import check_painting
+from brushexp.config.schema import PaintTask
+from brushexp.errors import UserError
+from brushexp.plugins.painter.base import Painter
+from brushexp.registry import keep_built, plugin_of
+
+OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
+    "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
+    "style.brushwork": None, "wet": 0, "strokes": None,
+}  # fmt: skip
+
+
+@dataclass
+class CanvasTask(PaintTask):
+    """Paint a picture of any size tile by tile on a canvas on disk; canvas=big.zarr asks for this task."""
+
+    module = "brushexp_canvases.task"
+    instead_of = "paint"
+
+    image: str = key("scan.tif", "a picture file of any size, or an OME-Zarr image")
+    canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued")
+    tile: int = key(1024, "side of a tile in pixels", between(16, 4096))
+    margin: int = key(
+        64, "pixels around a tile that are looked at while it is painted; at most half a tile", at_least(8)
+    )
+    workers: int | None = key(None, "processes that paint, of one thread each; null = one per core", at_least(1))
+    cluster: str | None = key(None, "address of a Dask scheduler, tcp://host:8786; null = workers on this machine")
+    pyramid: str = key("dzi", "what is written beside the canvas to look at it", one_of("dzi", "iiif", "none"))
+
+    @staticmethod
+    def suits(typed: Mapping[str, Any]) -> bool:
+        return typed.get("canvas") is not None
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        if isinstance(keep_built(cfg.painter), Painter):
+            name = plugin_of(cfg.painter).name
+            raise UserError(f"painter={name} paints pictures in memory; drop painter, or drop canvas")
+        for name, default in OF_PICTURES.items():
+            if (value := OmegaConf.select(cfg, name)) != default:
+                cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
+                raise UserError(f"{name}={value} is for pictures in memory, and canvas={cfg.canvas} is on disk; {cure}")
+        if 2 * cfg.margin > cfg.tile:
+            raise UserError(f"margin={cfg.margin} is more than half of tile={cfg.tile}; set margin={cfg.tile // 2}")
+        if cfg.background == "transparent":
+            raise UserError("background=transparent is for pictures in memory; drop it, or drop canvas")
+        if keep_built(cfg.order).needs_accuracy:
+            raise UserError(
+                f"order={plugin_of(cfg.order).name} looks at the whole painting; drop order, or drop canvas"
+            )
+        if not Path(cfg.image).exists():
+            raise UserError(f"image={cfg.image} is not there; give a picture file or an OME-Zarr image")
+        side = cfg.tile + 2 * cfg.margin
+        check_painting(cfg, overrides, (side, side))

@@ -1,0 +1,113 @@
+"""Pictures of any size are read strip by strip, in sRGB of 8 bits: TIFF, BigTIFF, PNG, JPEG, WebP, HEIC; OME-Zarr."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from brushexp.errors import UserError
+
+STRIP = 256  # rows that are in memory at a time
+HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and its levels for each of 8 bits
+DEPTHS = (np.uint8, np.uint16)
+
+
+class Source(Protocol):
+    """A picture on disk."""
+
+    size: tuple[int, int]  # height and width in pixels
+
+    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the first row and the pixels (3, h, W) uint8 of each strip, from the top."""
+
+
+def open_source(path: Path, resolution: int | None = None) -> Source:
+    """Open a picture file or an OME-Zarr image, resampled to ``resolution`` pixels on its longer side (files only)."""
+    if not path.exists():
+        raise UserError(f"image={path} is not there; give a picture file or an OME-Zarr image")
+    if not path.is_dir():
+        return PictureFile(path, resolution)
+    if resolution is not None:
+        raise UserError(
+            f"resolution={resolution} is for picture files, and {path} is painted as it is; drop resolution"
+        )
+    return ZarrImage(path)
+
+
+class PictureFile:
+    """A file that libvips decodes as a stream: turned as its EXIF says, in sRGB by its profile, over white."""
+
+    def __init__(self, path: Path, resolution: int | None = None) -> None:
+        self._vips, self.path = _vips(), path
+        with self._explaining():
+            image = self._vips.Image.new_from_file(str(path), access="sequential", fail_on="truncated").autorot()
+            self._image = in_srgb(image)
+            if resolution is not None:
+                self._image = self._image.resize(resolution / max(image.width, image.height))
+        self.size = (self._image.height, self._image.width)
+
+    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
+        (height, width), reader = self.size, self._vips.Region.new(self._image)
+        for top in range(0, height, STRIP):
+            rows = min(STRIP, height - top)
+            with self._explaining():
+                pixels = np.frombuffer(reader.fetch(0, top, width, rows), np.uint8)
+            yield top, np.ascontiguousarray(pixels.reshape(rows, width, 3).transpose(2, 0, 1))
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        try:
+            yield
+        except self._vips.Error as error:
+            reason = str(error).strip().splitlines()[-1]
+            cure = "give a whole TIFF, PNG, JPEG, WebP or HEIC file"
+            raise UserError(f"image={self.path} cannot be read by libvips ({reason}); {cure}") from error
+
+
+def in_srgb(image: Any) -> Any:
+    """Convert to sRGB of 8 bits by the profile of a picture, and lay what is transparent over white."""
+    if image.get_typeof("icc-profile-data"):
+        image = image.icc_transform("srgb", depth=8, intent="relative")
+    if image.hasalpha():
+        white = HIGHEST if image.format == "ushort" else 255
+        image = image.flatten(background=[white] * max(1, image.bands - 1))
+    image = image.colourspace("srgb")
+    return image.cast("uchar") if image.format != "uchar" else image
+
+
+class ZarrImage:
+    """The first level of an OME-Zarr image: (3, H, W) or (1, H, W) of 8 or 16 bits, after axes of length one."""
+
+    def __init__(self, path: Path) -> None:
+        import zarr  # noqa: PLC0415  (the extra ``canvas``)
+
+        try:
+            group = zarr.open_group(str(path), mode="r")
+            described: Any = group.attrs.get("ome", group.attrs)
+            self._array: Any = group[described["multiscales"][0]["datasets"][0]["path"]]
+        except (KeyError, IndexError, TypeError, OSError, ValueError) as error:
+            raise UserError(f"image={path} is no OME-Zarr image ({error}); give one, or a picture file") from error
+        *leading, channels, height, width = (1, *self._array.shape)[-max(3, self._array.ndim) :]
+        if any(side != 1 for side in leading) or channels not in (1, 3) or self._array.dtype not in DEPTHS:
+            needed = "red, green and blue, or grey, in 8 or 16 bits are needed"
+            raise UserError(f"image={path} has shape {self._array.shape} and type {self._array.dtype}; {needed}")
+        self.channels, self.size = channels, (height, width)
+
+    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
+        height, width = self.size
+        for top in range(0, height, STRIP):
+            rows = self._array[..., top : top + STRIP, :].reshape(self.channels, -1, width)
+            eight = rows if rows.dtype == np.uint8 else (rows / LEVELS).round().astype(np.uint8)
+            yield top, np.ascontiguousarray(np.broadcast_to(eight, (3, *eight.shape[1:])))
+
+
+def _vips() -> Any:
+    try:
+        import pyvips  # noqa: PLC0415  (the extra ``canvas``)
+    except ImportError as error:
+        raise UserError("canvas= needs pyvips; install it with: pip install 'brushexp[canvas]'") from error
+    return pyvips

@@ -1,0 +1,144 @@
+"""A canvas on disk: target, painting and strokes as Zarr arrays in chunks of a tile, of which any part can be read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.pictures.region import Region
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp_canvases.grid import Grid, Tile
+
+FORMAT = "brushexp canvas 1"
+NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # of a stroke in its row: fields, brush and depth
+UNPAINTED = -1  # strokes of a tile that is not painted
+PICTURES = ("target", "painting")
+SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # squared errors of a tile near its borders, and of all of it
+
+
+class CanvasStore:
+    """The arrays of a canvas; a tile is done when its number of strokes is there, which is written last.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     store = CanvasStore.create(Path(folder, "a.zarr"), Grid((30, 40), side=16, margin=4), 9, {"seed": 0})
+    ...     store.write("painting", Region(3, 5, 2, 2), np.full((3, 2, 2), 7, np.uint8))
+    ...     store.grid.shape, int(store.read("painting", Region(0, 0, 16, 16)).sum()), store.is_painted(Tile(0, 0))
+    ((2, 3), 84, False)
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.root = path, _open(path, "r+")
+        if self.root.attrs.get("format") != FORMAT:
+            raise UserError(f"canvas={path} is no canvas of brushexp; give another path")
+        self.record: dict[str, Any] = dict(self.root.attrs["record"])
+        size, side, margin = (self.root.attrs[name] for name in ("size", "side", "margin"))
+        self.grid = Grid((size[0], size[1]), side, margin)
+
+    @staticmethod
+    def create(path: Path, grid: Grid, capacity: int, record: dict[str, Any]) -> CanvasStore:
+        """Make an empty canvas, for ``capacity`` strokes of a tile at most; ``record`` says what it is."""
+        root = _open(path, "w")
+        chunk = (3, grid.side, grid.side)
+        for name in PICTURES:
+            levels = root.create_group(name)
+            _array(levels, "0", (3, *grid.size), chunk, "uint8", 255 if name == "painting" else 0)
+        rows, columns = grid.shape
+        _array(root, "strokes", (rows, columns, capacity, NUMBERS), (1, 1, capacity, NUMBERS), "float32", 0)
+        _array(root, "count", grid.shape, (1, 1), "int32", UNPAINTED)
+        _array(root, "squares", (*grid.shape, len(SQUARES)), (1, 1, len(SQUARES)), "float64", np.nan)
+        shape = {"size": list(grid.size), "side": grid.side, "margin": grid.margin}
+        root.attrs.update({"format": FORMAT, "record": record, **shape})
+        return CanvasStore(path)
+
+    def read(self, name: str, region: Region) -> np.ndarray:
+        """Read a part (3, h, w) uint8 of the ``target`` or the ``painting``."""
+        part: np.ndarray = self.root[f"{name}/0"][_slices(region)]
+        return part
+
+    def write(self, name: str, region: Region, pixels: np.ndarray) -> None:
+        """Write a part (3, h, w) uint8; two processes must not write into one tile."""
+        self.root[f"{name}/0"][_slices(region)] = pixels
+
+    def is_painted(self, tile: Tile) -> bool:
+        return self.count_of(tile) != UNPAINTED
+
+    def is_drawn(self, tile: Tile) -> bool:
+        return bool(np.isfinite(self.root["squares"][tile.row, tile.column]).all())
+
+    def count_of(self, tile: Tile) -> int:
+        return int(self.root["count"][tile.row, tile.column])
+
+    def strokes_of(self, tiles: Iterable[Tile]) -> tuple[Strokes, Tensor]:
+        """Read the N strokes of painted tiles, in pixels of the canvas, and their depths (N,): larger lies above."""
+        rows = [self.root["strokes"][tile.row, tile.column, : self.count_of(tile)] for tile in tiles]
+        return unpacked(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
+
+    def put_strokes(self, tile: Tile, strokes: Strokes, depth: Tensor) -> None:
+        """Store the strokes of a tile with their depths (N,), and that it is done."""
+        self.root["strokes"][tile.row, tile.column, : len(strokes)] = packed(strokes, depth)
+        self.root["count"][tile.row, tile.column] = len(strokes)
+
+    def put_squares(self, tile: Tile, squares: dict[str, float]) -> None:
+        """Store the errors of a tile by their names in `SQUARES`, and that it is drawn."""
+        self.root["squares"][tile.row, tile.column] = [squares[name] for name in SQUARES]
+
+    def errors(self) -> dict[str, float]:
+        """Compute the mean squared errors of the canvas, in [0, 1]: ``mse``, and ``seams`` relative to elsewhere."""
+        squares = dict(zip(SQUARES, np.nansum(self.root["squares"][:], axis=(0, 1)), strict=True))
+        inside, pixels = squares["all"] - squares["seam"], squares["all_pixels"] - squares["seam_pixels"]
+        ratio = np.nan
+        if squares["seam_pixels"] and inside:
+            ratio = squares["seam"] / squares["seam_pixels"] / (inside / pixels)
+        return {"mse": float(squares["all"] / max(1, squares["all_pixels"])), "seams": float(ratio)}
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Numbers of strokes (rows, columns) of the tiles; `UNPAINTED` where there are none yet."""
+        counts: np.ndarray = self.root["count"][:]
+        return counts
+
+
+def packed(strokes: Strokes, depth: Tensor) -> np.ndarray:
+    """Lay strokes and their depths (N,) out as rows (N, `NUMBERS`) of float32."""
+    columns = [value.detach().reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
+    columns += [column[:, None].to(columns[0]) for column in (strokes.brush, depth)]
+    return torch.cat(columns, dim=1).to("cpu", torch.float32).numpy()
+
+
+def unpacked(rows: np.ndarray) -> tuple[Strokes, Tensor]:
+    """Read strokes, each with its brush, and their depths from rows (N, `NUMBERS`)."""
+    sizes = [field.size or 1 for field in FIELDS.values()]
+    *columns, brush, depth = torch.from_numpy(np.ascontiguousarray(rows)).split([*sizes, 1, 1], 1)
+    values = {
+        name: column if field.size else column[:, 0]
+        for (name, field), column in zip(FIELDS.items(), columns, strict=True)
+    }
+    return Strokes(**values, brush=brush[:, 0].long()), depth[:, 0]
+
+
+def _open(path: Path, mode: str) -> Any:
+    import zarr  # noqa: PLC0415  (the extra ``canvas``)
+
+    try:
+        return zarr.open_group(str(path), mode=mode)
+    except (OSError, ValueError, KeyError) as error:
+        raise UserError(f"canvas={path} cannot be opened ({error}); give another path") from error
+
+
+def _array(group: Any, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: str, fill: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Zarr warns of what other languages may not read
+        group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill)
+
+
+def _slices(region: Region) -> tuple[slice, slice, slice]:
+    rows = slice(region.top, region.top + region.height)
+    return slice(None), rows, slice(region.left, region.left + region.width)

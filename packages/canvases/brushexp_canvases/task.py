@@ -1,0 +1,128 @@
+"""``task=canvas``: paint a picture of any size on a canvas on disk, tile by tile."""
+
+import logging
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.errors import UserError
+from brushexp.pictures.region import Region
+from brushexp.pictures.similarity import psnr_of
+from brushexp.system.files import write_json, write_picture
+from brushexp.system.progress import counting, with_progress
+from brushexp.system.runtime import cores, peak_memory
+from brushexp_canvases.grid import Grid
+from brushexp_canvases.jobs import paint_all, workers
+from brushexp_canvases.page import write_page
+from brushexp_canvases.pyramid import Level, add_levels, write_dzi, write_iiif
+from brushexp_canvases.source import Source, open_source
+from brushexp_canvases.store import CanvasStore
+from brushexp_canvases.tile import Canvas
+
+log = logging.getLogger(__name__)
+OF_THE_RUN = (  # keys that say where and how the tiles are painted, and not what they will look like
+    *("canvas", "workers", "cluster", "pyramid", "output", "overwrite", "threads", "trainer", "logger", "callbacks"),
+    *("report", "frames", "frame_side", "timelapse", "timelapse_seconds", "checkpoint_every", "objective", "metric"),
+)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Paint the tiles that are missing, write a pyramid with its page, and return the figures of metrics.json."""
+    path = Path(cfg.canvas)
+    store = CanvasStore(path) if path.exists() else begin(path, cfg)
+    check_same(store, cfg)
+    settings = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(settings, dict)
+    settings["background"] = store.record["background"]
+    canvas = Canvas(
+        str(path.resolve()), {str(key): value for key, value in settings.items()}, str(Path("plugins").resolve())
+    )
+    todo = [tile for tile in store.grid.tiles() if not (store.is_painted(tile) and store.is_drawn(tile))]
+    total, before = len(store.grid.tiles()), time.monotonic()
+    log.info("painting %d tiles of %d, %d are done", len(todo), total, total - len(todo))
+    if todo:
+        n = min(cfg.workers or cores(), len(todo))
+        with workers(n, cfg.cluster) as client, counting("painting tiles", 2 * len(todo)) as show:
+            paint_all(client, canvas, store.grid, todo, show)
+    seconds = time.monotonic() - before
+    levels = {name: add_levels(store.root[name], name) for name in ("painting", "target")}
+    n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6
+    lead = f"{n_strokes:,} strokes on {store.grid.size[1]:,} × {store.grid.size[0]:,} pixels"
+    write_looks(cfg.pyramid, folder, levels, Path(cfg.image).name, lead)
+    write_picture(folder / "painting.png", smallest(levels["painting"]).transpose(1, 2, 0))
+    errors = store.errors()
+    metrics: dict[str, Any] = {
+        "psnr": psnr_of(errors["mse"]),
+        "seams": errors["seams"],
+        "n_strokes": n_strokes,
+        "n_tiles": total,
+        "megapixels": megapixels,
+        "seconds": seconds,
+        "seconds_total": time.monotonic() - start,
+        "peak_memory_mb": peak_memory(),
+        "status": "completed",
+    }
+    write_json(folder / "metrics.json", metrics)
+    log.info("%s: %d strokes on %.1f megapixels", path, n_strokes, megapixels)
+    return metrics
+
+
+def begin(path: Path, cfg: DictConfig) -> CanvasStore:
+    """Make the canvas of a picture, and copy the picture into it strip by strip."""
+    source = open_source(Path(cfg.image), cfg.resolution)
+    grid = Grid(source.size, min(cfg.tile, max(source.size)), min(cfg.margin, max(source.size) // 2))
+    capacity = 1 + round(grid.side**2 / cfg.pixels_per_stroke)
+    record = {"settings": settings_that_count(cfg), "size": list(source.size), "background": cfg.background}
+    unfinished = path.with_name(f"{path.name}.part")
+    store = CanvasStore.create(unfinished, grid, capacity, record)
+    mean = copy_into(store, source)
+    if cfg.background == "mean":
+        store.root.attrs["record"] = {**record, "background": "#" + bytes(mean.round().astype(np.uint8)).hex()}
+    unfinished.rename(path)
+    return CanvasStore(path)
+
+
+def copy_into(store: CanvasStore, source: Source) -> np.ndarray:
+    """Copy a picture into the canvas, and return its mean colour (3,) in 8 bits."""
+    (height, width), total = source.size, np.zeros(3)
+    for top, rows in with_progress(source.strips(), height, "reading the picture", lambda item: item[1].shape[1]):
+        store.write("target", Region(top, 0, rows.shape[1], width), rows)
+        total += rows.sum(axis=(1, 2), dtype=np.float64)
+    return total / (height * width)
+
+
+def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
+    """Return the settings that decide how the canvas will look."""
+    settings = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(settings, dict)
+    return {str(key): value for key, value in settings.items() if key not in OF_THE_RUN}
+
+
+def check_same(store: CanvasStore, cfg: DictConfig) -> None:
+    """Refuse to go on with a canvas that was begun with other settings."""
+    before, now = store.record["settings"], settings_that_count(cfg)
+    for key in sorted(before.keys() | now.keys()):
+        if before.get(key) != now.get(key):
+            raise UserError(
+                f"canvas={store.path} was begun with {key}={before.get(key)}, and now {key}={now.get(key)}; "
+                "type that again, or give another canvas="
+            )
+
+
+def write_looks(kind: str, folder: Path, levels: dict[str, list[Level]], title: str, lead: str) -> None:
+    """Write what a viewer shows: Deep Zoom with a page, or the documents of IIIF."""
+    if kind == "dzi":
+        for name, pictures in levels.items():
+            write_dzi(folder, name, pictures)
+        write_page(folder, levels["painting"][0].size, list(levels), title, lead)
+    elif kind == "iiif":
+        write_iiif(folder / "iiif", levels, title)
+
+
+def smallest(levels: list[Level]) -> np.ndarray:
+    """Read the whole of the smallest level, (3, h, w) uint8."""
+    return levels[-1].read(Region(0, 0, *levels[-1].size))

@@ -1,0 +1,124 @@
+"""Paint one tile of a canvas, among the strokes of its neighbours that stay; and draw one, of all that reach it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from brushexp.painting.build import compute_focus
+from brushexp.painting.components import build_components
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.load import background_color
+from brushexp.pictures.region import Region
+from brushexp.plugin_loading import load_plugins
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.order.base import Order
+from brushexp.plugins.sampler.base import Sampler, View
+from brushexp.runs.trainer import conclude, fit, make_trainer
+from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.system.device import device_of
+from brushexp.system.runtime import use_threads
+from brushexp_canvases.grid import Tile
+from brushexp_canvases.laying import joined, lay
+from brushexp_canvases.store import CanvasStore
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """What workers know of a canvas: where it is, and the settings of the painting as plain data."""
+
+    path: str
+    settings: dict[str, Any]
+    plugins: str  # folder of the user's
+    threads: int = 1
+
+    def open(self) -> tuple[CanvasStore, DictConfig]:
+        """Load the plugins, as a new process has to, and open the arrays and the config."""
+        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
+        load_plugins(Path(self.plugins))
+        use_threads(self.threads)
+        return CanvasStore(Path(self.path)), OmegaConf.create(self.settings)
+
+
+class AllButFirst(Sampler):
+    """Looks at the whole window, and moves all strokes but the ``first`` ones, which are drawn as they are."""
+
+    cost, moves = "that of the whole window", "all but those of neighbours"
+
+    def __init__(self, first: int) -> None:
+        self.first = first
+
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
+        numbers = torch.arange(len(strokes), device=strokes.position.device)
+        return View(Region(0, 0, *size), numbers[self.first :], numbers[: self.first])
+
+
+class Remembered(Order):
+    """Orders strokes as another order does, and remembers by which numbers; the ``first`` strokes keep those they have.
+
+    Numbers of all tiles together order the strokes of the canvas as the optimiser saw them. The ``passing`` last
+    strokes lie below all others.
+    """
+
+    def __init__(self, order: Order, first: Tensor, passing: int) -> None:
+        self.order, self.first, self.passing, self.last = order, first, passing, first
+
+    def due(self, done: int, steps: int) -> bool:
+        return self.order.due(done, steps)
+
+    def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
+        self.last = self.order.depth(strokes, accuracy).clone()
+        self.last[: len(self.first)] = self.first
+        low, high = self.last.aminmax()
+        self.last[len(strokes) - self.passing :] -= high - low + 1
+        return self.last
+
+
+def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> int:
+    """Paint a tile, and store its strokes; returns their number. What tiles ``before`` it gave is waited for only.
+
+    The strokes of the neighbours that are painted stay as they are, as the ring of a partial update does (thesis 2020,
+    6.3). Where a neighbour is not painted yet, strokes are laid and optimised all the same, so that those of the tile
+    end as if the painting went on, and are then thrown away. They lie below those of the tile, which they must not
+    help to cover.
+    """
+    store, cfg = canvas.open()
+    if store.is_painted(tile):
+        return store.count_of(tile)
+    window = store.grid.window(tile)
+    target = torch.from_numpy(store.read("target", window)).float() / 255
+    cfg.seed += tile.row * store.grid.shape[1] + tile.column
+    L.seed_everything(cfg.seed, verbose=False)
+    focus, _ = compute_focus(cfg, target)
+    laid = lay(store, tile, cfg, target, focus)
+    strokes = joined(laid.ring, laid.own, laid.passing).moved(shift=(-window.left, -window.top))
+    painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
+    if painter.schedule.steps and len(laid.own):
+        trainer = make_trainer(cfg, device_of(cfg.device), None, [], checkpoints=False)
+        conclude(painter, None, cfg, fit(trainer, painter), painter.schedule.step)
+    painter.hand_over()
+    own = slice(len(laid.ring), len(laid.ring) + len(laid.own))
+    done = painter.strokes().map(Tensor.cpu)[own].moved(shift=(window.left, window.top))
+    store.put_strokes(tile, done, order.last.cpu()[own])
+    return len(done)
+
+
+def painter_of(
+    cfg: DictConfig, target: Tensor, strokes: Strokes, focus: Tensor | None, ring: Tensor, passing: int
+) -> tuple[StrokeOptimizer, Remembered]:
+    """Make a painter of strokes of which the first stay, at the depths of the ``ring`` (R,); and its order.
+
+    The last ones, ``passing`` in number, lie below the others.
+    """
+    parts, device = build_components(cfg), device_of(cfg.device)
+    order = Remembered(parts.order, ring.to(device), passing)
+    parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
+    catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
+    return StrokeOptimizer(catalogue, parts, target, background, seed=cfg.seed, focus=focus).to(device), order

@@ -1,0 +1,190 @@
+"""Canvases on disk: tiles, their strokes, seams, and what happens when painting ends early."""
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from brushexp_canvases.drawing import draw_region, draw_tile
+from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
+from brushexp_canvases.task import begin, check_same, settings_that_count
+from brushexp_canvases.tile import Canvas, paint_tile
+from omegaconf import OmegaConf
+from PIL import Image
+from skimage.data import astronaut
+
+from brushexp.api.settings import settings_of
+from brushexp.errors import UserError
+from brushexp.painting.components import build_components
+from brushexp.pictures.region import Region
+from brushexp.strokes.prior import sample_prior
+
+SIZES = [(1, 1), (40, 40), (41, 40), (100, 70), (7, 300), (256, 256)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_tiles_cover_a_canvas_once_and_windows_of_a_round_do_not_overlap(size: tuple[int, int]) -> None:
+    grid = Grid(size, side=40, margin=20)
+    covered = np.zeros(size, int)
+    for tile in grid.tiles():
+        grid_region = grid.region(tile)
+        covered[grid_region.top : grid_region.top + grid_region.height][
+            :, grid_region.left : grid_region.left + grid_region.width
+        ] += 1
+    assert (covered == 1).all()
+    for number in range(4):
+        seen = np.zeros(size, int)
+        for tile in (tile for tile in grid.tiles() if tile.round == number):
+            window = grid.window(tile)
+            seen[window.top : window.top + window.height, window.left : window.left + window.width] += 1
+        assert seen.max() <= 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_tile_waits_for_earlier_rounds_only(size: tuple[int, int]) -> None:
+    grid = Grid(size, side=40, margin=8)
+    for tile in grid.tiles():
+        assert all(other.round < tile.round for other in grid.before(tile))
+        assert all(grid.before(other) for other in grid.around(tile))
+        assert {tile} == set(grid.tiles_in(grid.region(tile)))
+
+
+def test_strokes_are_the_same_after_they_were_stored() -> None:
+    strokes, depth = sample_prior(7), torch.rand(7)
+    again, depth_again = unpacked(packed(strokes, depth))
+    assert packed(strokes, depth).shape == (7, NUMBERS)
+    assert torch.equal(depth, depth_again)
+    assert torch.equal(again.brush, strokes.brush)
+    for name, value in strokes.items():
+        assert torch.equal(getattr(again, name), value.float())
+    assert len(unpacked(packed(sample_prior(0), torch.empty(0)))[0]) == 0
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pictures") / "astronaut.png"
+    Image.fromarray(astronaut()[40:136, 170:298]).save(path)
+    return path
+
+
+def config_of(picture: Path, path: Path, **options: object) -> OmegaConf:
+    chosen = {"look": "plain", "steps": 4, "pixels_per_stroke": 48, "tile": 48, "margin": 16, "seed": 3} | options
+    return settings_of("canvas", {"image": str(picture), "canvas": str(path), **chosen}).cfg
+
+
+def canvas_of(store: CanvasStore, cfg: OmegaConf) -> Canvas:
+    settings = OmegaConf.to_container(cfg, resolve=True) | {"background": store.record["background"]}
+    return Canvas(str(store.path), settings, "plugins")
+
+
+def painted(picture: Path, path: Path, order: slice = slice(None), **options: object) -> tuple[CanvasStore, Canvas]:
+    cfg = config_of(picture, path, **options)
+    store = begin(path, cfg)
+    canvas = canvas_of(store, cfg)
+    for _, tiles in itertools.groupby(store.grid.tiles(), key=lambda tile: tile.round):
+        for tile in list(tiles)[order]:
+            paint_tile(canvas, tile)
+    for tile in store.grid.tiles()[order]:
+        draw_tile(canvas, tile)
+    return store, canvas
+
+
+@pytest.fixture(scope="module")
+def done(picture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[CanvasStore, Canvas]:
+    return painted(picture, tmp_path_factory.mktemp("canvas") / "a.zarr")
+
+
+def test_tiles_have_the_strokes_that_lie_in_them_and_the_painting_looks_like_the_picture(
+    done: tuple[CanvasStore, Canvas],
+) -> None:
+    store, _ = done
+    assert (store.counts > 0).all()
+    assert int(store.counts.sum()) == pytest.approx(96 * 128 / 48, rel=0.25)
+    assert store.errors()["mse"] < 0.01
+    everything = Region(0, 0, *store.grid.size)
+    difference = store.read("painting", everything).astype(float) - store.read("target", everything)
+    assert np.square(difference / 255).mean() == pytest.approx(store.errors()["mse"])
+
+
+def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasStore, Canvas]) -> None:
+    store, canvas = done
+    cfg = OmegaConf.create(canvas.settings)
+    everything = Region(0, 0, *store.grid.size)
+    whole = draw_region(store, cfg, build_components(cfg), everything)
+    assert np.abs(whole.astype(int) - store.read("painting", everything)).max() <= 1
+    large = draw_region(store, cfg, build_components(cfg), Region(10, 20, 30, 40), zoom=2)
+    assert large.shape == (3, 60, 80)
+    small = large.reshape(3, 30, 2, 40, 2).mean((2, 4))
+    assert np.abs(small - whole[:, 10:40, 20:60]).mean() < 4
+
+
+def test_the_same_bits_in_any_order_within_a_round(
+    done: tuple[CanvasStore, Canvas], picture: Path, tmp_path: Path
+) -> None:
+    store, _ = done
+    other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
+    for name in ("strokes", "count", "squares", "painting/0"):
+        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
+
+
+def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture: Path, tmp_path: Path) -> None:
+    store, canvas = painted(picture, tmp_path / "c.zarr")
+    tile = Tile(1, 1)
+    before = packed(*store.strokes_of([tile]))
+    store.root["strokes"][1, 1] = 0.5  # as if killed while it was written
+    store.root["count"][1, 1] = -1
+    assert not store.is_painted(tile)
+    paint_tile(canvas, tile)
+    np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
+
+
+def test_what_is_painted_is_not_painted_again(done: tuple[CanvasStore, Canvas]) -> None:
+    store, canvas = done
+    before = {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
+    for tile in store.grid.tiles():
+        paint_tile(canvas, tile)
+        draw_tile(canvas, tile)
+    assert before == {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
+
+
+def test_a_canvas_goes_on_with_the_settings_that_it_was_begun_with(
+    done: tuple[CanvasStore, Canvas], picture: Path
+) -> None:
+    store, _ = done
+    check_same(store, config_of(picture, store.path, workers=2))
+    with pytest.raises(UserError, match="begun with steps=4, and now steps=5"):
+        check_same(store, config_of(picture, store.path, steps=5))
+    assert "workers" not in settings_that_count(config_of(picture, store.path))
+
+
+def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.zarr").mkdir()
+    with pytest.raises(UserError, match=r"x\.zarr"):
+        CanvasStore(tmp_path / "x.zarr")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strokes": 100}, "pixels_per_stroke"),
+        ({"order": "accuracy"}, "order=accuracy"),
+        ({"margin": 40}, "margin=24"),
+        ({"painter": "greedy"}, "painter=greedy"),
+        ({"background": "transparent"}, "background"),
+        ({"image": "nowhere.tif"}, r"nowhere\.tif"),
+    ],
+)
+def test_what_a_canvas_cannot_do_is_refused(picture: Path, tmp_path: Path, options: dict, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        config_of(picture, tmp_path / "d.zarr", **options)
+
+
+def test_one_small_tile_is_a_canvas(tmp_path: Path) -> None:
+    Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
+    store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
+    assert store.grid.shape == (1, 1)
+    assert np.isnan(store.errors()["seams"])
+    assert json.loads((tmp_path / "small.zarr" / "zarr.json").read_text())["attributes"]["size"] == [3, 5]

@@ -1,0 +1,182 @@
+"""Pyramids: every level is the mean of the one below, and viewers' files put together are the picture."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from brushexp_canvases.pyramid import TILE, Level, halved, region_of, write_dzi, write_iiif
+from brushexp_canvases.source import open_source
+from PIL import Image
+from skimage.data import astronaut
+
+from brushexp.errors import UserError
+from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.job import ExportJob, export_job
+from brushexp.registry import build_named
+from brushexp.strokes.prior import sample_prior
+from brushexp.strokes.saved import Saved
+
+
+def job_of(height: int, width: int) -> ExportJob:
+    strokes = sample_prior(40).moved(zoom=2.0)
+    depth = torch.arange(40, dtype=torch.int32)
+    return export_job(Saved(strokes, depth, (height, width), torch.ones(3), renderer="analytic"))
+
+
+def levels_of(picture: np.ndarray) -> list[Level]:
+    pictures = [picture]
+    while max(pictures[-1].shape[1:]) > TILE:
+        pictures.append(halved(pictures[-1]))
+    return [
+        Level((each.shape[1], each.shape[2]), lambda region, each=each: region_of(each, region)) for each in pictures
+    ]
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    with Image.open(path) as picture:
+        return picture.size
+
+
+def smooth(height: int, width: int) -> np.ndarray:
+    y, x = np.mgrid[:height, :width]
+    return np.stack([255 * x / width, 255 * y / height, np.full((height, width), 90)]).astype(np.uint8)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4), (8, 8)])
+def test_halving_is_the_mean_of_four_pixels(size: tuple[int, int]) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (3, *size)).astype(np.uint8)
+    half = halved(picture)
+    assert half.shape == (3, -(-size[0] // 2), -(-size[1] // 2))
+    for y in range(half.shape[1]):
+        for x in range(half.shape[2]):
+            rows, columns = [min(2 * y + i, size[0] - 1) for i in (0, 1)], [min(2 * x + i, size[1] - 1) for i in (0, 1)]
+            mean = picture[:, rows][:, :, columns].astype(float).mean((1, 2))
+            np.testing.assert_allclose(half[:, y, x], mean, atol=0.5)
+
+
+def put_together(folder: Path, size: tuple[int, int]) -> np.ndarray:
+    picture = np.zeros((*size, 3), np.uint8)
+    for path in folder.glob("*.jpg"):
+        left, top = (TILE * int(number) for number in path.stem.split("_"))
+        tile = np.asarray(Image.open(path))
+        picture[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    return picture
+
+
+def test_the_tiles_of_a_deep_zoom_image_are_the_picture_at_each_level(tmp_path: Path) -> None:
+    picture = smooth(700, 1100)
+    write_dzi(tmp_path, "painting", levels_of(picture))
+    description = (tmp_path / "painting.dzi").read_text()
+    assert 'Width="1100" Height="700"' in description
+    folders = sorted((tmp_path / "painting_files").iterdir(), key=lambda path: int(path.name))
+    assert [int(path.name) for path in folders] == list(range(12))  # from one pixel: 2 ** 11 is more than 1100
+    whole = put_together(folders[-1], (700, 1100)).transpose(2, 0, 1)
+    assert np.abs(whole.astype(int) - picture).mean() < 1
+    half = put_together(folders[-2], (350, 550)).transpose(2, 0, 1)
+    assert np.abs(half.astype(int) - halved(picture)).mean() < 1
+    assert size_of(folders[0] / "0_0.jpg") == (1, 1)
+
+
+def test_what_an_image_of_iiif_promises_is_there(tmp_path: Path) -> None:
+    picture = smooth(700, 1100)
+    write_iiif(tmp_path, {"painting": levels_of(picture)}, "a title", "https://example.org/x/")
+    info = json.loads((tmp_path / "painting" / "info.json").read_text())
+    assert (info["id"], info["width"], info["height"]) == ("https://example.org/x/painting", 1100, 700)
+    (tiles,) = info["tiles"]
+    for factor in tiles["scaleFactors"]:
+        side = tiles["width"] * factor
+        for top in range(0, 700, side):
+            for left in range(0, 1100, side):
+                right, bottom = min(1100, left + side), min(700, top + side)
+                size = -(-(right - left) // factor), -(-(bottom - top) // factor)
+                is_whole = (right - left, bottom - top) == (1100, 700)
+                part = "full" if is_whole else f"{left},{top},{right - left},{bottom - top}"
+                path = tmp_path / "painting" / part / f"{size[0]},{size[1]}" / "0" / "default.jpg"
+                assert size_of(path) == size
+    for size in info["sizes"]:
+        path = tmp_path / "painting" / "full" / f"{size['width']},{size['height']}" / "0" / "default.jpg"
+        assert size_of(path) == (size["width"], size["height"])
+    assert size_of(tmp_path / "painting" / "full" / "max" / "0" / "default.jpg") == (1100, 700)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    canvas = manifest["items"][0]
+    assert (manifest["id"], canvas["width"]) == ("https://example.org/x/manifest.json", 1100)
+    assert canvas["items"][0]["items"][0]["body"]["service"][0]["id"] == info["id"]
+
+
+def test_an_address_of_iiif_is_one(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="base=nowhere"):
+        write_iiif(tmp_path, {"painting": levels_of(smooth(9, 9))}, "x", "nowhere")
+
+
+@pytest.mark.parametrize("form", ["dzi", "iiif", "zarr"])
+def test_pyramids_of_a_painting_are_crisp_at_any_size(form: str, tmp_path: Path) -> None:
+    job = job_of(60, 90)
+    large = job.scaled(8)
+    (main, *_) = build_named("to", form, {}).write(large, tmp_path)
+    assert main.is_file()
+    expected = large.picture().astype(int)
+    if form == "zarr":
+        found = np.concatenate([rows for _, rows in open_source(main.parent).strips()], axis=1).transpose(1, 2, 0)
+        assert np.array_equal(found, expected)
+    else:
+        whole = {"dzi": "painting_files/10", "iiif": "painting/full/max/0"}[form]
+        folder = tmp_path / whole
+        found = put_together(folder, (480, 720)) if form == "dzi" else np.asarray(Image.open(folder / "default.jpg"))
+        assert np.abs(found.astype(int) - expected).mean() < 2
+
+
+def written(path: Path, picture: Image.Image, **options: object) -> Path:
+    picture.save(path, **options)
+    return path
+
+
+FILES = {
+    "rgb.png": lambda path: written(path, Image.fromarray(astronaut()[:90, :70])),
+    "grey.png": lambda path: written(path, Image.fromarray(astronaut()[:90, :70]).convert("L")),
+    "palette.png": lambda path: written(path, Image.fromarray(astronaut()[:90, :70]).convert("P")),
+    "alpha.png": lambda path: written(
+        path, Image.fromarray(np.dstack([astronaut()[:90, :70], astronaut()[:90, :70, 0]]))
+    ),
+    "grey16.png": lambda path: written(path, Image.fromarray(astronaut()[:90, :70, 0].astype(np.uint16) * 257)),
+    "turned.jpg": lambda path: written(path, Image.fromarray(astronaut()[:90, :70]), quality=95, exif=turned()),
+    "rgb.tif": lambda path: written(path, Image.fromarray(astronaut()[:90, :70]), compression="tiff_lzw"),
+}
+
+
+def turned() -> Image.Exif:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    return exif
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_large_pictures_are_read_as_small_ones_are(name: str, tmp_path: Path) -> None:
+    path = FILES[name](tmp_path / name)
+    source = open_source(path)
+    found = np.concatenate([rows for _, rows in source.strips()], axis=1)
+    expected = 255 * load_picture(str(path), None).numpy()
+    assert source.size == expected.shape[1:]
+    assert np.abs(found - expected).max() <= 2
+
+
+def test_a_picture_is_resampled_while_it_is_read(tmp_path: Path) -> None:
+    path = FILES["rgb.png"](tmp_path / "rgb.png")
+    source = open_source(path, 45)
+    found = np.concatenate([rows for _, rows in source.strips()], axis=1)
+    assert found.shape == (3, 45, 35)
+    assert np.abs(found - 255 * load_picture(str(path), 45).numpy()).mean() < 4
+
+
+def test_a_picture_that_ends_too_soon_is_told(tmp_path: Path) -> None:
+    whole = FILES["rgb.png"](tmp_path / "rgb.png").read_bytes()
+    (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(UserError, match=r"cut\.png"):
+        list(open_source(tmp_path / "cut.png").strips())
+    (tmp_path / "text.png").write_text("no picture")
+    with pytest.raises(UserError, match=r"text\.png"):
+        open_source(tmp_path / "text.png")
+    (tmp_path / "empty.zarr").mkdir()
+    with pytest.raises(UserError, match=r"empty\.zarr"):
+        open_source(tmp_path / "empty.zarr")
