@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from brushexp.errors import UserError
 from brushexp_canvases.drawing import draw_tile
@@ -42,11 +45,11 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         yield client
 
 
-def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> None:
+def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
     """Paint and draw the tiles that are left ``todo``; ``show`` is told how many of these jobs are done.
 
     A tile is painted after those ``before`` it, and drawn after those around it. A worker that dies is replaced, and
-    its tile is begun again.
+    its tile is begun again. Returns the largest memory of a worker in MB, NaN where the system does not tell.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:
@@ -56,20 +59,21 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
     for tile in todo:
         needed = [painted[other] for other in (tile, *grid.around(tile)) if other in painted]
         drawn.append(client.submit(draw_tile, canvas, tile, *needed, pure=False))
-    _follow(client, [*painted.values(), *drawn], canvas, show)
+    return _follow([*painted.values(), *drawn], canvas, show)
 
 
-def _follow(client: Client, futures: list[Future], canvas: Canvas, show: Callable[[int], None]) -> None:
+def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) -> float:
     from distributed import as_completed  # noqa: PLC0415
     from distributed.comm.core import CommClosedError  # noqa: PLC0415
     from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
+    memory = [math.nan]
     again = f"type the same command to go on; tiles that are painted stay in {canvas.path}"
     try:
         for done, future in enumerate(as_completed(futures), start=1):
             if future.status == "cancelled":
                 raise UserError(f"the scheduler is gone, with {len(futures) - done + 1} jobs left; {again}")
-            future.result()  # raises what the job has raised
+            memory.append(future.result() or math.nan)  # raises what the job has raised
             show(done)
     except KilledWorker as error:
         raise UserError(
@@ -77,3 +81,4 @@ def _follow(client: Client, futures: list[Future], canvas: Canvas, show: Callabl
         ) from error
     except (CommClosedError, TimeoutError) as error:
         raise UserError(f"the scheduler is gone; {again}") from error
+    return float(np.nanmax(memory)) if any(map(math.isfinite, memory)) else math.nan

@@ -29,8 +29,8 @@ class CanvasStore:
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     store = CanvasStore.create(Path(folder, "a.zarr"), Grid((30, 40), side=16, margin=4), 9, {"seed": 0})
-    ...     store.write("painting", Region(3, 5, 2, 2), np.full((3, 2, 2), 7, np.uint8))
-    ...     store.grid.shape, int(store.read("painting", Region(0, 0, 16, 16)).sum()), store.is_painted(Tile(0, 0))
+    ...     store.write("target", Region(3, 5, 2, 2), np.full((3, 2, 2), 7, np.uint8))
+    ...     store.grid.shape, int(store.read("target", Region(0, 0, 16, 16)).sum()), store.is_painted(Tile(0, 0))
     ((2, 3), 84, False)
     """
 

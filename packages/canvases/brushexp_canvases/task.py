@@ -42,12 +42,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         str(path.resolve()), {str(key): value for key, value in settings.items()}, str(Path("plugins").resolve())
     )
     todo = [tile for tile in store.grid.tiles() if not (store.is_painted(tile) and store.is_drawn(tile))]
-    total, before = len(store.grid.tiles()), time.monotonic()
+    total, before, memory = len(store.grid.tiles()), time.monotonic(), math.nan
     log.info("painting %d tiles of %d, %d are done", len(todo), total, total - len(todo))
     if todo:
         n = min(cfg.workers or cores(), len(todo))
         with workers(n, cfg.cluster) as client, counting("painting tiles", 2 * len(todo)) as show:
-            paint_all(client, canvas, store.grid, todo, show)
+            memory = paint_all(client, canvas, store.grid, todo, show)
     seconds = time.monotonic() - before
     levels = {name: add_levels(store.root[name], name) for name in ("painting", "target")}
     n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6
@@ -64,6 +64,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         "seconds": seconds,
         "seconds_total": time.monotonic() - start,
         "peak_memory_mb": peak_memory(),
+        "worker_memory_mb": memory,
         "status": "completed",
     }
     write_json(folder / "metrics.json", metrics)

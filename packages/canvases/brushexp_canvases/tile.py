@@ -24,7 +24,7 @@ from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.device import device_of
-from brushexp.system.runtime import use_threads
+from brushexp.system.runtime import peak_memory, use_threads
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import joined, lay
 from brushexp_canvases.store import CanvasStore
@@ -81,8 +81,10 @@ class Remembered(Order):
         return self.last
 
 
-def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> int:
-    """Paint a tile, and store its strokes; returns their number. What tiles ``before`` it gave is waited for only.
+def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
+    """Paint a tile, and store its strokes; what tiles ``before`` it gave is waited for only.
+
+    Returns the largest memory of this process so far in MB, None where the system does not tell.
 
     The strokes of the neighbours that are painted stay as they are, as the ring of a partial update does (thesis 2020,
     6.3). Where a neighbour is not painted yet, strokes are laid and optimised all the same, so that those of the tile
@@ -91,7 +93,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> int:
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
-        return store.count_of(tile)
+        return peak_memory()
     window = store.grid.window(tile)
     target = torch.from_numpy(store.read("target", window)).float() / 255
     cfg.seed += tile.row * store.grid.shape[1] + tile.column
@@ -107,7 +109,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> int:
     own = slice(len(laid.ring), len(laid.ring) + len(laid.own))
     done = painter.strokes().map(Tensor.cpu)[own].moved(shift=(window.left, window.top))
     store.put_strokes(tile, done, order.last.cpu()[own])
-    return len(done)
+    return peak_memory()
 
 
 def painter_of(
