@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
+WAIT = "10s"  # for a scheduler to answer
 AGAIN = 3  # workers that may die of one tile; Dask's own default
 
 
@@ -29,7 +30,8 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         from distributed import Client, LocalCluster  # noqa: PLC0415  (the extra ``canvas``)
     except ImportError as error:
         raise UserError("canvas= needs Dask; install it with: pip install 'brushexp[canvas]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what happens is said in our words
+    for name in (*(name for name in logging.root.manager.loggerDict if name.startswith("distributed")), "asyncio"):
+        logging.getLogger(name).setLevel(SILENT)  # what happens is said in our words
     with ExitStack() as stack:
         if address is None:
             cluster = stack.enter_context(
@@ -38,7 +40,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
             yield stack.enter_context(Client(cluster))
             return
         try:
-            client = stack.enter_context(Client(address, timeout="10s"))
+            client = stack.enter_context(Client(address, timeout=WAIT))
         except (OSError, ValueError) as error:
             cure = "start one with: dask scheduler; or leave cluster= out"
             raise UserError(f"cluster={address} has no scheduler of Dask that answers ({error}); {cure}") from error

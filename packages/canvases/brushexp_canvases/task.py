@@ -46,8 +46,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     log.info("painting %d tiles of %d, %d are done", len(todo), total, total - len(todo))
     if todo:
         n = min(cfg.workers or cores(), len(todo))
-        with workers(n, cfg.cluster) as client, counting("painting tiles", 2 * len(todo)) as show:
-            memory = paint_all(client, canvas, store.grid, todo, show)
+        try:
+            with workers(n, cfg.cluster) as client, counting("painting tiles", 2 * len(todo)) as show:
+                memory = paint_all(client, canvas, store.grid, todo, show)
+        except KeyboardInterrupt:
+            log.warning("tiles that are painted stay in %s; type the same command to go on", path)
+            raise
     seconds = time.monotonic() - before
     levels = {name: add_levels(store.root[name], name) for name in ("painting", "target")}
     n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6

@@ -1,0 +1,49 @@
+"""The workers of a Dask cluster paint a canvas, also when one of them dies."""
+
+import logging
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from brushexp_canvases.jobs import paint_all, workers
+from brushexp_canvases.task import begin
+from test_canvases import canvas_of, config_of, painted, picture  # noqa: F401  (a fixture)
+
+from brushexp.errors import UserError
+
+
+@pytest.fixture(autouse=True)
+def _loud_again():
+    levels = {name: logging.getLogger(name).level for name in logging.root.manager.loggerDict}
+    yield
+    for name, level in levels.items():
+        logging.getLogger(name).setLevel(level)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(picture: Path, tmp_path: Path) -> None:  # noqa: F811
+    options = {"tile": 64, "pixels_per_stroke": 200, "steps": 2}
+    store, _ = painted(picture, tmp_path / "here.zarr", **options)
+    cfg = config_of(picture, tmp_path / "there.zarr", **options)
+    other = begin(tmp_path / "there.zarr", cfg)
+    with workers(1, None) as client:
+        (first,) = client.run(os.getpid).values()
+
+        def kill_once(done: int) -> None:
+            if done == 1:
+                os.kill(first, signal.SIGKILL)
+
+        memory = paint_all(client, canvas_of(other, cfg), other.grid, other.grid.tiles(), kill_once)
+        assert set(client.run(os.getpid).values()) != {first}
+    assert memory > 50
+    for name in ("strokes", "count", "squares", "painting/0"):
+        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
+
+
+def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("brushexp_canvases.jobs.WAIT", "1s")
+    with pytest.raises(UserError, match=r"tcp://127\.0\.0\.1:1 has no scheduler"), workers(1, "tcp://127.0.0.1:1"):
+        pass
