@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,7 +81,7 @@ def in_srgb(image: Any) -> Any:
 
 
 class ZarrImage:
-    """The first level of an OME-Zarr image: (3, H, W) or (1, H, W) of 8 or 16 bits, after axes of length one."""
+    """The first level of an OME-Zarr image of 8 or 16 bits, whose last axes are (H, W); one more may be 3, not 1."""
 
     def __init__(self, path: Path) -> None:
         import zarr  # noqa: PLC0415  (the extra ``canvas``)
@@ -88,14 +89,14 @@ class ZarrImage:
         try:
             group = zarr.open_group(str(path), mode="r")
             described: Any = group.attrs.get("ome", group.attrs)
-            self._array: Any = group[described["multiscales"][0]["datasets"][0]["path"]]
+            array: Any = group[described["multiscales"][0]["datasets"][0]["path"]]
         except (KeyError, IndexError, TypeError, OSError, ValueError) as error:
             raise UserError(f"image={path} is no OME-Zarr image ({error}); give one, or a picture file") from error
-        *leading, channels, height, width = (1, *self._array.shape)[-max(3, self._array.ndim) :]
-        if any(side != 1 for side in leading) or channels not in (1, 3) or self._array.dtype not in DEPTHS:
+        channels = math.prod(array.shape[:-2])
+        if channels not in (1, 3) or array.dtype not in DEPTHS:
             needed = "red, green and blue, or grey, in 8 or 16 bits are needed"
-            raise UserError(f"image={path} has shape {self._array.shape} and type {self._array.dtype}; {needed}")
-        self.channels, self.size = channels, (height, width)
+            raise UserError(f"image={path} has shape {array.shape} and type {array.dtype}; {needed}")
+        self._array, self.channels, self.size = array, channels, array.shape[-2:]
 
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
         height, width = self.size

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -124,7 +124,7 @@ def unpacked(rows: np.ndarray) -> tuple[Strokes, Tensor]:
     return Strokes(**values, brush=brush[:, 0].long()), depth[:, 0]
 
 
-def _open(path: Path, mode: str) -> Any:
+def _open(path: Path, mode: Literal["r+", "w"]) -> Any:
     import zarr  # noqa: PLC0415  (the extra ``canvas``)
 
     try:
