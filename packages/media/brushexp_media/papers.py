@@ -16,7 +16,7 @@ from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_bl
 
 THOUSANDTHS = 1000
 PRESSURE = 0.03  # longer sides between places where the hand presses more and less
-STEEP = 2.0  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
+STEEP = 1.4  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
 RIM = 1.5  # deviation of the blur against which edges are found, in grains

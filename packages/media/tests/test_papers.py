@@ -20,7 +20,7 @@ from brushexp.shading.light import Light, overlay
 from brushexp.strokes.saved import Saved
 from brushexp.testing.families import some_strokes
 
-PAPERS = [plugin.name for plugin in plugins("paper")]
+PAPERS = [plugin.name for plugin in plugins("paper") if not plugin.cls.is_smooth]
 WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5}
 WHITE = torch.ones(3)
 

@@ -32,7 +32,8 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
 def in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
     """Give a picture (3, H, W) the colours in which it is painted."""
-    return picture if cfg.get("palette") is None else build(cfg.palette)(picture)
+    target: Tensor = build(cfg.palette)(picture)
+    return target
 
 
 def target_of(cfg: DictConfig) -> Tensor:

@@ -123,8 +123,8 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
         seed=cfg.seed,
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
-    paper = None if cfg.get("paper") is None else take_built(cfg.paper)
-    return ExportJob(saved, renderer, compositor.blend, compositor.space, Light(**cfg.light), str(cfg.image), paper)
+    parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
+    return ExportJob(saved, *parts, str(cfg.image), take_built(cfg.paper))
 
 
 def alpha_from(cfg: DictConfig) -> Tensor | None:

@@ -62,7 +62,7 @@ class ExportJob:
     @property
     def is_bare(self) -> bool:
         """Whether the painting is nothing but the colours of its strokes, without light and paper."""
-        return not self.light.depth and self.paper is None
+        return not self.light.depth and (self.paper is None or self.paper.is_smooth)
 
     def bare(self) -> "ExportJob":
         """Take light and paper away, so that the colours of the strokes remain."""
@@ -92,7 +92,7 @@ class ExportJob:
         """
         if self.light.depth:
             painting = self._lit(flat)
-        elif self.paper is not None:
+        elif not self.is_bare:
             parts = cuts(self.strokes, self.size, self.renderer)
             painting = ((top, self.on_paper(Rows(top, rows, self.size), flat)) for top, rows, _ in parts)
         else:

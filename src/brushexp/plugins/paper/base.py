@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -43,6 +44,8 @@ class Paper(ABC):
     >>> Striped().cover(torch.zeros(3, 4, 2), torch.ones(3), Rows(0, 4, (16, 2)))[0, :, 0].tolist()
     [0.0, 1.0, 0.0, 1.0]
     """
+
+    is_smooth: ClassVar[bool] = False  # whether strokes lie on it as they were painted
 
     def margin(self, size: tuple[int, int]) -> int:
         """Return how many rows above and below those that are asked for a canvas of ``size`` (H, W) needs."""
