@@ -19,6 +19,7 @@ PRESSURE = 0.03  # longer sides between places where the hand presses more and l
 STEEP = 1.4  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
+DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
 RIM = 1.5  # deviation of the blur against which edges are found, in grains
 
 
@@ -70,7 +71,7 @@ class GrainedPaper(Paper):
         return self.surface(*self._in_grains(rows))
 
     def relief(self, rows: Rows) -> Tensor:
-        return (self.roughness * self._grain_of(rows.size) * self._heights(rows)).float()
+        return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
 
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
         low, grain = evened(self._heights(rows)).to(flat), self._grain_of(rows.size)

@@ -204,6 +204,7 @@ def is_one_paper_in_bands(make: Make) -> None:
     assert covered.shape == flat.shape
     assert covered.isfinite().all()
     assert relief.shape == SIZE
+    assert relief.min() >= 0
     for top in range(0, SIZE[0], 8):
         rows = Rows(top, 8, SIZE)
         wide = rows.widened(paper.margin(SIZE))

@@ -60,4 +60,4 @@ class Paper(ABC):
 
     @abstractmethod
     def relief(self, rows: Rows) -> Tensor:
-        """Return the height of the paper (h, W), float32, in pixels of the picture."""
+        """Return the height of the paper (h, W), float32, at least 0, in pixels of the picture."""
