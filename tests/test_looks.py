@@ -123,7 +123,8 @@ def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
     assert presets_of(SHIPPED / "look")[look]
-    for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null"):
+    without = "paper=smooth palette=own"
+    for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null", without):
         check(composed(f"look={look} {words}"))
     cfg, fine, typed = (composed(f"look={look} {words}") for words in ("", "effort=2 detail=4", "effort=9 steps=3"))
     assert (fine.steps, typed.steps) == (2 * cfg.steps, 3)
@@ -136,7 +137,7 @@ def test_a_look_composes_with_everything_and_quality_scales_it(look):
 def test_a_look_paints(look, run_task, tmp_path):
     words = ("image=astronaut", "resolution=64", "steps=3", "finish_steps=1", "frames=0", "report=false", "threads=1")
     result = run_task(paint, f"look={look}", *words)
-    assert result["psnr"] > 8
+    assert result["psnr"] > (4 if look == "ink" else 8)  # a drawing leaves the paper white
     assert result["status"] == "completed"
 
 

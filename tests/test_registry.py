@@ -40,7 +40,7 @@ def test_a_taken_name_and_an_unknown_family_are_refused():
 
     with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.mse"):
         register("loss", "mse")(Mse)
-    with pytest.raises(UserError, match="unknown plugin family 'losses'; choose one of painter, init, "):
+    with pytest.raises(UserError, match="unknown plugin family 'losses'; choose one of painter, palette, init, "):
         register("losses", "x")
 
 

@@ -26,10 +26,12 @@ from brushexp.system.reading import check_plain, in_short
 
 FAMILIES = {
     "painter": "target picture -> strokes, state after state",
+    "palette": "colours of the picture -> colours of the painting",
     "init": "target picture -> first strokes",
     "renderer": "stroke parameters -> what each stroke covers",
     "blend": "strokes in depth order -> picture",
     "color": "in which space paint is laid over paint",
+    "paper": "what the paint lies on: which of it stays bare, and its relief",
     "order": "strokes -> depth",
     "loss": "painting -> number to minimise",
     "metric": "finished painting -> number that says how good it is",

@@ -17,7 +17,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.build import build_painter
+from brushexp.painting.build import build_painter, in_palette
 from brushexp.painting.components import build_components
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
@@ -73,7 +73,7 @@ class PaintedFilm:
         """Decode the pictures (3, H, W) that are to be painted, one after another, with their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
-            yield planes_of(shown.picture, self.cfg.resolution).to(self.device), shown
+            yield in_palette(self.cfg, planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
 
     def _span(self) -> tuple[int, int | None]:
         """Number the first picture and the one behind the last."""
@@ -125,7 +125,7 @@ class PaintedFilm:
 
     def lit(self) -> np.ndarray:
         """Draw the last picture as painted, (H, W, 3), in its light."""
-        return self.job().picture(self.reel.image) if self.bare.light.depth else to_bytes(self.reel.image)
+        return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
     def job(self) -> ExportJob:
         """Describe the strokes of the last picture, to be drawn and saved."""

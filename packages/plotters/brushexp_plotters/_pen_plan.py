@@ -5,7 +5,6 @@ Lengths are millimetres, x to the right and y down from the paper's upper left c
 """
 
 import logging
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from PIL import Image, ImageDraw
 
 from brushexp.pictures.color import nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export.base import ExportJob
-from brushexp.shading.light import UNLIT
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.system.files import write_text
 from brushexp.system.progress import with_progress
@@ -67,7 +65,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
             if machine.hidden == "cut":
                 lines[k] = [piece for line in filling for piece in grid.cut(tops[layer[k]], line, k, machine.pen_mm)]
     visible = np.array([bool(pieces) for pieces in lines], dtype=bool)
-    colors, area = grid.colors(replace(job, light=UNLIT).picture(), above_all, strokes.color.numpy())
+    colors, area = grid.colors(job.bare().picture(), above_all, strokes.color.numpy())
     inks, tool = _choose_inks(colors[visible], area[visible], machine)
     tools = ["#" + "".join(f"{round(255 * channel):02x}" for channel in ink) for ink in inks]
     runs: dict[tuple[int, int], list[Array]] = {}

@@ -19,6 +19,7 @@ from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.paper.base import Rows
 from brushexp.registry import register
 from brushexp.shading.height import Impasto, typical_width
 from brushexp.shading.light import normals_of, shade_picture
@@ -87,20 +88,21 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     """Yield the canvas (3, H, W), to be used before the next one is asked for, with ``shares`` of each stroke on it.
 
-    It is under the painting's lamp: heights are laid over each other as colours are.
+    It is on the painting's paper and under its lamp: heights are laid over each other as colours are.
     """
     if not job.blend.layered:
         log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
-    background = job.saved.background
-    if not job.light.depth:
-        yield from _lay_in_steps(job, shares, background, job.renderer, job.space)
-        return
+    background, rows = job.saved.background, Rows(0, job.size[0], job.size)
     shares, again = tee(shares)
-    colors = _lay_in_steps(job, shares, background, job.renderer, job.space)
+    colors = (job.on_paper(rows, flat) for flat in _lay_in_steps(job, shares, background, job.renderer, job.space))
+    if not job.light.depth:
+        yield from colors
+        return
+    ground = 0.0 if job.paper is None else job.paper.relief(rows).numpy()
     impasto = Impasto(job.renderer, typical_width(job.strokes))
     heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
     for color, height in zip(colors, heights, strict=True):
-        normals = normals_of(height[0].cpu().numpy(), job.light.depth)
+        normals = normals_of(height[0].cpu().numpy() + ground, job.light.depth)
         yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
 
 

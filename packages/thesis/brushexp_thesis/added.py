@@ -1,7 +1,6 @@
 """Measure paintings by others with the code that measures ours, and leave them in folders like those of runs."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from brushexp.painting.metrics import measure, official_lpips, standard_metrics
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
-from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.run_files import METRICS_FILE
@@ -48,7 +46,7 @@ def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str
     """Draw a painting (H, W, 3) in 8 bits at the size of its target, without light, and count its strokes."""
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
-        job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
+        job = export_job(saved, resolution=max(shape)).bare()
         pixels, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
     else:
         pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}

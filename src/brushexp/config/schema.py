@@ -122,7 +122,7 @@ class PaintTask(Task):
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
-    groups |= {"color": "rgb", "order": "area"}
+    groups |= {"color": "rgb", "order": "area", "palette": "own", "paper": "smooth"}
     groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
     groups |= {"metric": list(STANDARD)}
     groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}

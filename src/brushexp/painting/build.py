@@ -14,7 +14,7 @@ from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import take_built
+from brushexp.registry import build, take_built
 from brushexp.strokes.catalogue import Catalogue
 
 log = logging.getLogger(__name__)
@@ -23,15 +23,26 @@ log = logging.getLogger(__name__)
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
     """Build the painter of a checked config of ``task=paint``, on the CPU; seed PyTorch's generators before.
 
-    ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size.
+    ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size and in its own colours.
     """
     target = target_of(cfg) if target is None else target
     painter = take_built(cfg.painter)
     return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
 
 
+def in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
+    """Give a picture (3, H, W) the colours in which it is painted."""
+    target: Tensor = build(cfg.palette)(picture)
+    return target
+
+
 def target_of(cfg: DictConfig) -> Tensor:
-    """Load the picture (3, H, W) that is painted."""
+    """Load the picture (3, H, W) that is painted, in its palette."""
+    return in_palette(cfg, load_target(cfg))
+
+
+def load_target(cfg: DictConfig) -> Tensor:
+    """Load the picture (3, H, W) as it is."""
     if cfg.background == TRANSPARENT:
         target, alpha = load_cutout(cfg.image, cfg.resolution)
         if bool((alpha == 1).all()):

@@ -27,7 +27,7 @@ from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.metric.base import Metric
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import plugin_of
+from brushexp.registry import plugin_of, take_built
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
@@ -95,7 +95,7 @@ def finish(
     sources = {name: to_bytes(picture) for name, picture in painter.pictures.items()}
     flat, target, lit = to_bytes(colors), sources["target"], dict[str, object]()
     results = {"painting": flat}
-    if job.light.depth:
+    if not job.is_bare:
         results = {"flat": flat, "painting": job.picture(colors)}
         lit = {"psnr_lit": picture_psnr(results["painting"], target)}
     timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
@@ -123,7 +123,8 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
         seed=cfg.seed,
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
-    return ExportJob(saved, renderer, compositor.blend, compositor.space, Light(**cfg.light), str(cfg.image))
+    parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
+    return ExportJob(saved, *parts, str(cfg.image), take_built(cfg.paper))
 
 
 def alpha_from(cfg: DictConfig) -> Tensor | None:

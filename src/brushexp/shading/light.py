@@ -79,14 +79,15 @@ def shade_picture(color: Array, normals: Array, light: Light) -> Array:
     return lit + light.gloss * np.maximum(shine, 0) * (1 - lit)
 
 
-def overlay(flat: Array, lit: Array) -> Array:
-    """Compute the black and white (H, W, 4) uint8 that turns ``flat`` (H, W, 3) uint8 into about ``lit``.
+def overlay(flat: Array, finished: Array) -> Array:
+    """Compute what (H, W, 4) uint8, laid over ``flat`` (H, W, 3) uint8, gives ``finished``: light, and bare paper.
 
-    It is the share of black or white that is nearest in the three colours: exact where a colour was darkened.
+    It is as transparent as can be: black where light is missing, the ground where paint skips the paper.
     """
-    below, above = flat.astype(np.float32) / 255, lit.astype(np.float32) / 255
-    brighter = above.sum(-1) > below.sum(-1)
-    room = brighter[..., None] - below  # to white, or to black
-    share = ((above - below) * room).sum(-1) / np.maximum(np.square(room).sum(-1), 1e-6)
-    white = np.where(brighter, 255, 0)
-    return np.stack([white, white, white, 255 * share.clip(0, 1) + 0.5], axis=-1).astype(np.uint8)
+    below, above = flat.astype(np.float32) / 255, finished.astype(np.float32) / 255
+    change = above - below
+    room = np.where(change > 0, 1 - below, below)  # to white, or to black
+    share = (np.abs(change) / np.maximum(room, 1e-6)).max(-1, keepdims=True)
+    share = np.ceil(255 * share.clip(0, 1) - 1e-3) / 255
+    color = below + change / np.maximum(share, 1 / 255)
+    return (255 * np.concatenate([color.clip(0, 1) * (share > 0), share], axis=-1) + 0.5).astype(np.uint8)

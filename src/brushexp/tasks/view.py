@@ -1,7 +1,6 @@
 """``task=view``: show the page of a saved painting, of a run or of a sweep in the browser."""
 
 import logging
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from brushexp.pictures.decode import open_picture
 from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
 from brushexp.results.runs import gather, newest_run, read_result
-from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.run_files import METRICS_FILE
@@ -76,8 +74,8 @@ def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
 def _draw(job: ExportJob) -> Finished:
     small = job.at_most(LARGEST_SIDE)  # more would not fit into the page
     pictures = {"painting": small.picture()}
-    if job.light.depth:
-        pictures["flat"] = replace(small, light=UNLIT).picture()
+    if not job.is_bare:
+        pictures["flat"] = small.bare().picture()
     return Finished(job, pictures, dict)
 
 

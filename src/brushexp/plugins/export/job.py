@@ -12,10 +12,11 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.compositing.bands import BAND, band_of, bands
+from brushexp.compositing.bands import BAND, band_of, bands, cuts, within
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Compositor
 from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.shading.height import heights
@@ -41,6 +42,7 @@ class ExportJob:
     space: ColorSpace  # the blend lays paint over paint in it
     light: Light = UNLIT  # lamp over the finished paint
     source: str = ""  # file or picture that titles name
+    paper: Paper | None = None  # what the paint lies on; None for a smooth ground
 
     @property
     def strokes(self) -> Strokes:
@@ -56,6 +58,15 @@ class ExportJob:
     def bottom_up(self) -> Tensor:
         """Numbers (N,) of the strokes, the bottom one first."""
         return self.saved.depth.argsort()
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether the painting is nothing but the colours of its strokes, without light and paper."""
+        return not self.light.depth and (self.paper is None or self.paper.is_smooth)
+
+    def bare(self) -> "ExportJob":
+        """Take light and paper away, so that the colours of the strokes remain."""
+        return replace(self, light=UNLIT, paper=None)
 
     def at_most(self, side: int) -> "ExportJob":
         """Shrink the painting to at most ``side`` pixels on its longer side."""
@@ -74,13 +85,16 @@ class ExportJob:
         return picture
 
     def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
-        """Paint from top to bottom, under the light: first row of each band, and its pixels (3, h, W) in [0, 1].
+        """Paint from top to bottom, in its light: first row of each band, and its pixels (3, h, W) in [0, 1].
 
-        So a large picture takes little more memory than its pixels. ``replace(job, light=UNLIT)`` paints the colours
-        alone; ``flat`` (3, H, W) are these if they are painted already.
+        So a large picture takes little more memory than its pixels. ``job.bare()`` paints the colours alone; ``flat``
+        (3, H, W) are these if they are painted already.
         """
         if self.light.depth:
             painting = self._lit(flat)
+        elif not self.is_bare:
+            parts = cuts(self.strokes, self.size, self.renderer)
+            painting = ((top, self.on_paper(Rows(top, rows, self.size), flat)) for top, rows, _ in parts)
         else:
             canvas = self.size, self.saved.background, self.renderer, self._compositor
             painting = bands(self.strokes, self.bottom_up.flip(0), *canvas)
@@ -100,9 +114,9 @@ class ExportJob:
         return to_bytes(functional.grid_sample(share, places, padding_mode="border", align_corners=False)[0])
 
     def height(self) -> np.ndarray:
-        """Compute the height of the paint (H, W), float32, in pixels of the picture, as `heights` does."""
+        """Compute the height of paint and paper (H, W), float32, in pixels of the picture, as `heights` does."""
         height = np.empty(self.size, np.float32)
-        for top, rows, _, band in self._heights():
+        for top, rows, band in self._heights():
             height[top : top + rows] = band[top > 0 :][:rows]
         return height
 
@@ -110,25 +124,40 @@ class ExportJob:
     def _compositor(self) -> Compositor:
         return Compositor(self.blend, self.space)
 
-    def _heights(self) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
-        return heights(self.strokes, self.bottom_up.flip(0), self.size, self.renderer, self.blend)
+    def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Compute heights as `heights` does, on the paper."""
+        canvas = self.size, self.renderer, self.blend
+        for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
+            wide = Rows(top, rows, self.size).widened(1)
+            yield top, rows, paint if self.paper is None else paint + self.paper.relief(wide).numpy()
 
     def _lit(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
-        place, canvas = self.bottom_up.flip(0).argsort(), (self.saved.background, self.renderer, self._compositor)
-        for top, rows, number, height in self._heights():
-            if flat is None:
-                colors = band_of(self.strokes, place, number, (top, rows, self.size[1]), *canvas)
-            else:
-                colors = flat[:, top : top + rows]
+        for top, rows, height in self._heights():
+            colors = self.on_paper(Rows(top, rows, self.size), flat)
             facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
             yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
+
+    def on_paper(self, rows: Rows, flat: Tensor | None = None) -> Tensor:
+        """Paint rows on the paper: pixels (3, h, W); `bands` explains ``flat``."""
+        wide = rows if self.paper is None else rows.widened(self.paper.margin(self.size))
+        colors = self._colors(wide) if flat is None else flat[:, wide.top : wide.top + wide.count]
+        if self.paper is None:
+            return colors
+        covered = self.paper.cover(colors, self.saved.background.to(colors), wide)
+        return covered[:, rows.top - wide.top :][:, : rows.count].clamp(0, 1)
+
+    def _colors(self, rows: Rows) -> Tensor:
+        reached = self.renderer.rows(self.strokes)
+        number = torch.arange(len(self.strokes)) if reached is None else within(reached, rows.top, rows.count)
+        band, canvas = (rows.top, rows.count, self.size[1]), (self.saved.background, self.renderer, self._compositor)
+        return band_of(self.strokes, self.bottom_up.flip(0).argsort(), number, band, *canvas)
 
 
 def export_job(
     saved: Saved, renderer: Renderer | None = None, blend: Blend | None = None, *, resolution: int | None = None,
     source: str = "",
 ) -> ExportJob:  # fmt: skip
-    """Make a job of a saved painting, in the colour space and under the lamp that its settings name.
+    """Make a job of a saved painting, in the colour space, on the paper and under the lamp that its settings name.
 
     Without ``renderer``, ``blend`` and ``resolution`` (pixels of the longer side) it has the renderer and the size that
     it was painted with, and ``blend=tiled``; titles name ``source``, a file or picture.
@@ -137,7 +166,7 @@ def export_job(
     if side > LARGEST_SIDE_PIXELS:
         raise UserError(f"resolution={side} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
     parts = renderer or renderer_of(saved), blend or build_named("blend", "tiled", {}), space_of(saved)
-    job = ExportJob(saved, *parts, light_of(saved), source)
+    job = ExportJob(saved, *parts, light_of(saved), source, _member_of(saved, "paper"))
     return job if resolution is None else job.scaled(side / max(saved.size))
 
 
@@ -172,12 +201,18 @@ def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[S
 
 
 def space_of(saved: Saved) -> ColorSpace:
-    """Build the colour space that a catalogue was painted in: a registered one, because a file must not name code."""
-    node = recorded_settings(saved).get("color")
+    """Build the colour space that a catalogue was painted in."""
+    return _member_of(saved, "color") or build_named("color", "rgb", {})
+
+
+def _member_of(saved: Saved, family: str) -> Any:
+    """Build the member of a family that a catalogue names: a registered one, because a file must not name code."""
+    node = recorded_settings(saved).get(family)
     if not node:
-        return build_named("color", "rgb", {})
-    if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node)).family != "color":
-        raise UserError(f"color is {in_short(node)} in the config of the catalogue; write color: {{}} there for rgb")
+        return None
+    if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node)).family != family:
+        cure = f"write {family}: {{}} there for that of old catalogues"
+        raise UserError(f"{family} is {in_short(node)} in the config of the catalogue; {cure}")
     return build(plain_config(node))
 
 

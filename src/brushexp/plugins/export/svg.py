@@ -3,7 +3,7 @@
 import base64
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,7 @@ from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
-from brushexp.shading.light import UNLIT, overlay
+from brushexp.shading.light import overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
@@ -47,7 +47,7 @@ class Svg(Exporter):
 
     Strokes with a texture are bitmaps with transparency, one image each, coarser than the picture where all would be
     too large; those of a slow renderer (``neural``) are paths without the texture. The lamp of a painting (``light.*``)
-    is the last image, ``light``: what it darkens is covered with black, what it brightens with white.
+    and its paper are the last image, ``light``: what is darkened is covered with black, what paint skips with ground.
 
     Args:
         digits: decimals of coordinates and widths.
@@ -68,7 +68,7 @@ class Svg(Exporter):
     def _lines(self, job: ExportJob, pictures: tuple[np.ndarray, np.ndarray] | None) -> Iterator[str]:
         (height, width), count = job.size, len(job.strokes)
         profile, is_profile = profile_of(job)
-        has_bitmaps, is_lit = not self.paths and has_sprites(job), not self.paths and job.light.depth > 0
+        has_bitmaps, is_lit = not self.paths and has_sprites(job), not self.paths and not job.is_bare
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
         if has_bitmaps:
@@ -100,7 +100,7 @@ class Svg(Exporter):
         if is_lit:
             if pictures is None or max(job.size) > LIGHT_SIDE:
                 job = job.at_most(LIGHT_SIDE)
-                pictures = replace(job, light=UNLIT).picture(), job.picture()
+                pictures = job.bare().picture(), job.picture()
             light = _href(overlay(*pictures))
             yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {light}/>\n'
         yield "</g>\n</svg>\n"

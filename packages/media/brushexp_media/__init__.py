@@ -1,0 +1,5 @@
+"""Media: papers, palettes, marks of dry and flat brushes, dots and drawn lines, for ``look=watercolour`` and others."""
+
+from brushexp_media import blurred, chroma, dots, drawing, marks, palettes, papers
+
+__all__ = ["blurred", "chroma", "dots", "drawing", "marks", "palettes", "papers"]

@@ -1,0 +1,50 @@
+"""Place dots of divided colour: each purer than the picture, and their mean the picture."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import above, between
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init.layers import InLayers
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("init", "dots")
+@dataclass(kw_only=True)
+class Dots(Initializer):
+    """Dabs in layers, larger ones everywhere and smaller ones where there is detail, whose hues go apart.
+
+    The colour of each is that of the picture, moved by ``division`` in a direction of hue drawn at random. Source:
+    Signac (1899); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
+
+    Args:
+        layers: of dabs, from large to small.
+        ratio: size of the dabs of a layer over that of the layer below.
+        cover: share of the canvas that a layer covers, of what the one below does.
+        width: of a dab, in distances of its layer; below 1 ground shows between them.
+        length: of a dab, in distances of its layer.
+        division: how far hues go apart, 0 to 1.
+    """
+
+    layers: Annotated[int, between(1, 4)] = 2
+    ratio: Annotated[float, between(0.2, 1)] = 0.7
+    cover: Annotated[float, above(0, 1)] = 0.6
+    width: Annotated[float, above(0, 10)] = 0.9
+    length: Annotated[float, above(0, 10)] = 0.3
+    division: Annotated[float, between(0, 1)] = 0.3
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        layers = InLayers(
+            layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
+            opacity=1.0, jitter=0.22,
+        )  # fmt: skip
+        strokes = layers(target, n, generator, focus)
+        angle = 2 * math.pi * torch.rand(n, generator=generator)
+        thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
+        room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue
+        return replace(strokes, color=(strokes.color + self.division * room.sqrt() * thirds.cos()).clamp(0, 1))

@@ -1,0 +1,187 @@
+"""Place strokes as in an ink drawing: washes, hatching by tone, and contours by pressure."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import Rule, above, between
+from brushexp.pictures.load import named_color
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.plugins.init.base import Initializer
+from brushexp.registry import register
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes
+from brushexp_media.lines import edge_lines, luminance
+
+Array = np.ndarray
+STEPS = 8  # points of a line on each side of its middle
+ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half tones
+BROADEST = 0.06  # width of a wash, in longer sides
+DEEP = 0.5  # share of ink in the dark wash
+FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
+SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
+FAINTEST = 0.12  # strength of a line below which none is drawn
+SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
+EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
+INK = Rule(named_color)
+
+
+@register("init", "drawing")
+@dataclass(kw_only=True)
+class Drawing(Initializer):
+    """Contours that swell with contrast, hatchings where it is dark, and one or two washes below them.
+
+    Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
+    after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have fixed angles.
+
+    Args:
+        contours: share of the strokes that are contours, 0 to 1.
+        washes: share of the strokes that are washes, 0 to 1.
+        tones: darkness (0 white to 1 black) from which on there is the first, second and third hatching.
+        wash_tones: darkness from which on there is the light and the dark wash.
+        white: share of the picture that stays without hatching and wash at least, 0 to 1.
+        width: of a contour, in thousandths of the longer side.
+        length: of a line, in hundredths of the longer side.
+        color: of the ink, as '#rrggbb'.
+        wash: of the light wash; the dark one lies between it and the ink.
+    """
+
+    contours: Annotated[float, between(0, 1)] = 0.4
+    washes: Annotated[float, between(0, 1)] = 0.2
+    tones: tuple[float, float, float] = (0.5, 0.68, 0.84)
+    wash_tones: tuple[float, float] = (0.52, 0.74)
+    white: Annotated[float, between(0, 1)] = 0.5
+    width: Annotated[float, above(0, 100)] = 3.4
+    length: Annotated[float, above(0, 100)] = 7.0
+    color: Annotated[str, INK] = "#16130f"
+    wash: Annotated[str, INK] = "#c9c3b8"
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+        picture = target.numpy().astype(np.float64)
+        side, dark = max(picture.shape), 1 - luminance(picture)
+        random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
+        washes = round(n * self.washes)
+        contours = min(n - washes, round(n * self.contours))
+        return Strokes.join(
+            self._washes(gaussian_filter(dark, SMOOTH_WASH * side), washes, random),
+            self._hatching(gaussian_filter(dark, SMOOTH * side), n - washes - contours, random),
+            self._contours(picture, contours),
+        )
+
+    def _contours(self, picture: Array, n: int) -> Strokes:
+        """Trace the strongest lines of a picture, at most one from each of its cells."""
+        side = max(picture.shape)
+        lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
+        frame = round(FRAME * side)
+        lines *= np.pad(np.ones(np.array(lines.shape) - 2 * frame), frame) if min(lines.shape) > 2 * frame else 0.0
+        flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+        _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
+        strength = sampled_at(lines, x, y)
+        best = np.argsort(-strength, kind="stable")[:n]
+        places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
+        pressed = 0.35 + 0.65 * strength
+        curve = followed(places, flow, 0.5 * self._longest(side) * pressed, lines, FAINTEST)
+        return _strokes(curve, self._widest(side) * pressed, strength > FAINTEST, _rgb(self.color), n)
+
+    def _hatching(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Lay lines over dark places at the angles, as close as ``n`` lines allow."""
+        side, tones = max(dark.shape), self._above(self.tones, dark)
+        area = sum(float((dark > tone).sum()) for tone in tones)
+        gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
+        hatchings = zip(tones, ANGLES, strict=True)
+        parts = [hatching(dark, tone, angle, gap, self._longest(side), random) for tone, angle in hatchings]
+        curve = np.concatenate(parts)
+        curve = curve[np.sort(random.permutation(len(curve))[:n])]
+        darkness = sampled_at(dark, *curve.mean(1).T)
+        return _strokes(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, _rgb(self.color), n)
+
+    def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Fill dark places with strokes that are as broad as there is room: the light wash, and the dark one on it."""
+        from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
+
+        tones, light = self._above(self.wash_tones, dark), _rgb(self.wash)
+        areas = [float((dark > tone).sum()) for tone in tones]
+        first = round(n * areas[0] / max(sum(areas), 1))
+        parts, colors = [], (light, DEEP * _rgb(self.color) + (1 - DEEP) * light)
+        for tone, count, color in zip(tones, (first, n - first), colors, strict=True):
+            room = distance_transform_edt(np.pad(dark > tone, 1, mode="edge"))[1:-1, 1:-1]
+            room = room.clip(0, BROADEST / 2 * max(dark.shape))
+            rows, columns = np.nonzero(room)
+            chosen = random.integers(len(rows), size=count if len(rows) else 0)
+            places, half = np.stack([columns[chosen], rows[chosen]], 1) + 0.5, room[rows[chosen], columns[chosen]]
+            curve = followed(places, np.full((1, 1), ANGLES[1]), 6 * half, room, 0.8 * half)
+            parts.append(_strokes(curve, 2 * half, half > 0, color, count))
+        return Strokes.join(*parts)
+
+    def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
+        """Raise tones where the picture is so dark that too little of the paper would stay white."""
+        left = [1 - (1 - self.white) / 2**k for k in range(len(tones))]
+        return [max(tone, float(np.quantile(dark, share)) - EVEN) for tone, share in zip(tones, left, strict=True)]
+
+    def _longest(self, side: int) -> float:
+        return 0.01 * self.length * side
+
+    def _widest(self, side: int) -> float:
+        return 0.001 * self.width * side
+
+
+def hatching(dark: Array, tone: float, angle: float, gap: float, length: float, random: np.random.Generator) -> Array:
+    """Draw parallel curves (n, 3, 2), ``gap`` pixels apart, where a map (H, W) is above ``tone``."""
+    height, width = dark.shape
+    half = 0.5 * math.hypot(height, width)
+    u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
+    u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
+    v = v + 0.12 * gap * random.standard_normal(v.shape)
+    c, s = math.cos(angle), math.sin(angle)
+    places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
+    places = places[((places >= 0) & (places < (width, height))).all(1)]
+    places = places[sampled_at(dark, *places.T) > tone]
+    return followed(places, np.full((1, 1), angle), np.full(len(places), 0.5 * length), dark, tone)
+
+
+def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
+    """Follow a flow, radians, both ways from places (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
+
+    Curves (n, 3, 2) end where the field is no longer above ``least``; a flow (1, 1) is the same everywhere.
+    """
+    ends = []
+    for sign in (-1.0, 1.0):
+        point, going = places.astype(float), np.ones(len(places), bool)
+        ahead = sign * _unit(sampled_at(flow, *point.T))
+        for _ in range(STEPS):
+            following = point + ahead * (reach / STEPS)[:, None]
+            going &= sampled_at(field, *following.T) > least
+            point = np.where(going[:, None], following, point)
+            turned = _unit(sampled_at(flow, *point.T))
+            turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
+            ahead = np.where((turned * ahead).sum(1)[:, None] > SHARPEST, turned, ahead)
+        ends.append(point)
+    start, end = ends
+    return np.stack([start, 2 * places - (start + end) / 2, end], 1)
+
+
+def _unit(angle: Array) -> Array:
+    return np.stack([np.cos(angle), np.sin(angle)], 1)
+
+
+def _rgb(color: str) -> Array:
+    return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
+
+
+def _strokes(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
+    """Make n strokes: the curves, and for those that are lacking some without ink."""
+    lacking = n - len(curve)
+    curve, width, seen = (
+        np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])
+        for part, fill in ((curve, 0), (width, 1), (seen, False))
+    )
+    paint = torch.from_numpy(color).repeat(n, 1)
+    opacity = torch.from_numpy(seen).double()
+    return strokes_along(torch.from_numpy(curve), torch.from_numpy(width), paint, opacity).map(Tensor.float)

@@ -1,0 +1,119 @@
+"""Draw strokes with the marks of chalk, flat brushes and palette knives, whose textures are formulas."""
+
+from functools import lru_cache
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import one_of
+from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import Loop, Sheets, coordinates_of, sheets_of
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp_media.noise import fractal_noise, gradient_noise
+
+VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
+THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
+KINDS = ("chalk", "flat", "knife")
+
+
+@register("renderer", "marks")
+class Marks(Renderer):
+    """Bezier stroke with the mark of a tool: broken chalk, a flat brush with square dry ends, a palette knife.
+
+    Textures are drawn by formulas, the same every time; nothing is trained.
+
+    Args:
+        kind: chalk, flat or knife.
+    """
+
+    cost = "not measured"
+
+    def __init__(self, *, kind: Annotated[str, one_of(*KINDS)] = "flat") -> None:
+        super().__init__()
+        self.kind = kind
+
+    def forward(self, strokes: Strokes) -> TexturedProfile:
+        half = half_width_of(strokes)
+        softened = (half.square() + THIN**2).sqrt()
+        finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
+        once = torch.ones_like(strokes.brush)
+        return TexturedProfile(
+            curve_of(strokes),
+            softened,
+            strokes.color,
+            strokes.opacity * half / softened,
+            look=strokes.brush % VARIANTS * LEVELS + finer.clamp(0, LEVELS - 1).long(),
+            repeats=once,
+            flip=1 - 2 * (strokes.brush // VARIANTS % 2),
+            sheets=_sheets(self.kind, half.device),
+        )
+
+
+@lru_cache(maxsize=len(KINDS))
+@torch.no_grad()
+def _sheets(kind: str, device: torch.device) -> Sheets:
+    textures = torch.stack([DRAWN[kind](variant) for variant in range(VARIANTS)]).float()
+    return sheets_of(textures.to(device), LEVELS, Loop(0, 0), rounded=True)
+
+
+def _grid() -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return of each texel: across, how far from the nearer end inside the stroke, t, and along, all in half widths."""
+    across, t, before, beyond = (part[1:-1].double() for part in coordinates_of(ROWS, COLUMNS))
+    outside = (beyond - before)[None].expand(ROWS, -1)  # beyond the ends
+    along = (LENGTH * t + before + beyond)[None].expand(ROWS, -1)
+    return across[:, None].expand(-1, COLUMNS), outside, t[None].expand(ROWS, -1), along
+
+
+LENGTH = 5.0  # half widths: length of the stroke for which grain is as long as wide
+
+
+def chalk(variant: int) -> Tensor:
+    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends."""
+    across, outside, t, along = _grid()
+    grain = fractal_noise(along / 0.34, across / 0.34, 100 + variant, 3)
+    streaks = gradient_noise(along / 6, across / 0.3, 200 + variant)
+    inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # half widths to the edge
+    opacity = ((inside / 0.45).clamp(-1, 1) * 0.9 + 0.55 * grain + 1.1 * streaks - 0.02).mul(1.6).add(0.5).clamp(0, 1)
+    opacity = opacity * (inside > -0.12)
+    tone = 0.05 * grain.clamp(-2, 2) + 0.1 * streaks
+    return torch.stack([opacity, tone.clamp(-0.3, 0.3), 0.3 + 0 * t])
+
+
+def flat(variant: int) -> Tensor:
+    """Draw a flat brush full of body colour: square ends, the last one dry, and streaks of its hairs."""
+    across, outside, t, along = _grid()
+    hairs = gradient_noise(along / 40, across / 0.09, 300 + variant)
+    hairs = hairs + gradient_noise(along / 25, across / 0.3, 400 + variant)
+    grain = fractal_noise(along / 0.7, across / 0.12, 500 + variant, 2)
+    side = ((0.98 + 0.03 * grain - across.abs()) / 0.06).clamp(0, 1)
+    reach = 0.35 + 0.22 * hairs
+    start = ((reach + (outside.clamp_max(0) + 0)) / 0.1 + 0 * t).clamp(0, 1)
+    end = ((reach - outside.clamp_min(0)) / 0.1).clamp(0, 1)
+    dry = ((1 - t) * 2.6 + 0.9 + 0.8 * hairs + 0.45 * grain).clamp(0, 1)
+    tone = 0.05 * hairs + 0.1 * (0.5 - t) + 0.05 * across * (1 if variant % 2 else -1)
+    opacity = side * start * end * dry
+    return torch.stack([opacity, tone.clamp(-0.35, 0.35), (0.45 + 0.4 * hairs).clamp(0.05, 1)])
+
+
+def knife(variant: int) -> Tensor:
+    """Draw a palette knife: a smooth film with straight sides, ridges pushed aside, and a torn end."""
+    across, outside, t, along = _grid()
+    drag = gradient_noise(along / 30, across / 0.5, 600 + variant)
+    torn = fractal_noise(along / 0.5, across / 0.2, 700 + variant, 2)
+    side = ((1.0 + 0.04 * torn - across.abs()) / 0.05).clamp(0, 1)
+    start = ((0.5 + 0.15 * drag + outside.clamp_max(0)) / 0.08).clamp(0, 1)
+    end = ((0.3 + 0.25 * torn + 0.4 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
+    gaps = (2.3 + 1.0 * (1 - t) + 0.55 * torn + 0.8 * drag).clamp(0, 1)
+    ridge = torch.exp(-(((across.abs() - 0.9) / 0.09) ** 2)) * (0.7 + drag).clamp_min(0)
+    lip = torch.exp(-(((outside - 0.2) / 0.12) ** 2))
+    film = 0.35 + 0.18 * drag + 0.5 * ridge + 0.35 * lip
+    tone = 0.12 * drag + 0.03 * torn
+    return torch.stack([side * start * end * gaps, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
+
+
+DRAWN = {"chalk": chalk, "flat": flat, "knife": knife}

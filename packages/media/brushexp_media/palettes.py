@@ -1,0 +1,105 @@
+"""Palettes: how a medium has the tones and colours of a picture."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import between
+from brushexp.pictures.color import recolor, to_lab, to_rgb
+from brushexp.pictures.load import PICTURE, load_picture
+from brushexp.plugins.palette.base import Palette
+from brushexp.registry import register
+from brushexp_media.lines import edge_lines, flattened
+
+Array = np.ndarray
+
+
+def as_lab(picture: Tensor) -> Array:
+    """Convert a picture (3, H, W) to CIELAB (H, W, 3)."""
+    rgb = picture.movedim(0, -1).double().numpy()
+    return to_lab(rgb.reshape(-1, 3)).reshape(rgb.shape)
+
+
+def as_picture(lab: Array) -> Tensor:
+    """Convert CIELAB (H, W, 3) to a picture (3, H, W), float32; what no display shows is clipped."""
+    rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
+    return torch.from_numpy(rgb).movedim(-1, 0).float().contiguous()
+
+
+def grouped(lightness: Array, values: int, blend: float) -> Array:
+    """Draw lightness (0 to 100) towards the nearest of so many even ``values``; ``blend`` 0 leaves it, 1 is all."""
+    if values == 0:
+        return lightness
+    steps = lightness / 100 * values
+    middle = (np.floor(steps.clip(0, values - 1e-9)) + 0.5) / values * 100
+    return lightness + blend * (middle - lightness)
+
+
+@register("palette", "toned")
+@dataclass(kw_only=True, eq=False)
+class Toned(Palette):
+    """Lightness between two ends, chroma more or less, values grouped, forms flattened, outlines drawn.
+
+    Args:
+        dark: lightness (CIELAB L*) of black.
+        light: lightness of white.
+        white: L* of the picture from which on the painting has ``light``; 100 for none.
+        gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
+        chroma: factor of chroma.
+        least_chroma: chroma that colours which have any are raised towards, 0 for none.
+        values: number of groups of lightness; 0 = not grouped.
+        grouping: how far lightness goes to its group, 0 to 1.
+        flatness: how much forms are flattened, by total variation; 0 = not.
+        outlines: strength of outlines, 0 to 1.
+        warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
+    """
+
+    dark: Annotated[float, between(0, 100)] = 0.0
+    light: Annotated[float, between(0, 100)] = 100.0
+    white: Annotated[float, between(1, 100)] = 100.0
+    gamma: Annotated[float, between(0.1, 10)] = 1.0
+    chroma: Annotated[float, between(0, 5)] = 1.0
+    least_chroma: Annotated[float, between(0, 100)] = 0.0
+    values: Annotated[int, between(0, 64)] = 0
+    grouping: Annotated[float, between(0, 1)] = 0.5
+    flatness: Annotated[float, between(0, 2)] = 0.0
+    outlines: Annotated[float, between(0, 1)] = 0.0
+    warmth: Annotated[float, between(0, 50)] = 0.0
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        lines = edge_lines(picture.numpy()) if self.outlines else None
+        lab = as_lab(flattened(picture, self.flatness))
+        lightness = grouped(lab[..., 0], self.values, self.grouping)
+        tone = (lightness / self.white).clip(0, 1) ** self.gamma
+        chroma = np.hypot(lab[..., 1], lab[..., 2])
+        raised = self.chroma * chroma
+        raised += (self.least_chroma - raised).clip(0) * (chroma / 8).clip(0, 1)
+        share = raised / chroma.clip(1e-6)
+        lab[..., 0] = self.dark + tone * (self.light - self.dark)
+        lab[..., 1:] *= share[..., None] * (1 - ((tone - 0.9) / 0.1).clip(0, 1) * (self.white < 100))[..., None]
+        lab[..., 2] += self.warmth * (2 * tone - 1)
+        if lines is not None:
+            strength = self.outlines * lines[..., None]
+            lab += strength * (np.array(OUTLINE) - lab)
+        return as_picture(lab)
+
+
+OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
+
+
+@register("palette", "picture")
+@dataclass(kw_only=True, eq=False)
+class OfPicture(Palette):
+    """The colours of another picture: their mean and covariance.
+
+    Args:
+        image: a picture file or sample.
+    """
+
+    image: Annotated[str, PICTURE] = "coffee"
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        return recolor(picture, like=load_picture(self.image, 512))

@@ -1,0 +1,137 @@
+"""Papers and canvases as height maps: formulas of the place, so that they have any size."""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import above, at_least, between
+from brushexp.plugins.paper.base import Paper, Rows
+from brushexp.registry import register
+from brushexp_media.noise import evened, fractal_noise, gradient_noise
+from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
+
+THOUSANDTHS = 1000
+PRESSURE = 0.03  # longer sides between places where the hand presses more and less
+STEEP = 1.4  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
+ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
+THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
+DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
+RIM = 1.5  # deviation of the blur against which edges are found, in grains
+
+
+@dataclass(kw_only=True, eq=False)
+class GrainedPaper(Paper):
+    """A paper with hollows that dry paint skips, and in which wet pigment settles.
+
+    Args:
+        grain: size of its grain in thousandths of the longer side of the picture.
+        tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
+        pressure: by how much the hand presses unevenly, 0 to 1: a share of ``tooth`` by which it varies.
+        accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
+        roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
+        granulation: how much wet pigment settles in hollows, 0 to 2.
+        rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
+        blooms: how unevenly a wash dries, 0 to 2.
+        wander: how far wet edges wander, in grains.
+        seed: of the grain.
+    """
+
+    grain: Annotated[float, above(0, 1000)] = 4.0
+    tooth: Annotated[float, between(0, 1)] = 0.15
+    pressure: Annotated[float, between(0, 1)] = 0.4
+    accents: Annotated[float, between(0, 1)] = 0.0
+    roughness: Annotated[float, between(0, 10)] = 0.15
+    granulation: Annotated[float, between(0, 2)] = 0.0
+    rims: Annotated[float, between(0, 10)] = 0.0
+    blooms: Annotated[float, between(0, 2)] = 0.0
+    wander: Annotated[float, at_least(0)] = 0.0
+    seed: Annotated[int, between(0, 2**31 - 1)] = 0
+
+    @abstractmethod
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
+
+    def margin(self, size: tuple[int, int]) -> int:
+        looks_around = self.rims > 0 or self.wander > 0 or self.accents > 0
+        return math.ceil((4 * RIM + 3 * self.wander) * self._grain_of(size)) + 2 if looks_around else 0
+
+    def _grain_of(self, size: tuple[int, int]) -> float:
+        """Return the size of a grain in pixels."""
+        return self.grain / THOUSANDTHS * max(size)
+
+    def _in_grains(self, rows: Rows) -> tuple[Tensor, Tensor]:
+        x, y = rows.places
+        return x * THOUSANDTHS / self.grain, y * THOUSANDTHS / self.grain
+
+    def _heights(self, rows: Rows) -> Tensor:
+        return self.surface(*self._in_grains(rows))
+
+    def relief(self, rows: Rows) -> Tensor:
+        return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
+
+    def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
+        low, grain = evened(self._heights(rows)).to(flat), self._grain_of(rows.size)
+        x, y = rows.places
+        if self.wander:
+            flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
+        density = self.granulation * (0.5 - low)
+        if self.blooms:
+            density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
+        if self.rims:
+            density = density + self.rims * density_of_edges(flat, RIM * grain)
+        ground = bare[:, None, None]
+        painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
+        flat = gather_pigment(flat, painted * density)
+        if self.tooth == 0:
+            return flat
+        skipped = self.tooth * (1 + self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, 1)).to(
+            flat
+        )
+        if self.accents:
+            detail = (flat - gaussian_blur(flat, RIM * grain)).abs().amax(0)
+            skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
+        return ground + (0.5 + STEEP * (low - skipped)).clamp(0, 1) * (flat - ground)
+
+
+@register("paper", "cold_pressed")
+class ColdPressed(GrainedPaper):
+    """Watercolour paper with the even, felted grain of a cold press."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        return fractal_noise(x / 1.6, y / 1.6, self.seed, 3)
+
+
+@register("paper", "rough")
+class Rough(GrainedPaper):
+    """Rough paper: pebbles between narrow hollows, which dry paint and chalk skip."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        pebbles = gradient_noise(x / 1.7, y / 1.7, self.seed).abs() - 0.18
+        return 0.45 * pebbles / 0.14 + 0.8 * fractal_noise(x / 2.6, y / 2.6, self.seed + 3, 4)
+
+
+@register("paper", "laid")
+class Laid(GrainedPaper):
+    """Laid paper: fine ribs of the wires of its mould, and chain lines across them."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        waver = 0.25 * gradient_noise(x / 12, y / 12, self.seed)
+        ribs = torch.cos(2 * math.pi * (y / 1.6 + waver))
+        chains = torch.exp(-(((x / 24 + waver / 8) % 1 - 0.5) / 0.03).square())
+        return 0.9 * ribs - 1.2 * chains + 0.6 * fractal_noise(x / 1.5, y / 1.5, self.seed + 3, 2)
+
+
+@register("paper", "weave")
+class Weave(GrainedPaper):
+    """Canvas in plain weave: threads that go over and under each other, none quite like the next."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        u = x / 1.6 + 0.3 * gradient_noise(x / 9, y / 5, self.seed)
+        v = y / 1.6 + 0.3 * gradient_noise(x / 5, y / 9, self.seed + 1)
+        over = torch.cos(math.pi * u) * torch.cos(math.pi * v)  # warp where > 0, weft where < 0
+        across = torch.where((u.floor() + v.floor()) % 2 == 0, (u % 1 - 0.5).abs(), (v % 1 - 0.5).abs())
+        return 0.62 - 8.4 * across.square() + 0.2 * over + 0.35 * fractal_noise(x, y, self.seed + 3, 2)

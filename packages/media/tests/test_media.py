@@ -1,0 +1,165 @@
+"""Looks are their media: white paper, ground that shows, lines and no greys, dots whose mean is the picture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from brushexp_media.blurred import Blurred
+from brushexp_media.chroma import Chroma
+from brushexp_media.lines import edge_lines
+from brushexp_media.palettes import as_lab, grouped
+from brushexp_media.wetness import gaussian_blur
+from scipy.ndimage import gaussian_filter
+from torch.testing import assert_close
+
+import brushexp
+from brushexp.pictures.color import to_lab
+from brushexp.plugins.loss.base import PaintedView
+from brushexp.registry import build_named
+from brushexp.shading.light import UNLIT
+from brushexp.strokes.catalogue import Strokes
+
+SIDE = 128
+
+
+@pytest.fixture(scope="module")
+def paintings():
+    """A small picture with white, sky, dark and colours, in the looks of the media."""
+    y, x = np.mgrid[0:96, 0:SIDE] / SIDE
+    picture = np.stack([0.45 + 0.3 * y, 0.62 + 0.1 * y, 0.85 - 0.2 * y], -1)
+    picture[(x - 0.3) ** 2 + (y - 0.3) ** 2 < 0.02] = (0.97, 0.97, 0.95)
+    picture[y > 0.5] = (0.32, 0.25, 0.16)
+    picture[(y > 0.55) & (x > 0.6)] = (0.75, 0.2, 0.12)
+    picture = (255 * picture.clip(0, 1)).astype(np.uint8)
+    names = ("oil", "pastel", "watercolour", "ink", "gouache", "pointillist")
+    options = {"frames": 0, "report": False, "focus": None, "threads": 1}
+    return picture, {name: brushexp.paint(picture, look=name, **options) for name in names}
+
+
+def lightness(picture):
+    return to_lab(picture.reshape(-1, 3) / 255)[:, 0]
+
+
+def psnr(one, other):
+    return -10 * np.log10(np.mean(np.square(one / 255.0 - other / 255.0)))
+
+
+@pytest.mark.slow
+def test_each_medium_is_far_from_oil(paintings):
+    _, looks = paintings
+    distances = {
+        name: psnr(looks["oil"].image, looks[name].image) for name in ("pastel", "watercolour", "ink", "gouache")
+    }
+    assert max(distances.values()) < 24, distances
+
+
+@pytest.mark.slow
+def test_watercolour_leaves_the_paper_white_where_the_picture_is(paintings):
+    picture, looks = paintings
+    assert (lightness(looks["watercolour"].image) > 92).mean() >= (lightness(picture) > 92).mean() > 0.02
+
+
+def ground_seen(painting) -> float:
+    """The share of pixels of which more than half is ground: on white they are so much lighter than on black."""
+    job = replace(painting.finished.job, light=UNLIT)
+    black, white = (
+        replace(job, saved=replace(job.saved, background=torch.full((3,), b))).picture() for b in (0.0, 1.0)
+    )
+    return float(((white.astype(float) - black).mean(-1) > 127).mean())
+
+
+@pytest.mark.slow
+def test_ground_shows_between_dots_and_in_the_grain_of_pastel(paintings):
+    _, looks = paintings
+    seen = {name: ground_seen(looks[name]) for name in ("oil", "pastel", "pointillist")}
+    assert 0.1 <= seen["pastel"] <= 0.25, seen
+    assert 0.1 <= seen["pointillist"] <= 0.25, seen
+    assert seen["oil"] < 0.02, seen
+
+
+@pytest.mark.slow
+def test_ink_is_white_paper_and_ink(paintings):
+    _, looks = paintings
+    light = lightness(looks["ink"].image)
+    assert (light > 92).mean() > 0.2
+    assert np.ptp(looks["ink"].image.astype(int), axis=-1).max() < 30  # no colours
+
+
+def test_a_blurred_loss_is_blind_to_dots_and_sees_their_mean():
+    target = torch.full((3, 32, 40), 0.5)
+    dots = target + 0.4 * (-1.0) ** (torch.arange(32)[:, None] + torch.arange(40))
+    seen = [float(Blurred(sigma=2)(PaintedView(image, target, Strokes.none()))) for image in (dots, target + 0.1)]
+    assert seen[0] < 1e-3
+    assert seen[1] == pytest.approx(0.01, rel=0.01)
+
+
+def test_blur_agrees_with_scipy():
+    picture = torch.rand(2, 15, 21, dtype=torch.float64)
+    blurred = np.stack([gaussian_filter(one, 1.7, mode="nearest", radius=6) for one in picture.numpy()])
+    assert_close(gaussian_blur(picture, 1.7), torch.from_numpy(blurred))
+
+
+def test_chroma_asks_for_pure_colours_alone():
+    color = torch.tensor([[0.5, 0.5, 0.5], [0.9, 0.1, 0.3]], requires_grad=True)
+    strokes = Strokes(*(torch.zeros(2, *shape) for shape in ((2,), (), (2,), (2,), (2,), ())), color, torch.ones(2))
+    value = Chroma(least=0.5)(PaintedView(torch.zeros(3, 2, 2), torch.zeros(3, 2, 2), strokes))
+    assert float(value.detach()) == pytest.approx(0.125)
+
+
+def test_values_are_grouped():
+    groups = grouped(np.linspace(0, 100, 1001), 4, 1.0)
+    assert np.unique(groups.round(6)).tolist() == [12.5, 37.5, 62.5, 87.5]
+    assert np.array_equal(grouped(np.linspace(0, 100, 11), 0, 1.0), np.linspace(0, 100, 11))
+
+
+def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():
+    ramp = torch.linspace(0, 1, 100).expand(3, 4, 100).contiguous()
+    lab = as_lab(build_named("palette", "toned", {"white": 80, "dark": 20})(ramp))
+    assert lab[..., 0].min() == pytest.approx(20, abs=0.5)
+    assert (lab[..., 0] > 99).mean() == pytest.approx((as_lab(ramp)[..., 0] > 80).mean(), abs=0.02)
+
+
+def test_the_colours_of_another_picture_have_its_mean():
+    picture = torch.rand(3, 20, 30) * 0.3
+    palette = build_named("palette", "picture", {"image": "coffee"})
+    warm = palette(picture).mean((1, 2))
+    assert warm[0] > warm[2] + 0.1
+
+
+def test_lines_are_on_the_dark_side_of_edges():
+    picture = np.full((3, 40, 60), 0.9)
+    picture[:, :, 30:] = 0.1
+    lines = edge_lines(picture)
+    assert lines[20, 30] > 0.9
+    assert lines[:, :28].max() == 0
+    assert lines[:, 40:].max() == 0
+
+
+@pytest.mark.parametrize("target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2)])
+def test_any_picture_is_drawn_with_as_many_strokes_as_asked(target):
+    n = min(50, target[0].numel())
+    strokes = build_named("init", "drawing", {})(target, n, torch.Generator().manual_seed(0))
+    assert len(strokes) == n
+    assert all(value.isfinite().all() for _, value in strokes.items())
+    if target.min() == 1:
+        assert float(strokes.opacity.max()) == 0
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 1.0])
+def test_what_is_black_is_hatched_and_what_is_white_is_not(share):
+    target = torch.ones(3, 60, 80)
+    target[:, :, : round(80 * share)] = 0.0
+    strokes = build_named("init", "drawing", {"contours": 0.0})(target, 200, torch.Generator().manual_seed(0))
+    inked = strokes.opacity > 0
+    assert inked.float().mean() > 0.6
+    assert bool((strokes.position[inked, 0] < 80 * share + 6).all())
+
+
+def test_dots_go_apart_in_hue_and_their_mean_stays():
+    target = torch.full((3, 60, 60), 0.5)
+    make = lambda division: build_named("init", "dots", {"division": division})  # noqa: E731
+    even, divided = (make(d)(target, 400, torch.Generator().manual_seed(0)).color for d in (0.0, 0.4))
+    assert_close(even, torch.full_like(even, 0.5))
+    assert_close(divided.mean(0), even.mean(0), atol=0.03, rtol=0)
+    assert float((divided.amax(1) - divided.amin(1)).median()) > 0.4

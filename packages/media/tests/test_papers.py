@@ -1,0 +1,136 @@
+"""Papers: paint skips the share that is asked, at any size, and the finished painting has them in every form."""
+
+import io
+from base64 import b64decode
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from brushexp_media import papers
+from brushexp_media.noise import evened, fractal_noise
+from brushexp_media.wetness import density_of_edges, gather_pigment
+from PIL import Image
+from torch.testing import assert_close
+
+from brushexp.plugins.export.job import export_job
+from brushexp.plugins.paper.base import Rows
+from brushexp.registry import build_named, plugins
+from brushexp.shading.light import Light, overlay
+from brushexp.strokes.saved import Saved
+from brushexp.testing.families import some_strokes
+
+PAPERS = [plugin.name for plugin in plugins("paper") if not plugin.cls.is_smooth]
+WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5}
+WHITE = torch.ones(3)
+
+
+def covered(name: str, size: tuple[int, int], color: float = 0.2, **options):
+    """What a paper makes of an even coat of paint on white."""
+    return build_named("paper", name, options).cover(torch.full((3, *size), color), WHITE, Rows(0, size[0], size))
+
+
+@pytest.mark.parametrize("name", PAPERS)
+@pytest.mark.parametrize("tooth", [0.1, 0.25])
+def test_paint_skips_the_share_that_is_asked(name, tooth):
+    bare = (covered(name, (300, 400), tooth=tooth, grain=8, pressure=0) > 0.6).float().mean()
+    assert float(bare) == pytest.approx(tooth, abs=0.06)
+    assert_close(covered(name, (30, 40), tooth=0), torch.full((3, 30, 40), 0.2))
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_a_paper_is_the_same_at_any_size(name):
+    small, large = (covered(name, size, tooth=0.3, grain=60) for size in ((60, 80), (240, 320)))
+    mean = torch.nn.functional.avg_pool2d(large, 4)
+    assert float((mean - small).abs().mean()) < 0.25 * float((small - small.mean()).abs().mean())
+
+
+def test_seeds_are_other_papers_and_the_same_seed_the_same():
+    one, again, other = (covered("rough", (40, 60), seed=seed) for seed in (1, 1, 2))
+    assert torch.equal(one, again)
+    assert not torch.equal(one, other)
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_gradients_pass_a_paper(name):
+    generator = torch.Generator().manual_seed(0)
+    flat = (0.1 + 0.6 * torch.rand(3, 6, 9, generator=generator, dtype=torch.float64)).requires_grad_()
+    bare = torch.tensor([0.9, 0.95, 0.85], dtype=torch.float64, requires_grad=True)
+    paper = build_named("paper", name, {"grain": 150.0, "tooth": 0.3, "granulation": 0.5, "blooms": 0.3})
+    assert torch.autograd.gradcheck(lambda flat, bare: paper.cover(flat, bare, Rows(0, 6, (6, 9))), (flat, bare))
+
+
+def test_noise_is_even_in_its_ranks_and_repeats_for_its_seed():
+    x, y = torch.meshgrid(torch.arange(200) * 0.37, torch.arange(200) * 0.37, indexing="ij")
+    rank = evened(fractal_noise(x.double(), y.double(), 3))
+    for share in (0.2, 0.5, 0.8):
+        assert float((rank < share).float().mean()) == pytest.approx(share, abs=0.05)
+    assert torch.equal(rank, evened(fractal_noise(x.double(), y.double(), 3)))
+
+
+def test_pigment_gathers_on_the_dark_side_of_an_edge():
+    picture = torch.full((3, 20, 40), 0.9)
+    picture[:, :, 20:] = 0.4
+    density = density_of_edges(picture, 2.0)
+    assert density[10].argmax() == 20
+    assert float(density[10, 20]) > 0.1
+    assert float(density[:, :20].max()) < 1e-6
+    darker = gather_pigment(picture, density)
+    assert bool((darker <= picture).all())
+    assert torch.equal(gather_pigment(torch.ones(3, 2, 2), torch.ones(2, 2)), torch.ones(3, 2, 2))
+
+
+def test_paper_is_what_strokes_that_skip_its_hollows_make(monkeypatch):
+    """The slow reference: each stroke covers nothing in the hollows, and is laid over the one below."""
+    monkeypatch.setattr(papers, "STEEP", 1e9)  # paint or no paint
+    job = job_on("cold_pressed", grain=40.0, tooth=0.3)
+    rows, bare = Rows(0, job.size[0], job.size), torch.tensor([0.8, 0.7, 0.3])
+    hollow = job.paper.cover(torch.zeros(3, *job.size), WHITE, rows)[0].flatten()
+    x, y = (max(job.size) * place.float().flatten() for place in rows.places)
+    alpha, color = job.renderer(job.strokes).sample(torch.arange(30)[None], torch.stack([x, y], -1)[None])
+    pictures = []
+    for mask in (1 - hollow, torch.ones_like(hollow)):
+        picture = bare.repeat(len(x), 1)
+        for a, c in zip(alpha[0] * mask, color[0].expand(-1, len(x), -1), strict=True):
+            picture = torch.lerp(picture, c, a[:, None])
+        pictures.append(picture.T.reshape(3, *job.size))
+    assert 0.2 < float(hollow.mean()) < 0.4
+    assert_close(job.paper.cover(pictures[1], bare, rows), pictures[0], atol=1e-5, rtol=0)
+
+
+def job_on(name: str, light: float = 0.0, **options):
+    strokes = some_strokes(30, (56, 72), width=(0.1, 0.4))
+    saved = Saved(strokes, torch.arange(30, dtype=torch.int32), (56, 72), WHITE, renderer="analytic")
+    return replace(export_job(saved), paper=build_named("paper", name, options), light=Light(depth=light))
+
+
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_every_form_of_a_painting_shows_its_paper(light, tmp_path):
+    job = job_on("rough", light, grain=25.0, tooth=0.3, **WET)
+    flat, painting = job.bare().picture(), job.picture()
+    assert np.abs(flat.astype(float) - painting).mean() > 2
+    again = job.picture(torch.from_numpy(flat).movedim(-1, 0) / 255)  # of colours that are painted already
+    assert np.abs(again.astype(float) - painting).max() <= 3
+    (path,) = build_named("to", "png", {}).write(job, tmp_path)
+    assert np.array_equal(np.asarray(Image.open(path)), painting)
+    (path,) = build_named("to", "svg", {}).write(job, tmp_path)
+    layer = path.read_text().partition('id="light"')[2].partition("base64,")[2].partition('"')[0]
+    layer = np.asarray(Image.open(io.BytesIO(b64decode(layer)))).astype(float)
+    shown = flat + (layer[..., :3] - flat) * layer[..., 3:] / 255
+    assert np.abs(shown - painting).max() < 3
+
+
+def test_a_layer_over_the_colours_gives_any_picture():
+    random = np.random.default_rng(0)
+    flat, finished = random.integers(0, 256, (2, 20, 30, 3), dtype=np.uint8)
+    finished[:5], flat[5:9], finished[9:12] = flat[:5], 0, 255
+    layer = overlay(flat, finished).astype(float)
+    shown = flat + (layer[..., :3] - flat) * layer[..., 3:] / 255
+    assert np.abs(shown - finished).max() <= 1.5
+    assert layer[:5, :, 3].max() == 0
+
+
+def test_relief_of_a_paper_scales_with_the_picture():
+    paper = build_named("paper", "weave", {"grain": 60.0})
+    small, large = (paper.relief(Rows(0, size[0], size)) for size in ((60, 80), (120, 160)))
+    assert_close(float(large.std()), 2 * float(small.std()), rtol=0.1, atol=0)

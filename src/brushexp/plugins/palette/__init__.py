@@ -1,0 +1,1 @@
+"""Palettes: colours of the picture -> colours of the painting. Pick one: ``palette=muted``."""

@@ -1,0 +1,14 @@
+"""The colours of the picture itself."""
+
+from torch import Tensor
+
+from brushexp.plugins.palette.base import Palette
+from brushexp.registry import register
+
+
+@register("palette", "own")
+class Own(Palette):
+    """The picture's own colours."""
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        return picture

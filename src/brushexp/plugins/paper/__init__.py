@@ -1,0 +1,1 @@
+"""Papers and canvases: which of it paint skips, and its relief. Pick one: ``paper=cold_pressed``."""

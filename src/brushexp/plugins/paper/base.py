@@ -1,0 +1,63 @@
+"""The contract of papers, on which a painting lies."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Some rows of a canvas: ``count`` from row ``top`` on, of a canvas of ``size`` (H, W) in pixels."""
+
+    top: int
+    count: int
+    size: tuple[int, int]
+
+    @property
+    def places(self) -> tuple[Tensor, Tensor]:
+        """Middles of the pixels, x and y (count, W), float64, in longer sides of the canvas."""
+        side = max(self.size)
+        y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
+        x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
+        y, x = torch.meshgrid(y, x, indexing="ij")
+        return x, y
+
+    def widened(self, margin: int) -> "Rows":
+        """Add up to ``margin`` rows above and below, as far as there are such."""
+        first, after = max(self.top - margin, 0), min(self.top + self.count + margin, self.size[0])
+        return Rows(first, after - first, self.size)
+
+
+class Paper(ABC):
+    """Lies below the strokes: paint skips some of it, and its relief takes the light.
+
+    It is the same at any size of the picture and in any band of rows.
+
+    >>> class Striped(Paper):
+    ...     def cover(self, flat, bare, rows):
+    ...         return torch.where(rows.places[1] * 8 % 1 < 0.5, flat, bare[:, None, None])
+    ...     def relief(self, rows):
+    ...         return torch.zeros(rows.count, rows.size[1])
+    >>> Striped().cover(torch.zeros(3, 4, 2), torch.ones(3), Rows(0, 4, (16, 2)))[0, :, 0].tolist()
+    [0.0, 1.0, 0.0, 1.0]
+    """
+
+    is_smooth: ClassVar[bool] = False  # whether strokes lie on it as they were painted
+
+    def margin(self, size: tuple[int, int]) -> int:
+        """Return how many rows above and below those that are asked for a canvas of ``size`` (H, W) needs."""
+        return 0
+
+    @abstractmethod
+    def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
+        """Map strokes that were laid on a smooth ground of the colour ``bare`` (3,) to how they lie on the paper.
+
+        Pictures (3, h, W) in [0, 1] are of ``rows``; differentiable in both colours.
+        """
+
+    @abstractmethod
+    def relief(self, rows: Rows) -> Tensor:
+        """Return the height of the paper (h, W), float32, at least 0, in pixels of the picture."""

@@ -1,0 +1,20 @@
+"""A smooth ground, which strokes cover everywhere."""
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.paper.base import Paper, Rows
+from brushexp.registry import register
+
+
+@register("paper", "smooth")
+class Smooth(Paper):
+    """No paper: a smooth ground, on which strokes lie as they were painted."""
+
+    is_smooth = True
+
+    def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
+        return flat
+
+    def relief(self, rows: Rows) -> Tensor:
+        return torch.zeros(rows.count, rows.size[1])
