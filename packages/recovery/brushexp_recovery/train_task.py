@@ -14,7 +14,7 @@ from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
 from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
 
-BELIEVED = 22  # held-out paintings from here on are for order and confidence, those before for the judges
+BELIEVED = 34  # held-out paintings from here on are for order and confidence, those before for the judges
 CALIBRATED = PLAIN - HELD_OUT  # and of them those from here on for confidence
 
 

@@ -3,7 +3,9 @@
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import lightning as L
@@ -21,12 +23,14 @@ from brushexp_recovery.network import AFFINE, GEOMETRY, OFFSETS, OVER, StrokeNet
 from brushexp_recovery.synthesis_crops import Crops, batch_of, crop
 from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.synthesis_pool import load_painting
+from brushexp_recovery.validating import Counts, counts_of
 
 APART = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # weight of pairs of different strokes, by offset
-WEIGHTS = {"order": 1.0, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
+WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
 FIRST_PAINTINGS = 8  # that must be there before learning begins
+AHEAD = 1  # batches that are cut in advance
 LOOK_AGAIN = 20  # steps after which new paintings are looked for
-HELD_OUT, HELD_OUT_COUNT = 900_000, 38  # numbers of the paintings that the network does not learn from
+HELD_OUT, HELD_OUT_COUNT = 900_000, 56  # numbers of the paintings that the network does not learn from
 VALIDATED = 6  # of them are for validation, the first ones
 CROPS_HELD_OUT = 4  # of each of them
 PAINTINGS = "[0-9]*.npz"  # in the folder of the pool
@@ -80,13 +84,24 @@ class RecoveryData(L.LightningDataModule):
             yield batch_of([crop(painted, random) for _ in range(CROPS_HELD_OUT)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
-        for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
-            if step % LOOK_AGAIN == 0 or not self.held:
-                self.held |= {path: load_painting(path) for path in self._training() if path not in self.held}
-            random = np.random.default_rng([self.seed, step])
-            chosen = random.integers(len(self.held), size=self.batch_size)
-            paintings = list(self.held.values())
-            yield batch_of([crop(paintings[number], random) for number in chosen])
+        """Cut each batch in a thread of its own while the network learns from the one before."""
+        with ThreadPoolExecutor(1) as cutter:
+            steps = range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS)
+            waiting = deque[Future[Crops]]()
+            for step in steps:
+                waiting.append(cutter.submit(self._batch, step))
+                if len(waiting) > AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _batch(self, step: int) -> Crops:
+        if step % LOOK_AGAIN == 0 or not self.held:
+            self.held |= {path: load_painting(path) for path in self._training() if path not in self.held}
+        random = np.random.default_rng([self.seed, step])
+        chosen = random.integers(len(self.held), size=self.batch_size)
+        paintings = list(self.held.values())
+        return batch_of([crop(paintings[number], random) for number in chosen])
 
     def _training(self) -> list[Path]:
         return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) < min(self.most, HELD_OUT)]
@@ -109,7 +124,7 @@ class RecoveryModule(NetworkModule):
 
     def __init__(self, network: StrokeNetwork, lr: float) -> None:
         super().__init__()
-        self.network, self.lr = network.train(), lr
+        self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
@@ -124,9 +139,12 @@ class RecoveryModule(NetworkModule):
         return sum((WEIGHTS.get(name, 1.0) * term for name, term in terms.items()), torch.zeros(()))
 
     def validation_step(self, batch: Crops, batch_idx: int) -> None:
-        terms = losses_of(self.network(batch.image).float(), batch.labels, batch.geometry)
+        told = self.network(batch.image).float()
+        terms = losses_of(told, batch.labels, batch.geometry)
+        counts = counts_of(told.cpu(), Crops(*(part.cpu() for part in batch)))
+        self.counts = Counts(*map(sum, zip(self.counts, counts, strict=True))) if batch_idx else counts
         sums = {name: float(term) + batch_idx * self.figures.get(name, 0.0) for name, term in terms.items()}
-        self.figures = {name: value / (batch_idx + 1) for name, value in sums.items()}
+        self.figures = {name: value / (batch_idx + 1) for name, value in sums.items()} | {"f1_affinity": self.counts.f1}
         self.validated = self.global_step
         if batch_idx + 1 == VALIDATED:
             self.log_dict({f"validation/{name}": value for name, value in self.figures.items()}, batch_size=1)
