@@ -36,7 +36,8 @@ class RecoveryJob(NetworkJob):
             Path(cfg.sets), self.pictures_painted, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
         )
         self.started_from = None if cfg.start is None else recipe_of(cfg.start)
-        self.module = RecoveryModule(StrokeNetwork() if cfg.start is None else load_model(cfg.start).network, cfg.lr)
+        learnt = cfg.start is not None
+        self.module = RecoveryModule(load_model(cfg.start).network if learnt else StrokeNetwork(), cfg.lr, learnt)
         self.weights = folder / f"{NAME}.safetensors"
         self.use = f"brushexp recover image=PICTURE weights={self.weights}"
 

@@ -14,7 +14,7 @@ import torch
 from brushexp_training.datamodule import EPOCH_STEPS, StrokeLoader
 from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
-from torch import Tensor, optim
+from torch import Tensor, nn, optim
 from torch.nn.functional import binary_cross_entropy_with_logits as logistic
 
 from brushexp.errors import UserError
@@ -35,6 +35,8 @@ VALIDATED = 6  # of them are for validation, the first ones
 CROPS_HELD_OUT = 4  # of each of them
 PAINTINGS = "[0-9]*.npz"  # in the folder of the pool
 DECAY = 1e-4  # of the weights
+SETTLED = 0.4  # share of a training after which normalisations keep their statistics: those of a few crops of unlike
+# paintings tell the network what it will not be told when it looks at one
 
 
 class RecoveryData(L.LightningDataModule):
@@ -122,14 +124,22 @@ class RecoveryModule(NetworkModule):
     title = "learning strokes"
     clip_norm = 2.0
 
-    def __init__(self, network: StrokeNetwork, lr: float) -> None:
+    def __init__(self, network: StrokeNetwork, lr: float, learnt: bool = False) -> None:
+        """Train a network; one that has ``learnt`` keeps the statistics of its normalisations from the first step."""
         super().__init__()
         self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
+        self.settled = 0.0 if learnt else SETTLED
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.AdamW(self.network.parameters(), self.lr, weight_decay=DECAY)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
+
+    def on_train_batch_start(self, *_: object) -> None:
+        if self.progress >= self.settled:
+            for part in self.network.modules():
+                if isinstance(part, nn.BatchNorm2d):
+                    part.eval()
 
     def training_step(self, batch: Crops, batch_idx: int) -> Tensor:
         told = self.network(batch.image.contiguous(memory_format=torch.channels_last))

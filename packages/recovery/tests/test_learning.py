@@ -87,3 +87,14 @@ def test_learning_lowers_the_loss():
         optimizer.step()
         losses.append(loss.item())
     assert losses[-1] < losses[0]
+
+
+@pytest.mark.parametrize(("learnt", "progress", "keeps"), [(True, 0.0, True), (False, 0.1, False), (False, 0.9, True)])
+def test_normalisations_keep_their_statistics_once_they_are_settled(learnt, progress, keeps, monkeypatch):
+    monkeypatch.setattr(RecoveryModule, "progress", property(lambda _: progress))
+    module = RecoveryModule(RecoveryModel().network, 1e-3, learnt)
+    before = {name: value.clone() for name, value in module.network.named_buffers()}
+    module.on_train_batch_start()
+    module.network(torch.rand(2, 3, 64, 64))
+    same = [torch.equal(value, before[name]) for name, value in module.network.named_buffers()]
+    assert all(same) == keeps
