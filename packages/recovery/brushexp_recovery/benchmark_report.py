@@ -21,7 +21,7 @@ GROUPS = {
 ERRORS = {  # column: heading, digits
     "recall": ("recall", 2), "precision": ("precision", 2), "direction_deg": ("direction, °", 1),
     "length_rel": ("length", 2), "width_rel": ("width", 2), "color_de00": ("colour, ΔE00", 1),
-    "order_tau": ("order, τ", 2), "field_direction_deg": ("field of direction, °", 1),
+    "order_agreement": ("order", 2), "order_tau": ("order, τ", 2), "field_direction_deg": ("field of direction, °", 1),
     "field_length_rel": ("field of length", 2), "field_width_rel": ("field of width", 2), "auc": ("AUC", 2),
     "ece": ("ECE", 2), "seconds": ("seconds", 1),
 }  # fmt: skip
@@ -37,7 +37,8 @@ def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
         "seeds; unseen: other brushes, other painters' strokes. Clean: the painting; hard: a photograph of it.",
         markdown_table(by_group), "Mean F1 by kind and number of strokes, clean.", markdown_table(by_kind),
         "Means over clean paintings; errors are medians over matched strokes, length and width as shares of the true "
-        "ones; fields are those of neighbourhoods, matched or not.", markdown_table(errors),
+        "ones; order is the share of found pairs that overlap whose upper one was told; fields are those of "
+        "neighbourhoods, matched or not.", markdown_table(errors),
     ]  # fmt: skip
     write_text(folder / "summary.md", "\n\n".join(parts) + "\n")
     write_text(folder / "summary.tex", latex_table(by_group) + "\n" + latex_table(errors))

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import fit_curves
-from brushexp_recovery.finding import LEAST, find_regions, zoomed
+from brushexp_recovery.finding import LEAST, SOUGHT, find_regions, zoomed
 from brushexp_recovery.judges import fit_judge, fit_linear
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import RecoveryModel
-from brushexp_recovery.network import USUAL
 from brushexp_recovery.recover import COPIES
 from brushexp_recovery.regions import Pieces, pieces_of
 from brushexp_recovery.score import overlaps
@@ -23,6 +22,7 @@ from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
 from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.tree import Tree, grow, node_features
+from brushexp_recovery.truth import pixels_of
 
 Array = NDArray[Any]
 Progress = Callable[[float, str], None]
@@ -34,6 +34,7 @@ SMALLER = 0.35  # power of the smaller area that an example counts with
 STAGES = (0.9, 0.75, 0.5, 0.3)  # chances at which joining is looked at
 STEPS = (1500, 3000, 5000)  # of the first and the second judge of pairs, and the judge of nodes
 SIDE = 640  # pixels of the parts of paintings that are looked at, zoomed
+SPREAD = 0.25  # of the logarithm of their scales
 
 
 class Known(NamedTuple):
@@ -88,16 +89,15 @@ def fit_beliefs(
     fit_linear(model.confidence, signs, hits)
     fit_linear(model.order, meetings, above)
     f1 = 2 * hits.sum() / max(len(hits) + sum(one.strokes for one in known), 1)
-    return {"f1": float(f1), "precision": float(hits.mean())}
+    return {"f1": float(f1), "precision": float(hits.sum() / max(len(hits), 1))}
 
 
 def found_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Found:
-    """Find regions in a painting, and compare them with its strokes."""
-    image = painted.image.astype(np.float32) / 255
-    image = weather(image, random).astype(np.float32) if aged else image
+    """Find regions in a part of a painting, and compare them with its strokes."""
+    image, truth, _ = part_of(painted, aged, random)
     regions = find_regions(model, image, None, COPIES, lambda *_: None)
-    visible = np.bincount(painted.labels[painted.labels >= 0])
-    strokes, numbers, iou = overlaps(painted.labels, regions.labels, len(visible), len(regions.chance))
+    visible = pixels_of(truth, len(painted.geometry))
+    strokes, numbers, iou = overlaps(truth, regions.labels, len(visible), len(regions.chance))
     partner = np.full(len(regions.chance), -1)
     partner[numbers[iou >= HIT]] = strokes[iou >= HIT]
     pairs, features = meetings_of(regions, fit_curves(regions, image))
@@ -110,15 +110,24 @@ def found_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
 
 def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Known:
     """Look at a part of a painting at the scale that suits its strokes, about."""
-    zoom = np.clip(USUAL / typical_width(painted) * np.exp(random.normal(0, 0.15)), *ZOOMS)
+    image, truth, zoom = part_of(painted, aged, random)
+    shown = zoomed(image, zoom)
+    rows, columns = (
+        ((np.arange(size) + 0.5) * part / size).astype(int)
+        for size, part in zip(shown.shape, truth.shape, strict=False)
+    )
+    return Known(pieces_of(predict(model.network, shown, 2), shown), truth[np.ix_(rows, columns)])
+
+
+def part_of(painted: Painted, aged: bool, random: Random) -> tuple[Array, Array, float]:
+    """Cut a part out of a painting, `SIDE` pixels wide when zoomed: picture, labels, and the zoom that suits it."""
+    zoom = float(np.clip(SOUGHT / typical_width(painted) * np.exp(random.normal(0, SPREAD)), *ZOOMS))
     height, width = painted.labels.shape
     part = min(round(SIDE / zoom), height, width)
     top, left = int(random.integers(height - part + 1)), int(random.integers(width - part + 1))
     image = painted.image[top : top + part, left : left + part].astype(np.float32) / 255
-    image = zoomed(weather(image, random).astype(np.float32) if aged else image, zoom)
-    rows, columns = (((np.arange(size) + 0.5) * part / size).astype(int) for size in image.shape[:2])
-    truth = painted.labels[top : top + part, left : left + part][np.ix_(rows, columns)].astype(int)
-    return Known(pieces_of(predict(model.network, image, 2), image), truth)
+    image = weather(image, random).astype(np.float32) if aged else image
+    return image, painted.labels[top : top + part, left : left + part].astype(int), zoom
 
 
 def simple_examples(one: Known, random: Random) -> tuple[Array, Array, Array]:

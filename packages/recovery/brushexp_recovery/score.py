@@ -42,8 +42,9 @@ def score(truth: Truth, given: Given) -> dict[str, Any]:
 
     Keys: ``f1``, ``recall``, ``precision`` (and ``_soft``, at `NEAR`), ``best_iou``, ``split`` and ``joined``,
     ``recall_little``, ``_most`` and ``_whole`` by the visible share, medians over matched strokes ``direction_deg``,
-    ``length_rel``, ``width_rel``, ``width_bias``, ``color_de00`` (CIEDE2000) and mean ``iou``, ``order_tau`` and
-    ``order_pairs``, errors of neighbourhoods ``field_...``, and with confidence ``auc``, ``ece`` and ``reliability``.
+    ``length_rel``, ``width_rel``, ``width_bias``, ``color_de00`` (CIEDE2000) and mean ``iou``, ``order_agreement``,
+    ``order_tau`` and ``order_pairs``, errors of neighbourhoods ``field_...``, and with confidence ``auc``, ``ece`` and
+    ``reliability``.
     """
     counts_found = counting(given)
     rows, columns, iou = overlaps(truth.labels, given.labels, len(truth), len(given))
@@ -151,13 +152,14 @@ def errors_of(truth: Truth, given: Given, matched: Matched) -> dict[str, float]:
 
 
 def order_of(truth: Truth, given: Given, matched: Matched) -> dict[str, float]:
-    """Compute how the order of overlapping matched strokes agrees, Kendall's tau: 1 always, -1 never."""
+    """Compute the share of overlapping matched pairs in the right order, and Kendall's tau: 1 always, -1 never."""
     if not given.ordered:
-        return {"order_tau": float("nan"), "order_pairs": 0}
+        return {"order_tau": float("nan"), "order_agreement": float("nan"), "order_pairs": 0}
     rank = np.full(len(truth), -1)
     rank[matched.truth] = matched.found
     lower, upper = truth.pairs[(rank[truth.pairs] >= 0).all(1)].T
-    return {"order_tau": mean_of(np.sign(rank[upper] - rank[lower])), "order_pairs": len(lower)}
+    right = rank[upper] > rank[lower]
+    return {"order_tau": mean_of(2.0 * right - 1), "order_agreement": mean_of(right), "order_pairs": len(lower)}
 
 
 def chords(curve: Array) -> Array:

@@ -19,9 +19,10 @@ Array = NDArray[Any]
 
 SIDE = 512  # pixels of a painting
 COUNTS = (120, 2600)  # strokes of a painting
+PLAIN_SHARE = 0.55  # share of paintings by a plain hand
 BARE = 0.05  # share of paintings without a stroke
 MARKED = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
-PLAIN = 900_030  # paintings from this number on are plain
+PLAIN = 900_046  # paintings from this number on are plain
 FEW = 400  # strokes beyond which the simulator of bristles takes too long
 OCHRE = (0.66, 0.56, 0.42)
 PICTURES = (  # that come with scikit-image and matplotlib
@@ -40,11 +41,11 @@ class Painted:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
-    """Make painting ``number``: half of them as a plain hand paints, half of many kinds; from `PLAIN` on all plain."""
+    """Make painting ``number``: most as a plain hand paints, others of many kinds; from `PLAIN` on all plain."""
     random = np.random.default_rng([seed, number])
     picture = square_of(pictures[int(random.integers(len(pictures)))], random)
     n = int(np.exp(random.uniform(*np.log(COUNTS))))
-    plain = random.random() < 0.5 or number >= PLAIN
+    plain = random.random() < PLAIN_SHARE or number >= PLAIN
     if not plain and random.random() < 2 * BARE:
         return without_strokes(picture, random)
     look = plain_look(random) if plain else any_look(random)

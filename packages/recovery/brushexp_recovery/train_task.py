@@ -14,7 +14,7 @@ from brushexp_recovery.network import StrokeNetwork
 from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
 from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
 
-BELIEVED = 22  # held-out paintings from here on are for order and confidence, those before for the judges
+BELIEVED = 34  # held-out paintings from here on are for order and confidence, those before for the judges
 CALIBRATED = PLAIN - HELD_OUT  # and of them those from here on for confidence
 
 
@@ -36,7 +36,8 @@ class RecoveryJob(NetworkJob):
             Path(cfg.sets), self.pictures_painted, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
         )
         self.started_from = None if cfg.start is None else recipe_of(cfg.start)
-        self.module = RecoveryModule(StrokeNetwork() if cfg.start is None else load_model(cfg.start).network, cfg.lr)
+        learnt = cfg.start is not None
+        self.module = RecoveryModule(load_model(cfg.start).network if learnt else StrokeNetwork(), cfg.lr, learnt)
         self.weights = folder / f"{NAME}.safetensors"
         self.use = f"brushexp recover image=PICTURE weights={self.weights}"
 

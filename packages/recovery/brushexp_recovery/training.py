@@ -3,7 +3,9 @@
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import lightning as L
@@ -12,7 +14,7 @@ import torch
 from brushexp_training.datamodule import EPOCH_STEPS, StrokeLoader
 from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
-from torch import Tensor, optim
+from torch import Tensor, nn, optim
 from torch.nn.functional import binary_cross_entropy_with_logits as logistic
 
 from brushexp.errors import UserError
@@ -21,16 +23,20 @@ from brushexp_recovery.network import AFFINE, GEOMETRY, OFFSETS, OVER, StrokeNet
 from brushexp_recovery.synthesis_crops import Crops, batch_of, crop
 from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.synthesis_pool import load_painting
+from brushexp_recovery.validating import Counts, counts_of
 
 APART = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # weight of pairs of different strokes, by offset
-WEIGHTS = {"order": 1.0, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
+WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}
 FIRST_PAINTINGS = 8  # that must be there before learning begins
+AHEAD = 1  # batches that are cut in advance
 LOOK_AGAIN = 20  # steps after which new paintings are looked for
-HELD_OUT, HELD_OUT_COUNT = 900_000, 38  # numbers of the paintings that the network does not learn from
+HELD_OUT, HELD_OUT_COUNT = 900_000, 56  # numbers of the paintings that the network does not learn from
 VALIDATED = 6  # of them are for validation, the first ones
 CROPS_HELD_OUT = 4  # of each of them
 PAINTINGS = "[0-9]*.npz"  # in the folder of the pool
 DECAY = 1e-4  # of the weights
+SETTLED = 0.4  # share of a training after which normalisations keep their statistics: those of a few crops of unlike
+# paintings tell the network what it will not be told when it looks at one
 
 
 class RecoveryData(L.LightningDataModule):
@@ -80,13 +86,24 @@ class RecoveryData(L.LightningDataModule):
             yield batch_of([crop(painted, random) for _ in range(CROPS_HELD_OUT)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
-        for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
-            if step % LOOK_AGAIN == 0 or not self.held:
-                self.held |= {path: load_painting(path) for path in self._training() if path not in self.held}
-            random = np.random.default_rng([self.seed, step])
-            chosen = random.integers(len(self.held), size=self.batch_size)
-            paintings = list(self.held.values())
-            yield batch_of([crop(paintings[number], random) for number in chosen])
+        """Cut each batch in a thread of its own while the network learns from the one before."""
+        with ThreadPoolExecutor(1) as cutter:
+            steps = range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS)
+            waiting = deque[Future[Crops]]()
+            for step in steps:
+                waiting.append(cutter.submit(self._batch, step))
+                if len(waiting) > AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _batch(self, step: int) -> Crops:
+        if step % LOOK_AGAIN == 0 or not self.held:
+            self.held |= {path: load_painting(path) for path in self._training() if path not in self.held}
+        random = np.random.default_rng([self.seed, step])
+        chosen = random.integers(len(self.held), size=self.batch_size)
+        paintings = list(self.held.values())
+        return batch_of([crop(paintings[number], random) for number in chosen])
 
     def _training(self) -> list[Path]:
         return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) < min(self.most, HELD_OUT)]
@@ -107,14 +124,22 @@ class RecoveryModule(NetworkModule):
     title = "learning strokes"
     clip_norm = 2.0
 
-    def __init__(self, network: StrokeNetwork, lr: float) -> None:
+    def __init__(self, network: StrokeNetwork, lr: float, learnt: bool = False) -> None:
+        """Train a network; one that has ``learnt`` keeps the statistics of its normalisations from the first step."""
         super().__init__()
-        self.network, self.lr = network.train(), lr
+        self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
+        self.settled = 0.0 if learnt else SETTLED
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.AdamW(self.network.parameters(), self.lr, weight_decay=DECAY)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
+
+    def on_train_batch_start(self, *_: object) -> None:
+        if self.progress >= self.settled:
+            for part in self.network.modules():
+                if isinstance(part, nn.BatchNorm2d):
+                    part.eval()
 
     def training_step(self, batch: Crops, batch_idx: int) -> Tensor:
         told = self.network(batch.image.contiguous(memory_format=torch.channels_last))
@@ -124,9 +149,12 @@ class RecoveryModule(NetworkModule):
         return sum((WEIGHTS.get(name, 1.0) * term for name, term in terms.items()), torch.zeros(()))
 
     def validation_step(self, batch: Crops, batch_idx: int) -> None:
-        terms = losses_of(self.network(batch.image).float(), batch.labels, batch.geometry)
+        told = self.network(batch.image).float()
+        terms = losses_of(told, batch.labels, batch.geometry)
+        counts = counts_of(told.cpu(), Crops(*(part.cpu() for part in batch)))
+        self.counts = Counts(*map(sum, zip(self.counts, counts, strict=True))) if batch_idx else counts
         sums = {name: float(term) + batch_idx * self.figures.get(name, 0.0) for name, term in terms.items()}
-        self.figures = {name: value / (batch_idx + 1) for name, value in sums.items()}
+        self.figures = {name: value / (batch_idx + 1) for name, value in sums.items()} | {"f1_affinity": self.counts.f1}
         self.validated = self.global_step
         if batch_idx + 1 == VALIDATED:
             self.log_dict({f"validation/{name}": value for name, value in self.figures.items()}, batch_size=1)

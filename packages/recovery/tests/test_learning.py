@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import judges, judging
+from brushexp_recovery import finding, judges, judging
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import UNIT
 from brushexp_recovery.synthesis import Hand, lay_strokes
@@ -53,6 +53,7 @@ def test_strokes_are_laid_the_same_way_twice_and_cover_the_picture():
 
 def test_judges_learn_from_a_painting(monkeypatch):
     monkeypatch.setattr(judging, "STEPS", (20, 20, 20))
+    monkeypatch.setattr(finding, "find_zoom", lambda *_: 0.7)  # what has learnt nothing sees strokes of any width
     model = RecoveryModel().eval()
     losses = judging.fit_judges(model, [bars()], 0, silent)
     assert all(np.isfinite(loss) for loss in losses.values())
@@ -86,3 +87,14 @@ def test_learning_lowers_the_loss():
         optimizer.step()
         losses.append(loss.item())
     assert losses[-1] < losses[0]
+
+
+@pytest.mark.parametrize(("learnt", "progress", "keeps"), [(True, 0.0, True), (False, 0.1, False), (False, 0.9, True)])
+def test_normalisations_keep_their_statistics_once_they_are_settled(learnt, progress, keeps, monkeypatch):
+    monkeypatch.setattr(RecoveryModule, "progress", property(lambda _: progress))
+    module = RecoveryModule(RecoveryModel().network, 1e-3, learnt)
+    before = {name: value.clone() for name, value in module.network.named_buffers()}
+    module.on_train_batch_start()
+    module.network(torch.rand(2, 3, 64, 64))
+    same = [torch.equal(value, before[name]) for name, value in module.network.named_buffers()]
+    assert all(same) == keeps

@@ -100,14 +100,15 @@ def test_errors_are_measured_in_degrees_shares_and_ciede2000():
     assert figures["field_width_rel"] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("order", "tau"), [([0, 1], 1), ([1, 0], -1)])
-def test_the_order_of_strokes_that_cross_is_compared(order, tau):
+@pytest.mark.parametrize(("order", "tau", "agreement"), [([0, 1], 1, 1), ([1, 0], -1, 0)])
+def test_the_order_of_strokes_that_cross_is_compared(order, tau, agreement):
     curve = np.stack([line((10, 20), (50, 20)), line((30, 4), (30, 36))])
     truth, _ = drawn_truth(curve, np.full(2, 6.0), np.eye(3)[:2], SIZE, np.ones(3))
     labels = np.where(truth.labels >= 0, np.argsort(order)[truth.labels], -1)
     given = Given(labels, curve[order], np.full(2, 6.0), truth.seen[order], truth.area[order])
     figures = score(truth, given)
     assert (figures["f1"], figures["order_tau"], figures["order_pairs"]) == (1, tau, 1)
+    assert figures["order_agreement"] == agreement
 
 
 def test_nothing_found_and_nothing_to_find_have_figures():
