@@ -1,24 +1,25 @@
 """Regions of strokes are found in a picture of any size: from its scale to coarser ones, tile by tile, surest first."""
+# mypy: allow-untyped-defs
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from brushexp.compat.compiled import function
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
-from brushexp_recovery.network import LENGTH, PAINT, WIDTH
+from brushexp_recovery.network import LENGTH, OVER, PAINT, WIDTH
 from brushexp_recovery.regions import pieces_of
+from brushexp_recovery.tiling import Box, box_size, nearest, on_threads, tiles, zoomed
 from brushexp_recovery.tree import Tree, cut, grow, node_features
 
 Array = NDArray[Any]
-Box = tuple[int, int, int, int]  # top, bottom, left, right
 
-TILE, MARGIN = 576, 80  # pixels that are looked at at once, and those at its borders that neighbours know better
+TILE = 576  # pixels, zoomed, of the side of what is looked at at once
 SCALES = (0.15, 3.0)  # to which a picture is brought at most
 SOUGHT = 18.0  # pixels: width of the middle stroke; a quarter wider than in training found 2 % more
 TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to guess its scale
@@ -60,16 +61,21 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     height, width = image.shape[:2]
     judges = (model.pairs.asked(), model.nodes.asked())
     zoom = find_zoom(model, judges, image) if zoom is None else zoom
-    over = np.zeros((8, height, width), np.int8)
-    candidates: list[Candidate] = []
-    looks = [(level, *place) for level, part in enumerate(COARSER) for place in tiles(height, width, zoom * part)]
-    for number, (level, box, core) in enumerate(looks):
-        show(number / len(looks), f"{len(candidates)} strokes")
+    over = np.zeros((len(OVER), height, width), np.int8)
+
+    def look(at: tuple[int, Box, Box]) -> list[Candidate]:
+        level, box, core = at
         part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * COARSER[level])
         maps = predict(model.network, part, copies)
-        candidates += regions_in(maps, part, judges, box, core, width, level)
         if level == 0:
             _keep_over(over, maps, box, core)
+        return regions_in(maps, part, judges, box, core, width, level)
+
+    looks = [(level, *at) for level, part in enumerate(COARSER) for at in tiles(height, width, zoom * part, TILE)]
+    candidates: list[Candidate] = []
+    for number, found in enumerate(on_threads(look, looks), start=1):
+        candidates += found
+        show(number / len(looks), f"{len(candidates)} strokes")
     labels, kept = assemble(candidates, height, width)
     chance = np.array([candidates[k].chance for k in kept])
     told = np.array([candidates[k].told for k in kept]).reshape(-1, 7)
@@ -146,32 +152,6 @@ def _widths(model: RecoveryModel, part: Array) -> Array:
     return np.stack([np.exp(wide), np.exp(-wide - long)])
 
 
-def zoomed(image: Array, zoom: float) -> Array:
-    """Enlarge or reduce a picture (H, W, 3) float32 in [0, 1]."""
-    if zoom == 1:
-        return image
-    height, width = (max(1, round(zoom * size)) for size in image.shape[:2])
-    method = Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS
-    channels = [Image.fromarray(image[..., c]).resize((width, height), method) for c in range(3)]
-    return np.clip(np.stack([np.asarray(channel) for channel in channels], 2), 0, 1)
-
-
-def tiles(height: int, width: int, zoom: float) -> Iterator[tuple[Box, Box]]:
-    """Cover a picture by tiles that overlap: the box of each, and that of its core, which no other core overlaps."""
-    rows, columns = (list(_spans(size, zoom)) for size in (height, width))
-    for (top, bottom), (first, last) in rows:
-        for (left, right), (begin, end) in columns:
-            yield (top, bottom, left, right), (first, last, begin, end)
-
-
-def _spans(size: int, zoom: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    whole, margin = int(TILE / zoom), int(MARGIN / zoom)
-    count = 1 if size <= whole else -(-size // (whole - 2 * margin))
-    for number in range(count):
-        begin, end = number * size // count, (number + 1) * size // count
-        yield (max(begin - margin, 0), min(end + margin, size)), (begin, end)
-
-
 def regions_in(
     maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int, level: int = 0
 ) -> list[Candidate]:
@@ -179,20 +159,43 @@ def regions_in(
     pieces = pieces_of(maps, image)
     tree = grow(pieces, judges[0])
     chance = judges[1](node_features(tree))
-    leaf = cut(tree, value_of(tree, chance))
-    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), image.shape, strict=False))
-    labels = leaf[pieces.labels[np.ix_(rows, columns)]]
-    nodes, flat = np.unique(labels, return_inverse=True)
-    order = np.argsort(flat, axis=None, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(flat.ravel()))[:-1])
+    nodes, number = np.unique(cut(tree, value_of(tree, chance)), return_inverse=True)
+    rows, columns = (nearest(extent, size) for extent, size in zip(box_size(box), image.shape, strict=False))
+    place = np.empty((len(nodes), 3))
+    _sum_places(pieces.labels, number, rows, columns, place)
+    y, x = (place[:, 1:] / np.maximum(place[:, :1], 1)).T + np.array([[box[0]], [box[2]]])
+    own = (nodes >= 0) & (place[:, 0] > 0)
+    own &= (core[0] <= y) & (y < core[1]) & (core[2] <= x) & (x < core[3])
+    begin = np.cumsum(np.where(own, place[:, 0], 0).astype(np.int64))
+    pixels = np.empty(begin[-1], np.int32)
+    at = np.where(own, np.concatenate([[0], begin[:-1]]), -1)
+    _list_pixels(pieces.labels, number, rows, columns, at, box[0] * width + box[2], width, pixels)
     told = told_of(tree.sums[nodes], np.array(image.shape[:2]) / box_size(box), box)
-    found = []
-    for number, node in enumerate(nodes):
-        y, x = np.divmod(groups[number], labels.shape[1])
-        y, x = y + box[0], x + box[2]
-        if node >= 0 and len(y) >= 1 and core[0] <= y.mean() < core[1] and core[2] <= x.mean() < core[3]:
-            found.append(Candidate((y * width + x).astype(np.int32), float(chance[node, 0]), told[number], level))
-    return found
+    parts = np.split(pixels, begin[:-1])
+    return [Candidate(parts[k], float(chance[nodes[k], 0]), told[k], level) for k in np.flatnonzero(own)]
+
+
+@function
+def _sum_places(pieces, number, rows, columns, place):
+    """Write how many pixels each region has in a tile, and the sums of their rows and columns, (N, 3)."""
+    place[:] = 0
+    for y in range(len(rows)):
+        for x in range(len(columns)):
+            k = number[pieces[rows[y], columns[x]]]
+            place[k, 0] += 1
+            place[k, 1] += y
+            place[k, 2] += x
+
+
+@function
+def _list_pixels(pieces, number, rows, columns, at, first, width, pixels):
+    """Write the flat numbers of the pixels of each region from ``at`` (N,) on; -1 leaves a region out."""
+    for y in range(len(rows)):
+        for x in range(len(columns)):
+            k = number[pieces[rows[y], columns[x]]]
+            if at[k] >= 0:
+                pixels[at[k]] = first + y * width + x
+                at[k] += 1
 
 
 def value_of(tree: Tree, chance: Array) -> Array:
@@ -226,19 +229,10 @@ def assemble(candidates: list[Candidate], height: int, width: int) -> tuple[Arra
     return labels.reshape(height, width), kept
 
 
-def box_size(box: Box) -> tuple[int, int]:
-    """Height and width of a box."""
-    return box[1] - box[0], box[3] - box[2]
-
-
-def _nearest(extent: int, size: int) -> Array:
-    """The pixel of ``size`` zoomed ones that is nearest to each of ``extent`` pixels."""
-    return ((np.arange(extent) + 0.5) * size / extent).astype(int).clip(0, size - 1)
-
-
 def _keep_over(over: Array, maps: Maps, box: Box, core: Box) -> None:
     """Keep which side is above, in 8 bits, of the core of a tile."""
-    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
+    rows, columns = (nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
     rows, columns = rows[core[0] - box[0] : core[1] - box[0]], columns[core[2] - box[2] : core[3] - box[2]]
-    values = np.clip(maps.over[:, rows[:, None], columns] * OVER_UNIT, -127, 127)
-    over[:, core[0] : core[1], core[2] : core[3]] = values.astype(np.int8)
+    levels = np.clip(maps.over * OVER_UNIT, -127, 127).astype(np.int8)
+    for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
+        over[channel, core[0] : core[1], core[2] : core[3]] = level[rows[:, None], columns]

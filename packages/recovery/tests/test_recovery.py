@@ -1,5 +1,6 @@
 """Strokes are found again: maps turned back, scales chosen, tiles joined, curves and order fitted, results stored."""
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import torch
 from brushexp_recovery import finding, refining
 from brushexp_recovery.curves import Fitted, fit_curve
-from brushexp_recovery.finding import Candidate, assemble, find_regions, tiles
+from brushexp_recovery.finding import Candidate, assemble, find_regions
 from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, TURN, UNIT
@@ -20,6 +21,7 @@ from brushexp_recovery.synthesis import Hand, Laid, lay_strokes
 from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
 from brushexp_recovery.synthesis_paintings import Painted
+from brushexp_recovery.tiling import tiles
 from brushexp_recovery.training import losses_of
 
 from brushexp.errors import UserError
@@ -91,7 +93,7 @@ def test_losses_have_the_gradients_of_their_values():
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 2.2])
 def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
     seen = np.zeros(size, int)
-    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom):
+    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom, 576):
         assert top <= first < last <= bottom
         assert left <= begin < end <= right
         seen[first:last, begin:end] += 1
@@ -228,8 +230,8 @@ def test_tiles_find_what_the_whole_picture_shows(monkeypatch, scene):
     image = scene.image.astype(np.float32) / 255
     whole = find_regions(shipped(), image, 0.8, 1, silent).labels
     monkeypatch.setattr(finding, "TILE", 128)
-    monkeypatch.setattr(finding, "MARGIN", 32)
-    assert len(list(tiles(*image.shape[:2], 0.8))) > 1
+    monkeypatch.setattr(finding, "tiles", partial(tiles, margin=32))
+    assert len(list(tiles(*image.shape[:2], 0.8, 128, 32))) > 1
     assert found(find_regions(shipped(), image, 0.8, 1, silent).labels, whole) > 0.7
 
 

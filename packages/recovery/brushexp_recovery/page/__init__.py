@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
 from brushexp.pages.html import embed, page
-from brushexp.system.files import write_text
+from brushexp.system.files import to_bytes, write_text
 from brushexp_recovery.measure_files import DIRECTIONS, MEANING
 from brushexp_recovery.stroke_rows import Rows
 
@@ -48,7 +49,7 @@ def page_of(
     threshold: float = 0.5, folder: Path | None = None,
 ) -> str:  # fmt: skip
     """Make the page; without a ``folder`` it links to no files."""
-    photograph = Image.fromarray((255 * image).round().astype(np.uint8))
+    photograph = Image.fromarray(to_bytes(torch.as_tensor(image).permute(2, 0, 1)))
     there = [(file, about) for file, about in ABOUT.items() if folder is not None and (folder / file).is_file()]
     (height, width), mm = rows.size, rows.mm
     lead = f"{len(rows):,} strokes recovered from {width:,} × {height:,} pixels"
