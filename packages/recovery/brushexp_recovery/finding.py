@@ -3,6 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from brushexp_recovery.tree import Tree, cut, grow, node_features
 
 Array = NDArray[Any]
 
-TILE = 576  # pixels, zoomed, of the side of what is looked at at once
+TILE = 512  # pixels, zoomed, of the side of what is looked at at once
 SCALES = (0.15, 3.0)  # to which a picture is brought at most
 SOUGHT = 18.0  # pixels: width of the middle stroke; a quarter wider than in training found 2 % more
 TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to guess its scale
@@ -53,33 +54,41 @@ class Candidate:
     pixels: Array  # flat numbers in the picture, int32
     chance: float
     told: Array  # (7,)
-    level: int = 0  # number of the scale at which it was found, in `COARSER`
 
 
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
-    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes."""
+    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes.
+
+    What is found at the first scale is laid before what coarser ones show: a group of strokes, seen small, looks like
+    one.
+    """
     height, width = image.shape[:2]
     judges = (model.pairs.asked(), model.nodes.asked())
     zoom = find_zoom(model, judges, image) if zoom is None else zoom
     over = np.zeros((len(OVER), height, width), np.int8)
+    labels, kept = np.full(height * width, -1, np.int32), list[Candidate]()
 
-    def look(at: tuple[int, Box, Box]) -> list[Candidate]:
-        level, box, core = at
-        part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * COARSER[level])
-        maps = predict(model.network, part, copies)
-        if level == 0:
+    def look(part: float, at: tuple[Box, Box]) -> list[Candidate]:
+        box, core = at
+        shown = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * part)
+        maps = predict(model.network, shown, copies)
+        if part == COARSER[0]:
             _keep_over(over, maps, box, core)
-        return regions_in(maps, part, judges, box, core, width, level)
+        found = regions_in(maps, shown, judges, box, core, width)
+        return [one for one in found if fits(one.pixels, labels)]
 
-    looks = [(level, *at) for level, part in enumerate(COARSER) for at in tiles(height, width, zoom * part, TILE)]
-    candidates: list[Candidate] = []
-    for number, found in enumerate(on_threads(look, looks), start=1):
-        candidates += found
-        show(number / len(looks), f"{len(candidates)} strokes")
-    labels, kept = assemble(candidates, height, width)
-    chance = np.array([candidates[k].chance for k in kept])
-    told = np.array([candidates[k].told for k in kept]).reshape(-1, 7)
-    return Regions(labels, chance, told, over, zoom)
+    looks = [list(tiles(height, width, zoom * part, TILE)) for part in COARSER]
+    done, total = 0, sum(map(len, looks))
+    for part, places in zip(COARSER, looks, strict=True):
+        candidates: list[Candidate] = []
+        for found in on_threads(partial(look, part), places):
+            candidates += found
+            done += 1
+            show(done / total, f"{len(kept) + len(candidates)} strokes")
+        kept += lay(candidates, labels, len(kept))
+    chance = np.array([one.chance for one in kept])
+    told = np.array([one.told for one in kept]).reshape(-1, 7)
+    return Regions(labels.reshape(height, width), chance, told, over, zoom)
 
 
 def find_zoom(model: RecoveryModel, judges: tuple[Asked, Asked], image: Array) -> float:
@@ -153,7 +162,7 @@ def _widths(model: RecoveryModel, part: Array) -> Array:
 
 
 def regions_in(
-    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int, level: int = 0
+    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int
 ) -> list[Candidate]:
     """Find the regions of a tile whose middles lie in its core; ``width`` is that of the whole picture."""
     pieces = pieces_of(maps, image)
@@ -172,7 +181,7 @@ def regions_in(
     _list_pixels(pieces.labels, number, rows, columns, at, box[0] * width + box[2], width, pixels)
     told = told_of(tree.sums[nodes], np.array(image.shape[:2]) / box_size(box), box)
     parts = np.split(pixels, begin[:-1])
-    return [Candidate(parts[k], float(chance[nodes[k], 0]), told[k], level) for k in np.flatnonzero(own)]
+    return [Candidate(parts[k], float(chance[nodes[k], 0]), told[k]) for k in np.flatnonzero(own)]
 
 
 @function
@@ -213,20 +222,22 @@ def told_of(sums: Array, scale: Array, box: Box) -> Array:
     return np.stack([*columns, mean[:, 17] - zoom, mean[:, 18] - zoom, mean[:, 19]], 1)
 
 
-def assemble(candidates: list[Candidate], height: int, width: int) -> tuple[Array, list[int]]:
-    """Lay candidates into a picture where enough of each is free: labels, and which were kept.
+def lay(candidates: list[Candidate], labels: Array, first: int) -> list[Candidate]:
+    """Lay candidates, the surest first, into labels (H W,) where enough of each is free, numbered from ``first`` on.
 
-    Those of the first scale come before those of coarser ones, and of each scale the surest first: a group of strokes,
-    seen small, looks like a stroke.
+    Returns those that were laid, without their pixels, which fill the memory.
     """
-    labels, kept = np.full(height * width, -1, np.int32), list[int]()
-    for number in sorted(range(len(candidates)), key=lambda k: (candidates[k].level, -candidates[k].chance)):
-        pixels = candidates[number].pixels
-        free = pixels[labels[pixels] < 0]
-        if len(free) >= max(FREE * len(pixels), 1):
-            labels[free] = len(kept)
-            kept.append(number)
-    return labels.reshape(height, width), kept
+    laid: list[Candidate] = []
+    for one in sorted(candidates, key=lambda one: -one.chance):
+        if fits(one.pixels, labels):
+            labels[one.pixels[labels[one.pixels] < 0]] = first + len(laid)
+            laid.append(Candidate(one.pixels[:0].copy(), one.chance, one.told))
+    return laid
+
+
+def fits(pixels: Array, labels: Array) -> bool:
+    """Tell whether enough pixels of a region are free in labels (H W,)."""
+    return bool((labels[pixels] < 0).sum() >= max(FREE * len(pixels), 1))
 
 
 def _keep_over(over: Array, maps: Maps, box: Box, core: Box) -> None:
