@@ -1,4 +1,5 @@
 """A region becomes a stroke: a quadratic curve, a width and a colour."""
+# mypy: allow-untyped-defs
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -6,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from brushexp.compat.compiled import function
 from brushexp_recovery.finding import Regions
 
 Array = NDArray[Any]
@@ -29,20 +31,39 @@ def fit_curves(regions: Regions, image: Array) -> Fitted:
     """Fit a stroke to each region of a picture (H, W, 3)."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
-    flat, columns = image.reshape(-1, 3), regions.labels.shape[1]
     for number, pixels in enumerate(pixels_of(regions.labels, count)):
-        points = np.stack([pixels % columns, pixels // columns], 1) + 0.5
-        curve[number], width[number] = fit_curve(points, regions.told[number])
-        color[number] = np.median(flat[pixels], 0)
+        y, x = np.divmod(pixels, regions.labels.shape[1])
+        curve[number], width[number] = fit_curve(np.stack([x, y], 1) + 0.5, regions.told[number])
+        color[number] = np.median(image[y, x], 0)
     return Fitted(curve, width, color)
 
 
 def pixels_of(labels: Array, count: int) -> list[Array]:
-    """List the flat numbers of the pixels of each of ``count`` regions."""
+    """List the flat numbers, int32, of the pixels of each of ``count`` regions."""
     flat = labels.ravel()
-    order = np.argsort(flat, kind="stable")
-    bounds = np.searchsorted(flat[order], np.arange(count + 1))
+    ends = np.zeros(count + 1, np.int64)
+    _count(flat, ends)
+    bounds = np.cumsum(ends)
+    order = np.empty(bounds[-1], np.int32)
+    _group(flat, bounds[:-1].copy(), order)
     return [order[begin:end] for begin, end in pairwise(bounds)]
+
+
+@function
+def _count(labels, after):
+    for k in labels:
+        if k >= 0:
+            after[k + 1] += 1
+
+
+@function
+def _group(labels, place, order):
+    """Write the numbers of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
+    for pixel in range(len(labels)):
+        k = labels[pixel]
+        if k >= 0:
+            order[place[k]] = pixel
+            place[k] += 1
 
 
 def fit_curve(points: Array, told: Array) -> tuple[Array, float]:

@@ -1,24 +1,26 @@
 """Regions of strokes are found in a picture of any size: from its scale to coarser ones, tile by tile, surest first."""
+# mypy: allow-untyped-defs
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from brushexp.compat.compiled import function
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
-from brushexp_recovery.network import LENGTH, PAINT, WIDTH
+from brushexp_recovery.network import LENGTH, OVER, PAINT, WIDTH
 from brushexp_recovery.regions import pieces_of
+from brushexp_recovery.tiling import Box, box_size, nearest, on_threads, tiles, zoomed
 from brushexp_recovery.tree import Tree, cut, grow, node_features
 
 Array = NDArray[Any]
-Box = tuple[int, int, int, int]  # top, bottom, left, right
 
-TILE, MARGIN = 576, 80  # pixels that are looked at at once, and those at its borders that neighbours know better
+TILE = 512  # pixels, zoomed, of the side of what is looked at at once
 SCALES = (0.15, 3.0)  # to which a picture is brought at most
 SOUGHT = 18.0  # pixels: width of the middle stroke; a quarter wider than in training found 2 % more
 TRIALS, TRIED = 3, 384  # looks at parts of a picture, so many pixels wide, to guess its scale
@@ -52,28 +54,41 @@ class Candidate:
     pixels: Array  # flat numbers in the picture, int32
     chance: float
     told: Array  # (7,)
-    level: int = 0  # number of the scale at which it was found, in `COARSER`
 
 
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
-    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes."""
+    """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes.
+
+    What is found at the first scale is laid before what coarser ones show: a group of strokes, seen small, looks like
+    one.
+    """
     height, width = image.shape[:2]
     judges = (model.pairs.asked(), model.nodes.asked())
     zoom = find_zoom(model, judges, image) if zoom is None else zoom
-    over = np.zeros((8, height, width), np.int8)
-    candidates: list[Candidate] = []
-    looks = [(level, *place) for level, part in enumerate(COARSER) for place in tiles(height, width, zoom * part)]
-    for number, (level, box, core) in enumerate(looks):
-        show(number / len(looks), f"{len(candidates)} strokes")
-        part = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * COARSER[level])
-        maps = predict(model.network, part, copies)
-        candidates += regions_in(maps, part, judges, box, core, width, level)
-        if level == 0:
+    over = np.zeros((len(OVER), height, width), np.int8)
+    labels, kept = np.full(height * width, -1, np.int32), list[Candidate]()
+
+    def look(part: float, at: tuple[Box, Box]) -> list[Candidate]:
+        box, core = at
+        shown = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * part)
+        maps = predict(model.network, shown, copies)
+        if part == COARSER[0]:
             _keep_over(over, maps, box, core)
-    labels, kept = assemble(candidates, height, width)
-    chance = np.array([candidates[k].chance for k in kept])
-    told = np.array([candidates[k].told for k in kept]).reshape(-1, 7)
-    return Regions(labels, chance, told, over, zoom)
+        found = regions_in(maps, shown, judges, box, core, width)
+        return [one for one in found if fits(one.pixels, labels)]
+
+    looks = [list(tiles(height, width, zoom * part, TILE)) for part in COARSER]
+    done, total = 0, sum(map(len, looks))
+    for part, places in zip(COARSER, looks, strict=True):
+        candidates: list[Candidate] = []
+        for found in on_threads(partial(look, part), places):
+            candidates += found
+            done += 1
+            show(done / total, f"{len(kept) + len(candidates)} strokes")
+        kept += lay(candidates, labels, len(kept))
+    chance = np.array([one.chance for one in kept])
+    told = np.array([one.told for one in kept]).reshape(-1, 7)
+    return Regions(labels.reshape(height, width), chance, told, over, zoom)
 
 
 def find_zoom(model: RecoveryModel, judges: tuple[Asked, Asked], image: Array) -> float:
@@ -146,53 +161,50 @@ def _widths(model: RecoveryModel, part: Array) -> Array:
     return np.stack([np.exp(wide), np.exp(-wide - long)])
 
 
-def zoomed(image: Array, zoom: float) -> Array:
-    """Enlarge or reduce a picture (H, W, 3) float32 in [0, 1]."""
-    if zoom == 1:
-        return image
-    height, width = (max(1, round(zoom * size)) for size in image.shape[:2])
-    method = Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS
-    channels = [Image.fromarray(image[..., c]).resize((width, height), method) for c in range(3)]
-    return np.clip(np.stack([np.asarray(channel) for channel in channels], 2), 0, 1)
-
-
-def tiles(height: int, width: int, zoom: float) -> Iterator[tuple[Box, Box]]:
-    """Cover a picture by tiles that overlap: the box of each, and that of its core, which no other core overlaps."""
-    rows, columns = (list(_spans(size, zoom)) for size in (height, width))
-    for (top, bottom), (first, last) in rows:
-        for (left, right), (begin, end) in columns:
-            yield (top, bottom, left, right), (first, last, begin, end)
-
-
-def _spans(size: int, zoom: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    whole, margin = int(TILE / zoom), int(MARGIN / zoom)
-    count = 1 if size <= whole else -(-size // (whole - 2 * margin))
-    for number in range(count):
-        begin, end = number * size // count, (number + 1) * size // count
-        yield (max(begin - margin, 0), min(end + margin, size)), (begin, end)
-
-
 def regions_in(
-    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int, level: int = 0
+    maps: Maps, image: Array, judges: tuple[Asked, Asked], box: Box, core: Box, width: int
 ) -> list[Candidate]:
     """Find the regions of a tile whose middles lie in its core; ``width`` is that of the whole picture."""
     pieces = pieces_of(maps, image)
     tree = grow(pieces, judges[0])
     chance = judges[1](node_features(tree))
-    leaf = cut(tree, value_of(tree, chance))
-    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), image.shape, strict=False))
-    labels = leaf[pieces.labels[np.ix_(rows, columns)]]
-    nodes, flat = np.unique(labels, return_inverse=True)
-    order = np.argsort(flat, axis=None, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(flat.ravel()))[:-1])
+    nodes, number = np.unique(cut(tree, value_of(tree, chance)), return_inverse=True)
+    rows, columns = (nearest(extent, size) for extent, size in zip(box_size(box), image.shape, strict=False))
+    place = np.empty((len(nodes), 3))
+    _sum_places(pieces.labels, number, rows, columns, place)
+    y, x = (place[:, 1:] / np.maximum(place[:, :1], 1)).T + np.array([[box[0]], [box[2]]])
+    own = (nodes >= 0) & (place[:, 0] > 0)
+    own &= (core[0] <= y) & (y < core[1]) & (core[2] <= x) & (x < core[3])
+    begin = np.cumsum(np.where(own, place[:, 0], 0).astype(np.int64))
+    pixels = np.empty(begin[-1], np.int32)
+    at = np.where(own, np.concatenate([[0], begin[:-1]]), -1)
+    _list_pixels(pieces.labels, number, rows, columns, at, box[0] * width + box[2], width, pixels)
     told = told_of(tree.sums[nodes], np.array(image.shape[:2]) / box_size(box), box)
-    found = []
-    for number, node in enumerate(nodes):
-        y, x = np.divmod(groups[number], labels.shape[1])
-        y, x = y + box[0], x + box[2]
-        if node >= 0 and len(y) >= 1 and core[0] <= y.mean() < core[1] and core[2] <= x.mean() < core[3]:
-            found.append(Candidate((y * width + x).astype(np.int32), float(chance[node, 0]), told[number], level))
-    return found
+    parts = np.split(pixels, begin[:-1])
+    return [Candidate(parts[k], float(chance[nodes[k], 0]), told[k]) for k in np.flatnonzero(own)]
+
+
+@function
+def _sum_places(pieces, number, rows, columns, place):
+    """Write how many pixels each region has in a tile, and the sums of their rows and columns, (N, 3)."""
+    place[:] = 0
+    for y in range(len(rows)):
+        for x in range(len(columns)):
+            k = number[pieces[rows[y], columns[x]]]
+            place[k, 0] += 1
+            place[k, 1] += y
+            place[k, 2] += x
+
+
+@function
+def _list_pixels(pieces, number, rows, columns, at, first, width, pixels):
+    """Write the flat numbers of the pixels of each region from ``at`` (N,) on; -1 leaves a region out."""
+    for y in range(len(rows)):
+        for x in range(len(columns)):
+            k = number[pieces[rows[y], columns[x]]]
+            if at[k] >= 0:
+                pixels[at[k]] = first + y * width + x
+                at[k] += 1
 
 
 def value_of(tree: Tree, chance: Array) -> Array:
@@ -210,35 +222,28 @@ def told_of(sums: Array, scale: Array, box: Box) -> Array:
     return np.stack([*columns, mean[:, 17] - zoom, mean[:, 18] - zoom, mean[:, 19]], 1)
 
 
-def assemble(candidates: list[Candidate], height: int, width: int) -> tuple[Array, list[int]]:
-    """Lay candidates into a picture where enough of each is free: labels, and which were kept.
+def lay(candidates: list[Candidate], labels: Array, first: int) -> list[Candidate]:
+    """Lay candidates, the surest first, into labels (H W,) where enough of each is free, numbered from ``first`` on.
 
-    Those of the first scale come before those of coarser ones, and of each scale the surest first: a group of strokes,
-    seen small, looks like a stroke.
+    Returns those that were laid, without their pixels, which fill the memory.
     """
-    labels, kept = np.full(height * width, -1, np.int32), list[int]()
-    for number in sorted(range(len(candidates)), key=lambda k: (candidates[k].level, -candidates[k].chance)):
-        pixels = candidates[number].pixels
-        free = pixels[labels[pixels] < 0]
-        if len(free) >= max(FREE * len(pixels), 1):
-            labels[free] = len(kept)
-            kept.append(number)
-    return labels.reshape(height, width), kept
+    laid: list[Candidate] = []
+    for one in sorted(candidates, key=lambda one: -one.chance):
+        if fits(one.pixels, labels):
+            labels[one.pixels[labels[one.pixels] < 0]] = first + len(laid)
+            laid.append(Candidate(one.pixels[:0].copy(), one.chance, one.told))
+    return laid
 
 
-def box_size(box: Box) -> tuple[int, int]:
-    """Height and width of a box."""
-    return box[1] - box[0], box[3] - box[2]
-
-
-def _nearest(extent: int, size: int) -> Array:
-    """The pixel of ``size`` zoomed ones that is nearest to each of ``extent`` pixels."""
-    return ((np.arange(extent) + 0.5) * size / extent).astype(int).clip(0, size - 1)
+def fits(pixels: Array, labels: Array) -> bool:
+    """Tell whether enough pixels of a region are free in labels (H W,)."""
+    return bool((labels[pixels] < 0).sum() >= max(FREE * len(pixels), 1))
 
 
 def _keep_over(over: Array, maps: Maps, box: Box, core: Box) -> None:
     """Keep which side is above, in 8 bits, of the core of a tile."""
-    rows, columns = (_nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
+    rows, columns = (nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
     rows, columns = rows[core[0] - box[0] : core[1] - box[0]], columns[core[2] - box[2] : core[3] - box[2]]
-    values = np.clip(maps.over[:, rows[:, None], columns] * OVER_UNIT, -127, 127)
-    over[:, core[0] : core[1], core[2] : core[3]] = values.astype(np.int8)
+    levels = np.clip(maps.over * OVER_UNIT, -127, 127).astype(np.int8)
+    for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
+        over[channel, core[0] : core[1], core[2] : core[3]] = level[rows[:, None], columns]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import fit_curves
-from brushexp_recovery.finding import LEAST, SOUGHT, find_regions, zoomed
+from brushexp_recovery.finding import LEAST, SOUGHT, find_regions
 from brushexp_recovery.judges import fit_judge, fit_linear
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
@@ -21,6 +21,7 @@ from brushexp_recovery.synthesis import Random
 from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
 from brushexp_recovery.synthesis_paintings import Painted
+from brushexp_recovery.tiling import zoomed
 from brushexp_recovery.tree import Tree, grow, node_features
 from brushexp_recovery.truth import pixels_of
 

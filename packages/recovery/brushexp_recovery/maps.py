@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import pad
 
-from brushexp_recovery.network import AFFINE, CENTRE, GEOMETRY, OFFSETS, OVER, STRIDE, TURN, StrokeNetwork
+from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, STRIDE, TURN, StrokeNetwork
 
 Array = NDArray[Any]
 Offset = tuple[int, int]
@@ -41,48 +41,51 @@ def predict(network: StrokeNetwork, image: Array, copies: int = 2) -> Maps:
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
     x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
-    total = torch.zeros(())
+    total = torch.zeros(1, CHANNELS, *x.shape[2:])
     for quarters, mirrored in COPIES[:copies]:
         copy = torch.rot90(x, quarters, (2, 3))
         copy = copy.flip(3) if mirrored else copy
         with torch.autocast("cpu", torch.bfloat16):
-            told = network(copy.contiguous(memory_format=torch.channels_last)).float()
-        total = total + turned_back(told, quarters, mirrored)
-    mean = (total / copies)[0, :, :height, :width].numpy()
+            told = network(copy.contiguous(memory_format=torch.channels_last))
+        add_turned_back(total, told, quarters, mirrored)
+    mean = total.div_(copies)[0, :, :height, :width].numpy()
     return Maps(mean[:AFFINE], mean[AFFINE : AFFINE + GEOMETRY], mean[AFFINE + GEOMETRY :])
 
 
-def turned_back(told: Tensor, quarters: int, mirrored: bool) -> Tensor:
-    """Turn the maps of a copy back: places, and what offsets and directions mean; affinities become probabilities."""
+def add_turned_back(total: Tensor, told: Tensor, quarters: int, mirrored: bool) -> None:
+    """Add the maps of a copy to ``total``, turned back: places, and what offsets and directions mean.
+
+    Affinities become probabilities.
+    """
     told = told.flip(3) if mirrored else told
     told = torch.rot90(told, -quarters, (2, 3))
     affinity, geometry, over = told.split([AFFINE, GEOMETRY, len(OVER)], 1)
-    affinity = _reassigned(affinity.sigmoid(), OFFSETS, quarters, mirrored, 1.0)
-    over = _reassigned(over, OVER, quarters, mirrored, -1.0)
+    _add_reassigned(total[:, :AFFINE], affinity.float().sigmoid_(), OFFSETS, quarters, mirrored, 1.0)
+    _add_reassigned(total[:, AFFINE + GEOMETRY :], over.float(), OVER, quarters, mirrored, -1.0)
+    geometry = geometry.float()
     x, y = geometry[:, CENTRE].unbind(1)
     cosine, sine = geometry[:, TURN].unbind(1)
     if mirrored:
         x, sine = -x, -sine
     for _ in range(quarters):
         x, y, cosine, sine = -y, x, -cosine, -sine
-    geometry = geometry.clone()
-    geometry[:, CENTRE] = torch.stack([x, y], 1)
-    geometry[:, TURN] = torch.stack([cosine, sine], 1)
-    return torch.cat([affinity, geometry, over], 1)
+    turned = {CENTRE.start: x, CENTRE.start + 1: y, TURN.start: cosine, TURN.start + 1: sine}
+    for channel in range(GEOMETRY):
+        total[:, AFFINE + channel] += turned.get(channel, geometry[:, channel])
 
 
-def _reassigned(values: Tensor, offsets: tuple[Offset, ...], quarters: int, mirrored: bool, sign: float) -> Tensor:
-    """Put what a copy says of its offsets at those of the picture, times ``sign`` if seen from the other end."""
-    out = values.clone()
+def _add_reassigned(
+    total: Tensor, values: Tensor, offsets: tuple[Offset, ...], quarters: int, mirrored: bool, sign: float
+) -> None:
+    """Add what a copy says of its offsets to those of the picture, times ``sign`` if seen from the other end."""
     for channel, (dy, dx) in enumerate(offsets):
         row, column = dy, -dx if mirrored else dx
         for _ in range(quarters):
             row, column = column, -row
         if (row, column) in offsets:
-            out[:, offsets.index((row, column))] = values[:, channel]
+            total[:, offsets.index((row, column))] += values[:, channel]
         else:  # stored at the pixel that it leads to
-            out[:, offsets.index((-row, -column))] = sign * shifted(values[:, channel], -row, -column)
-    return out
+            total[:, offsets.index((-row, -column))] += sign * shifted(values[:, channel], -row, -column)
 
 
 def shifted(values: Tensor, dy: int, dx: int) -> Tensor:

@@ -7,7 +7,7 @@ has measured those.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,10 +118,13 @@ def table_of(curve: torch.Tensor, width: Array) -> dict[str, Array]:
     return {name: value.numpy() for name, value in values.items()}
 
 
-def draws_of(sightings: Sequence[Sighting], regions: dict[str, Array], draws: int, seed: int) -> dict[str, Array]:
+def draws_of(sightings: Iterable[Sighting], regions: dict[str, Array], draws: int, seed: int) -> dict[str, Array]:
     """Draw the strokes of each view ``draws`` times: figures (views, draws, `KINDS`) for each region (H, W)."""
-    random = np.random.default_rng(seed)
-    return {name: np.stack([_draws(one, mask, draws, random) for one in sightings]) for name, mask in regions.items()}
+    random, drawn = np.random.default_rng(seed), dict[str, list[Array]]()
+    for one in sightings:  # one at a time: those of a large photograph fill the memory
+        for name, mask in regions.items():
+            drawn.setdefault(name, []).append(_draws(one, mask, draws, random))
+    return {name: np.stack(values) for name, values in drawn.items()}
 
 
 def _draws(sighting: Sighting, mask: Array, draws: int, random: np.random.Generator) -> Array:

@@ -26,6 +26,7 @@ MEANING = (
     "of which strokes are drawn by their confidence; 95 % of these draws lie between low and high. Errors that "
     "recovery makes in every view are not in the interval."
 )
+APART = "The first painting less the second: a figure is apart if the interval of its difference leaves out 0."
 PANELS = ("length", "width", "elongatedness", "curvature")
 BINS = 30
 TAIL = 0.99  # quantile at which the axis of a histogram ends
@@ -48,16 +49,19 @@ def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> li
     """List differences of two paintings, and whether their intervals leave out 0."""
     return [
         {
-            "measure": KINDS[name].name, "unit": KINDS[name].unit_in(mm), "difference": digits(one.value),
-            "low": digits(one.low), "high": digits(one.high), "apart": "yes" if is_apart(one) else "no",
+            "measure": KINDS[name].name, "unit": KINDS[name].unit_in(mm), "apart": "yes" if is_apart(one) else "no",
+            "difference": digits(one.value), "low": digits(one.low), "high": digits(one.high),
         }
         for name, one in differences.items()
     ]  # fmt: skip
 
 
 def digits(value: float) -> str | None:
-    """Write a number with three digits; None for one that is not defined."""
-    return None if not math.isfinite(value) else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    """Write a number with three digits, and with five decimals at most; None for one that is not defined."""
+    if not math.isfinite(value):
+        return None
+    tiny = 0 < abs(value) < 0.001
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.5f}" if tiny else f"{value:.3g}"
 
 
 def write_measures(

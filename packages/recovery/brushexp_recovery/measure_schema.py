@@ -1,7 +1,9 @@
 """Keys of ``task=measure``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig
 
@@ -9,17 +11,24 @@ from brushexp.bounds import FILE, above, at_least, between
 from brushexp.config.keys import key
 from brushexp.config.schema import Task
 from brushexp.errors import UserError
-from brushexp.pictures.load import PICTURE, size_of_picture
+from brushexp.pictures.load import PICTURE
+from brushexp_recovery.photograph import size_of_photograph
 
 WIDTH = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"
+CATALOGUES = (".h5", ".json")
 SIZE = "the same as width and height, 92x73"
 
 
 @dataclass
 class MeasureTask(Task):
-    """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables."""
+    """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
+
+    ``task=analyse`` of a picture is this task, too.
+    """
 
     module = "brushexp_recovery.measure_task"
+    instead_of = "analyse"
+    alone = "image"
 
     image: str = key("astronaut", "the photograph, cut to the painting's edges", PICTURE)
     recovered: str | None = key(None, "catalogue.h5 of task=recover of it; null = recover it now", FILE)
@@ -35,13 +44,18 @@ class MeasureTask(Task):
     seed: int = key(0, "seed of views and draws", at_least(0))
 
     @staticmethod
+    def suits(typed: Mapping[str, Any]) -> bool:
+        image = Path(str(typed.get("image") or ""))
+        return image.is_file() and image.suffix.lower() not in CATALOGUES
+
+    @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         from brushexp_recovery.measure_scale import scale_of  # noqa: PLC0415
 
         for prefix, image in (("", cfg.image), ("against_", cfg.against)):
             sizes = cfg[f"{prefix}width_cm"], cfg[f"{prefix}size_cm"]
             if image is not None:
-                scale_of(size_of_picture(image, f"{prefix or 'image'}".rstrip("_")), *sizes, prefix)
+                scale_of(size_of_photograph(image, f"{prefix or 'image'}".rstrip("_")), *sizes, prefix)
             elif any(size is not None for size in sizes):
                 name = f"{prefix}{'width_cm' if sizes[0] is not None else 'size_cm'}"
                 raise UserError(f"{name} is the size of a second photograph; give against=...")

@@ -90,4 +90,4 @@ def jpeg(image: Array, quality: int) -> Array:
     file = io.BytesIO()
     Image.fromarray((255 * image).round().astype(np.uint8)).save(file, "JPEG", quality=quality)
     with Image.open(file) as again:
-        return np.asarray(again, float) / 255
+        return np.asarray(again, np.float32) / 255

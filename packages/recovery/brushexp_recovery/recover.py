@@ -27,6 +27,7 @@ Array = NDArray[Any]
 
 COPIES = 2  # of a picture that are looked at, turned and mirrored
 SAMPLED = 100_000  # pixels whose colours tell that of the ground
+FOUND = 0.9  # share of the time in which regions are found; in the rest their curves are fitted
 RENDERER = "analytic"  # draws a stroke as it was fitted
 
 
@@ -58,11 +59,11 @@ def recover_with(
     model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Callable[[float, str], None]
 ) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
-    regions = find_regions(model, image, scale, copies, show)
+    regions = find_regions(model, image, scale, copies, lambda share, state: show(FOUND * share, state))
     fitted = fit_curves(regions, image)
     pairs, features = meetings_of(regions, fitted)
     order = stack(len(regions.chance), pairs, ask_linear(model.order, features))
-    fitted = refine(fitted, regions.labels, order, show=show)
+    fitted = refine(fitted, regions.labels, order, show=lambda share, state: show(FOUND + (1 - FOUND) * share, state))
     confidence = 1 / (1 + np.exp(-ask_linear(model.confidence, signs_of(regions))))
     return in_order(regions, fitted, confidence, order, image)
 
@@ -73,8 +74,8 @@ def in_order(regions: Regions, fitted: Fitted, confidence: Array, order: Array, 
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = np.where(regions.labels >= 0, rank[regions.labels], -1).astype(np.int32) if len(rank) else regions.labels
     curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
-    every = max(1, labels.size // SAMPLED)
-    sample, empty = image.reshape(-1, 3)[::every], labels.ravel()[::every] < 0
+    every = max(1, round((labels.size / SAMPLED) ** 0.5))
+    sample, empty = image[::every, ::every].reshape(-1, 3), labels[::every, ::every].ravel() < 0
     ground = sample[empty] if empty.mean() > 0.01 else sample
     saved = Saved(
         strokes=strokes_along(curve, width, color, 1.0),

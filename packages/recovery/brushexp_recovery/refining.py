@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp import create
 from brushexp.strokes.bezier import strokes_along
 from brushexp_recovery.curves import Fitted
-from brushexp_recovery.finding import TILE, Box, tiles
+from brushexp_recovery.tiling import Box, on_threads, tiles
 
 Array = NDArray[Any]
 Progress = Callable[[float, str], None]
@@ -34,19 +34,23 @@ def refine(fitted: Fitted, labels: Array, order: Array, *, show: Progress, steps
     """
     curve, width = fitted.curve.copy(), fitted.width.copy()
     x, y = fitted.curve.mean(1).T
-    boxes = list(tiles(labels.shape[0], labels.shape[1], TILE / SIDE))
-    for number, (box, core) in enumerate(boxes):
-        show(number / len(boxes), f"fitting {len(order)} curves")
+    boxes = list(tiles(labels.shape[0], labels.shape[1], 1.0, SIDE, SIDE // 8))
+
+    def fit(at: tuple[Box, Box]) -> None:
+        box, core = at
         near = order[_inside(x[order], y[order], box, labels.shape)]
-        if len(near) == 0:
-            continue
+        own = _inside(x[near], y[near], core, labels.shape)
+        if not own.any():
+            return
         place = np.full(len(order) + 1, -2)
         place[near], place[-1] = np.arange(len(near)), -1
         part = place[labels[box[0] : box[1], box[2] : box[3]]]
         corner = np.array([box[2], box[0]])
         moved, wider = _refined(fitted.curve[near] - corner, fitted.width[near], part, steps)
-        own = _inside(x[near], y[near], core, labels.shape)
         curve[near[own]], width[near[own]] = moved[own] + corner, wider[own]
+
+    for number, _ in enumerate(on_threads(fit, boxes), start=1):
+        show(number / len(boxes), f"fitting {len(order)} curves")
     return Fitted(curve, width, fitted.color)
 
 

@@ -1,4 +1,5 @@
 """A picture is cut into small regions without a border through them, and what is known of each is summed up."""
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from brushexp.compat.compiled import function
 from brushexp_recovery.blur import blurred
 from brushexp_recovery.maps import Maps, shifted
 from brushexp_recovery.network import CENTRE, LENGTH, OFFSETS, PAINT, SHARE, TURN, UNIT, WIDTH
@@ -17,6 +19,8 @@ GROUP = np.array([0, 0, *np.repeat([1, 2, 3], 4)])  # of the offsets, by their d
 GROUPS = 4
 DIAGONAL = 0.35  # weight of the offsets of 3 pixels in the strength of a border, that of neighbours is 1
 SMOOTH = 0.6  # pixels by which borders are blurred
+ROOM = 32  # places for pairs of each region, at first
+HASH = 0x9E3779B97F4A7C1  # spreads numbers of pairs over a table (Knuth, 1973)
 SUMS = 23  # columns of `sums_of`
 
 
@@ -64,28 +68,51 @@ def cut_at_borders(borders: Array) -> Array:
 
 def affinities_of(labels: Array, affinity: Array) -> tuple[Array, Array, Array]:
     """Sum affinities within regions (S, 8), and between those pairs (P, 2) that have any (P, 8)."""
-    count, (height, width) = int(labels.max()) + 1, labels.shape
-    within, keys, values, groups = np.zeros((count, 2 * GROUPS)), [], [], []
-    for channel, (dy, dx) in enumerate(OFFSETS):
-        left, right, group = max(0, -dx), width - max(0, dx), GROUP[channel]
-        if dy >= height or left >= right:
-            continue
-        here, there = labels[: height - dy, left:right], labels[dy:, left + dx : right + dx]
-        value, differ = affinity[channel, : height - dy, left:right], here != there
-        same = here[~differ]
-        within[:, group] += np.bincount(same, value[~differ], minlength=count)
-        within[:, GROUPS + group] += np.bincount(same, minlength=count)
-        here, there = here[differ].astype(np.int64), there[differ]
-        keys.append(np.minimum(here, there) * count + np.maximum(here, there))
-        values.append(value[differ])
-        groups.append(np.full(len(here), group))
-    if not keys:
-        return within, np.empty((0, 2), np.int64), np.empty((0, 2 * GROUPS))
-    pair, place = np.unique(np.concatenate(keys), return_inverse=True)
-    place, size = place * GROUPS + np.concatenate(groups), GROUPS * len(pair)
-    total = np.bincount(place, np.concatenate(values), minlength=size).reshape(-1, GROUPS)
-    number = np.bincount(place, minlength=size).reshape(-1, GROUPS)
-    return within, np.stack([pair // count, pair % count], 1), np.concatenate([total, number], 1)
+    count = int(labels.max()) + 1
+    room = 2 ** (ROOM * count).bit_length()
+    within = np.empty((count, 2 * GROUPS))
+    while True:
+        keys, between = np.full(room, -1), np.zeros((room, 2 * GROUPS))
+        if _sum_affinities(labels, affinity, np.array(OFFSETS), GROUP, within, keys, between):
+            break
+        room *= 2
+    used = np.flatnonzero(keys >= 0)
+    used = used[np.argsort(keys[used])]
+    return within, np.stack([keys[used] // count, keys[used] % count], 1), between[used]
+
+
+@function
+def _sum_affinities(labels, affinity, offsets, group, within, keys, between):
+    """Write sums and numbers of affinities; False if the pairs fill more than half of their table.
+
+    ``keys`` (R,) are -1 and get the pairs, smaller x S + larger, each near its hash; R is a power of 2.
+    """
+    height, width = labels.shape
+    count, room, filled, key, place = len(within), len(keys), 0, -1, 0
+    within[:] = 0
+    for channel in range(len(offsets)):
+        dy, dx = offsets[channel]
+        one = group[channel]
+        for y in range(height - dy):
+            for x in range(max(0, -dx), width - max(0, dx)):
+                here, there, value = labels[y, x], labels[y + dy, x + dx], affinity[channel, y, x]
+                if here == there:
+                    within[here, one] += value
+                    within[here, GROUPS + one] += 1
+                    continue
+                pair = min(here, there) * count + max(here, there)
+                if pair != key:  # mostly it is that of the pixel before
+                    key, place = pair, (pair * HASH >> 20) & (room - 1)
+                    while keys[place] != key and keys[place] >= 0:
+                        place = (place + 1) & (room - 1)
+                    if keys[place] < 0:
+                        keys[place] = key
+                        filled += 1
+                        if 2 * filled > room:
+                            return False
+                between[place, one] += value
+                between[place, GROUPS + one] += 1
+    return True
 
 
 def sums_of(labels: Array, image: Array, geometry: Array) -> Array:

@@ -12,6 +12,7 @@ from brushexp.bounds import INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config.keys import key
 from brushexp.config.schema import RESUME, Task, TrainerOptions
 from brushexp.pictures.load import PICTURE
+from brushexp_recovery.photograph import size_of_photograph
 
 
 @dataclass
@@ -26,6 +27,10 @@ class RecoverTask(Task):
     scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
     copies: int = key(2, "turned and mirrored copies that are looked at; more are slower and surer", between(1, 8))
     weights: str = key("strokes", "shipped weights, or the .safetensors of task=train model=recovery")
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        size_of_photograph(cfg.image)
 
 
 @dataclass

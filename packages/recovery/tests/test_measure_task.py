@@ -14,6 +14,7 @@ from brushexp_recovery.truth import drawn_truth
 from PIL import Image
 from skimage.measure import label
 
+from brushexp.cli.program import expand_arguments
 from brushexp.errors import UserError
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.storage import Saved
@@ -38,7 +39,7 @@ def recover(image: np.ndarray) -> Recovered:
 
 @pytest.fixture
 def photographs(tmp_path, monkeypatch):
-    monkeypatch.setattr(measure_task, "recover", recover)
+    monkeypatch.setattr(measure_task, "find", lambda image, show: recover(image))
     for name, width in (("a", 6), ("b", 12)):
         Image.fromarray((255 * picture(width)).round().astype(np.uint8)).save(tmp_path / f"{name}.png")
     return tmp_path
@@ -72,7 +73,7 @@ def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(pho
     write_recovered(path, found)
     run = partial(run_task, measure_task, "task=measure", f"recovered={path}", "views=1", "draws=2")
     assert run(f"image={photographs / 'a.png'}")["n_strokes"] == 3
-    Image.fromarray(np.zeros((9, 9, 3), np.uint8)).save(photographs / "other.png")
+    Image.fromarray(np.zeros((50, 50, 3), np.uint8)).save(photographs / "other.png")
     with pytest.raises(UserError, match="is of a picture of 80 x 60 pixels"):
         run(f"image={photographs / 'other.png'}")
     curve = np.stack([np.stack([np.full(3, x), np.arange(10, 60, 20.0)], 1) for x in (20.0, 40, 60)], 1)
@@ -80,3 +81,19 @@ def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(pho
     figures = score(truth, read_given(path, SIZE, image))
     assert figures["f1"] == 1
     assert figures["reliability"] == [(pytest.approx(0.8), 1, 3)]
+
+
+def test_strokes_are_not_sought_in_so_few_pixels(tmp_path, run_task):
+    Image.fromarray(np.zeros((9, 90, 3), np.uint8)).save(tmp_path / "tiny.png")
+    with pytest.raises(UserError, match=r"has 90 x 9 pixels, too few to tell strokes apart; give a photograph of 48"):
+        run_task(measure_task, "task=measure", f"image={tmp_path / 'tiny.png'}")
+
+
+def test_a_photograph_to_analyse_is_measured(photographs, monkeypatch):
+    monkeypatch.chdir(photographs)
+    assert expand_arguments(["analyse", "a.png", "width_cm=60"]) == ["task=measure", "image=a.png", "width_cm=60"]
+    assert expand_arguments(["measure", "a.png"]) == ["task=measure", "image=a.png"]
+    (photographs / "strokes.h5").touch()
+    assert expand_arguments(["analyse", "strokes.h5"]) == ["task=analyse", "catalogue=strokes.h5"]
+    assert expand_arguments(["analyse", "c.png"]) == ["task=analyse", "catalogue=c.png"]
+    assert expand_arguments(["export", "a.png"]) == ["task=export", "catalogue=a.png"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_recovery.measure import View, draws_of, intervals_of, sight
-from brushexp_recovery.measure_files import figure_rows, write_measures
+from brushexp_recovery.measure_files import digits, figure_rows, write_measures
 from brushexp_recovery.page import page_of, write_page
 from brushexp_recovery.stroke_rows import Rows, remark_on, rows_of, table_with_units
 from brushexp_recovery.truth import drawn_truth
@@ -107,6 +107,7 @@ def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, t
             page.locator(f"[data-export={kind}]").click()
         download.value.save_as(tmp_path / f"shown.{kind}")
     lines = list(csv.DictReader(io.StringIO((tmp_path / "shown.csv").read_text())))
+    assert list(lines[0])[:6] == ["stroke", "order", "confidence", "x [px]", "y [px]", "length [mm]"]
     assert [float(line["length [mm]"]) for line in lines] == pytest.approx([10, 18], rel=1e-3)
     assert [float(line["direction [deg clockwise]"]) for line in lines] == pytest.approx([45, 90], abs=0.01)
     shapes = json.loads((tmp_path / "shown.geojson").read_text())
@@ -142,3 +143,8 @@ def test_what_is_doubtful_is_said_with_what_to_do_about_it():
     assert "narrower than 4.0 pixels" in remark_on(replace(rows, columns=narrow))
     assert "on 3 % of the photograph only" in remark_on(replace(rows, columns=few))
     assert "no strokes were found" in remark_on(replace(rows, columns=none, color=rows.color[:0], outlines=[]))
+
+
+def test_numbers_have_three_digits_and_no_powers_of_ten():
+    written = [digits(value) for value in (0, 1234.5, -12.345, 0.00123456, 1.09e-5, -4.4e-4, np.nan, np.inf)]
+    assert written == ["0", "1234", "-12.3", "0.00123", "0.00001", "-0.00044", None, None]

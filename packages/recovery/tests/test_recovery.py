@@ -1,5 +1,6 @@
 """Strokes are found again: maps turned back, scales chosen, tiles joined, curves and order fitted, results stored."""
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import torch
 from brushexp_recovery import finding, refining
 from brushexp_recovery.curves import Fitted, fit_curve
-from brushexp_recovery.finding import Candidate, assemble, find_regions, tiles
+from brushexp_recovery.finding import Candidate, find_regions, lay
 from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, TURN, UNIT
@@ -20,6 +21,7 @@ from brushexp_recovery.synthesis import Hand, Laid, lay_strokes
 from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
 from brushexp_recovery.synthesis_paintings import Painted
+from brushexp_recovery.tiling import tiles
 from brushexp_recovery.training import losses_of
 
 from brushexp.errors import UserError
@@ -91,30 +93,31 @@ def test_losses_have_the_gradients_of_their_values():
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 2.2])
 def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
     seen = np.zeros(size, int)
-    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom):
+    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom, 576):
         assert top <= first < last <= bottom
         assert left <= begin < end <= right
         seen[first:last, begin:end] += 1
     assert (seen == 1).all()
 
 
+def laid(candidates: list[tuple[range, float]], labels: np.ndarray) -> list[float]:
+    """Chances of the regions that are laid, in their order."""
+    made = [Candidate(np.array(pixels), chance, np.zeros(7)) for pixels, chance in candidates]
+    return [one.chance for one in lay(made, labels, int(labels.max()) + 1)]
+
+
 def test_the_surest_region_is_laid_first_and_little_rests_are_dropped():
-    told = np.zeros(7)
-    regions = [np.arange(0, 10), np.arange(5, 15), np.arange(9, 30), np.arange(40, 44)]
-    chances = [0.5, 0.9, 0.7, 0.2]
-    candidates = [Candidate(pixels, chance, told) for pixels, chance in zip(regions, chances, strict=True)]
-    labels, kept = assemble(candidates, 5, 10)
-    assert kept == [1, 2, 3]  # half of the first is taken
-    np.testing.assert_array_equal(np.bincount(labels.ravel() + 1), [50 - 29, 10, 15, 4])
+    labels = np.full(50, -1, np.int32)
+    regions = [(range(0, 10), 0.5), (range(5, 15), 0.9), (range(9, 30), 0.7), (range(40, 44), 0.2)]
+    assert laid(regions, labels) == [0.9, 0.7, 0.2]  # half of the first is taken
+    np.testing.assert_array_equal(np.bincount(labels + 1), [50 - 29, 10, 15, 4])
 
 
 def test_what_coarser_scales_show_is_laid_only_where_the_first_left_room():
-    told = np.zeros(7)
-    fine = [Candidate(np.arange(0, 10), 0.5, told), Candidate(np.arange(10, 20), 0.6, told)]
-    coarse = [Candidate(np.arange(0, 20), 0.9, told, 1), Candidate(np.arange(18, 28), 0.7, told, 1)]
-    labels, kept = assemble([*coarse, *fine], 5, 10)
-    assert kept == [3, 2, 1]
-    np.testing.assert_array_equal(np.bincount(labels.ravel() + 1), [50 - 28, 10, 10, 8])
+    labels = np.full(50, -1, np.int32)
+    assert laid([(range(0, 10), 0.5), (range(10, 20), 0.6)], labels) == [0.6, 0.5]
+    assert laid([(range(0, 20), 0.9), (range(18, 28), 0.7)], labels) == [0.7]
+    np.testing.assert_array_equal(np.bincount(labels + 1), [50 - 28, 10, 10, 8])
 
 
 @pytest.mark.parametrize(
@@ -228,8 +231,8 @@ def test_tiles_find_what_the_whole_picture_shows(monkeypatch, scene):
     image = scene.image.astype(np.float32) / 255
     whole = find_regions(shipped(), image, 0.8, 1, silent).labels
     monkeypatch.setattr(finding, "TILE", 128)
-    monkeypatch.setattr(finding, "MARGIN", 32)
-    assert len(list(tiles(*image.shape[:2], 0.8))) > 1
+    monkeypatch.setattr(finding, "tiles", partial(tiles, margin=32))
+    assert len(list(tiles(*image.shape[:2], 0.8, 128, 32))) > 1
     assert found(find_regions(shipped(), image, 0.8, 1, silent).labels, whole) > 0.7
 
 

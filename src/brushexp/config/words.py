@@ -29,7 +29,7 @@ from omegaconf import OmegaConf
 
 from brushexp.config.compose import chosen_groups, quote
 from brushexp.config.keys import keys_of
-from brushexp.config.tasks import TASKS
+from brushexp.config.tasks import TASKS, task_for
 from brushexp.config.vocabulary import WORDS, is_path, meaning_of, members_alone, members_of_group, respelt
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -50,7 +50,7 @@ def expand_positional(word: str, task: str = "paint") -> str:
         return f"task={word}"
     alone = TASKS[task].alone if task in TASKS else ""
     if alone not in ("", "image"):
-        return f"{alone}={word}"
+        return f"{TASKS[task_for(task, {'image': word})].alone}={word}"
     if not is_path(word) and (meant := meaning_of(word)):
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()

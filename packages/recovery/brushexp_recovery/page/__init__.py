@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
 from brushexp.pages.html import embed, page
-from brushexp.system.files import write_text
-from brushexp_recovery.measure_files import DIRECTIONS, MEANING
+from brushexp.system.files import to_bytes, write_text
+from brushexp_recovery.measure_files import APART, DIRECTIONS, MEANING
 from brushexp_recovery.stroke_rows import Rows
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -48,7 +49,7 @@ def page_of(
     threshold: float = 0.5, folder: Path | None = None,
 ) -> str:  # fmt: skip
     """Make the page; without a ``folder`` it links to no files."""
-    photograph = Image.fromarray((255 * image).round().astype(np.uint8))
+    photograph = Image.fromarray(to_bytes(torch.as_tensor(image).permute(2, 0, 1)))
     there = [(file, about) for file, about in ABOUT.items() if folder is not None and (folder / file).is_file()]
     (height, width), mm = rows.size, rows.mm
     lead = f"{len(rows):,} strokes recovered from {width:,} × {height:,} pixels"
@@ -65,9 +66,10 @@ def page_of(
         threshold=threshold,
         data=data_of(rows, name),
         words=WORDS,
-        tables=[(title, list(table)) for title, table in (tables or {}).items() if table],
+        tables=[(title, [_raised(row) for row in table]) for title, table in (tables or {}).items() if table],
         directions=DIRECTIONS,
         meaning=MEANING,
+        apart=APART,
         files=there,
     )
 
@@ -79,7 +81,13 @@ def data_of(rows: Rows, name: str) -> dict[str, Any]:
         "width": rows.size[1],
         "height": rows.size[0],
         "mm": rows.mm,
+        "names": list(rows.columns),  # in their order, which JSON in a template has not
         "columns": {key: [float(f"{value:.5g}") for value in column] for key, column in rows.columns.items()},
         "outlines": [outline.round(1).tolist() for outline in rows.outlines],
         "colors": ["#" + bytes((255 * color).round().astype(np.uint8)).hex() for color in rows.color.clip(0, 1)],
     }
+
+
+def _raised(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write mm^2 as mm²."""
+    return {key: value.replace("^2", "²") if key == "unit" else value for key, value in row.items()}

@@ -3,18 +3,19 @@
 {
   const { recovered } = window.brushexp;
   const { data, shown, colorOf, inUnit, unitOf } = recovered;
-  const { columns, outlines, colors, width, height, mm, name } = data;
+  const { names, columns, outlines, colors, width, height, mm, name } = data;
+  const PIXELS = ["x", "y", "seen"]; // these columns are in pixels, whatever the scale
 
   const short = (value) => Number(value.toPrecision(6));
   const headOf = (key) => {
-    const unit = key === "direction" ? "deg clockwise" : unitOf(key).replace("²", "^2").replace("°", "deg");
+    const unit = key === "direction" ? "deg clockwise" : PIXELS.includes(key) ? "px" : unitOf(key).replace("²", "^2").replace("°", "deg");
     return unit ? `${key} [${unit}]` : key;
   };
-  const valuesOf = (k) => Object.entries(columns).map(([key, column]) => [headOf(key), short(inUnit(key, column[k]))]).concat([["color", colors[k]]]);
+  const valuesOf = (k) => names.map((key) => [headOf(key), short(inUnit(key, columns[key][k]))]).concat([["color", colors[k]]]);
 
   const csv = () => {
     const rows = shown().map((k) => valuesOf(k).map(([, value]) => value).join(","));
-    return [[...Object.keys(columns).map(headOf), "color"].join(","), ...rows, ""].join("\n");
+    return [[...names.map(headOf), "color"].join(","), ...rows, ""].join("\n");
   };
   const geojson = () => {
     const unit = mm ?? 1;

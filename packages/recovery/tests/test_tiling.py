@@ -1,0 +1,65 @@
+"""Tiles are dealt out to threads, and loops over their pixels agree with slow ones that are plain to see."""
+
+import numpy as np
+import pytest
+import torch
+from brushexp_recovery import regions
+from brushexp_recovery.curves import pixels_of
+from brushexp_recovery.network import OFFSETS
+from brushexp_recovery.regions import GROUP, affinities_of
+from brushexp_recovery.tiling import on_threads
+
+
+@pytest.fixture
+def threads():
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    yield
+    assert torch.get_num_threads() == 3
+    torch.set_num_threads(before)
+
+
+def test_results_come_in_the_order_of_the_items_each_computed_on_one_thread(threads):
+    seen = list(on_threads(lambda item: (item, torch.get_num_threads()), range(20)))
+    assert seen == [(item, 1) for item in range(20)]
+
+
+def test_an_error_on_a_thread_is_an_error(threads):
+    with pytest.raises(ZeroDivisionError):
+        list(on_threads(lambda item: 1 // item, [2, 1, 0, 3]))
+
+
+def test_affinities_are_summed_as_by_a_plain_loop():
+    random = np.random.default_rng(0)
+    labels = random.integers(0, 9, (30, 41)).astype(np.int32)
+    affinity = random.random((len(OFFSETS), 30, 41)).astype(np.float32)
+    within, pairs, between = np.zeros((9, 8)), {}, {}
+    for channel, (dy, dx) in enumerate(OFFSETS):
+        for y in range(30 - dy):
+            for x in range(max(0, -dx), 41 - max(0, dx)):
+                a, b = sorted((int(labels[y, x]), int(labels[y + dy, x + dx])))
+                row = within[a] if a == b else between.setdefault((a, b), np.zeros(8))
+                row[GROUP[channel]] += affinity[channel, y, x]
+                row[4 + GROUP[channel]] += 1
+    pairs = sorted(between)
+    found = affinities_of(labels, affinity)
+    np.testing.assert_allclose(found[0], within)
+    np.testing.assert_array_equal(found[1], pairs)
+    np.testing.assert_allclose(found[2], [between[pair] for pair in pairs])
+
+
+def test_a_table_of_pairs_grows_when_it_is_full(monkeypatch):
+    monkeypatch.setattr(regions, "ROOM", 1)
+    labels = np.random.default_rng(0).permutation(3600).reshape(60, 60).astype(np.int32)
+    _, pairs, between = affinities_of(labels, np.ones((len(OFFSETS), 60, 60), np.float32))
+    assert len(pairs) == sum((60 - dy) * (60 - abs(dx)) for dy, dx in OFFSETS)
+    assert (between.sum(0)[:4] == between.sum(0)[4:]).all()
+
+
+@pytest.mark.parametrize("count", [0, 7])
+def test_pixels_of_regions_are_listed(count):
+    labels = np.random.default_rng(0).integers(-1, max(count - 1, 0), (20, 31)).astype(np.int32)  # the last has none
+    lists = pixels_of(labels, count)
+    assert len(lists) == count
+    for number, pixels in enumerate(lists):
+        np.testing.assert_array_equal(pixels, np.flatnonzero(labels == number))
