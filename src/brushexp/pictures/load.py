@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import ImageColor
 from torch import Tensor
 from torch.nn import functional
 
@@ -132,14 +132,18 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes (else UserError).
+    """Convert a colour of CSS, ``ivory`` or ``#rrggbb``, to bytes (else UserError).
 
     ``mean``, that of the target, and ``transparent``, below which it is the same, are None.
     """
-    digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
-    if spec not in ("mean", TRANSPARENT) and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
-        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, transparent, white, black or '#rrggbb'")
-    return None if spec in ("mean", TRANSPARENT) else bytes.fromhex(digits[1:])
+    if spec in ("mean", TRANSPARENT):
+        return None
+    try:
+        red, green, blue = ImageColor.getrgb(spec)
+    except ValueError as error:  # no colour, or one with alpha
+        cure = f"use {key}=mean, transparent, '#rrggbb' or a name of CSS: white, black, grey, ivory, ..."
+        raise UserError(f"{key}={spec} is not a colour; {cure}") from error
+    return bytes((red, green, blue))
 
 
 def samples() -> dict[str, Path]:
