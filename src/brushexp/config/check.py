@@ -118,7 +118,7 @@ def members_of(family: str) -> str:
 def nearest_first(word: str, names: Sequence[str]) -> str:
     """List the three names for a message that are most like the word, the one that others call so first."""
     ours = [KEYS[word]] if KEYS.get(word) in names else []
-    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word, names, NEAREST, 0)])][:NEAREST])
+    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, NEAREST, 0)])][:NEAREST])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:

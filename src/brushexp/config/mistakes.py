@@ -1,5 +1,6 @@
 """Explain errors of Hydra and OmegaConf: what is wrong, and what to type instead."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -62,6 +63,8 @@ def of_grammar(text: str) -> str | None:
     if match := re.search(r"Could not delete '([\w/@]+)'", text):
         empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
         return f"~{match[1]} deletes nothing; type {empty}"
+    if "${" in os.getcwd() and re.search(r"Interpolation key|'\$\{'|<EOF>", text):
+        return f"{os.getcwd()} has ${{ in its name, where nothing can be written; go to another folder"
     if match := re.search(r"Interpolation key '(\w+)' not found", text):
         cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
         return f"${{{match[1]}}} is the value of no key; type {cure} in its place"

@@ -82,7 +82,7 @@ def unknown_word(word: str) -> str:
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [name for name in get_close_matches(word, known, 3) if "=" not in name]
+    near = [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
@@ -104,6 +104,8 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     kind, optional = types_of_keys().get(key, (None, False))
     if key in chosen_groups():
         check_choice(key, value)
+    if key == "output" and "${" in value and is_path(value):
+        raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
     if key == "output" and not OF_HYDRA.match(value) and "${" not in value:
         value = verbatim(value)  # a folder, also in a sweep: its comma is a comma
     elif kind is str:
@@ -144,6 +146,13 @@ def types_of_keys() -> dict[str, tuple[Any, bool]]:
     return typed
 
 
+@cache
+def number_keys() -> set[str]:
+    """List the keys that are a number in a task, whatever they are in another one."""
+    keys = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
+    return {name for name, kind in keys if {int, float} & {kind, *get_args(kind)}}
+
+
 def parse_value(value: str) -> Any:
     """Read a text as Hydra does; a `HydraException` if its grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
@@ -174,7 +183,7 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
     except HydraException:
         return quote(value)
     is_number = isinstance(reading, int | float) or (reading is None and not optional)
-    return quote(value) if is_number else value
+    return quote(value) if is_number and key not in number_keys() else value
 
 
 def check_choice(group: str, value: str) -> None:
