@@ -86,6 +86,8 @@ def check_chosen(cfg: DictConfig) -> None:
             if not isinstance(node, DictConfig):
                 cure = f"type {family}.<name>.{name}={node}; a preset of one begins with 'defaults: [<name>]'"
                 cure += f" (there are: {members_of(family)})"
+                if options := [", ".join(one.meanings) for one in plugins(family) if one.name == name]:
+                    cure = f"type {family}.{name}.<option>={node}, one of {options[0]}"
                 raise UserError(f"{family}.{name}={node} is an option of no {family}; {cure}")
         chosen = [name for name, node in cfg[family].items() if "_target_" in node]
         tuned = [name for name in cfg[family] if name not in chosen]
