@@ -17,20 +17,21 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
+from PIL import Image
 
-from brushexp.cli.many_pictures import name_of
+from brushexp.cli.many_pictures import as_sweep, name_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import chosen_groups
 from brushexp.config.keys import keys_of
-from brushexp.config.mistakes import translate
+from brushexp.config.mistakes import of_grammar, translate
 from brushexp.config.tasks import TASKS
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.registry import MULTI_SELECT, literal, options_in, plugins
 from brushexp.strokes.storage import save_catalogue
 
 FILES = Path(tempfile.mkdtemp())
@@ -131,9 +132,13 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = ["photo (1).png", "photo(1).png", "a[1].png", "a=b.png", "a{1}.png", "a, b.png", "it's.png", 'say "hi".png']
     names += ["a#b.png", "50%.png", "cost$.png", "a${b}.png", "ü 漢.png", "2024", "007", "1e3", "true", "inf", "a\\b"]
-    names += ["a\\"]
+    names += ["a\\", "x${", "a\\${b}", "\\\\${b}"]
     for name in names:
         (tmp_path / name).write_text("")
+        if key in ("output", "resume") and "${" in name:  # a run that is resumed writes into its folder
+            with pytest.raises(UserError, match="cannot be written into, for its name has"):
+                expand_arguments([f"{key}={name}"])
+            continue
         word = expand_arguments([f"{key}={name}"])[0]
         assert OmegaConf.create({"is": parse_value(word.partition("=")[2])})["is"] == name, word
     swept = expand_arguments(["-m", f"{key}=photo (1).png,2024"])[1]
@@ -158,3 +163,31 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     if key not in ("image", "output", "catalogue"):
         with pytest.raises(UserError, match=r"=null is none, but a file has this name; type .*=\./null"):
             expand_arguments([f"{key}=null"])
+
+
+@pytest.mark.parametrize("name", ["${x}", "x${", "a\\${look}", 'a"${seed}', "b\\"])
+def test_a_name_stays_itself_however_often_it_is_resolved(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    node = OmegaConf.create({"twice": parse_value(compose.quote(literal(name)))})
+    OmegaConf.resolve(node)  # as Hydra does before it builds a sweeper
+    assert node.twice == name
+    (tmp_path / name).mkdir()
+    Image.new("RGB", (64, 48)).save(tmp_path / name / "a.png")
+    (word,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("output="))
+    assert "${" not in word, "Hydra cannot write there"
+    Image.new("RGB", (64, 48)).save(tmp_path / f"{name}.png")
+    cfg = compose.composed(expand_arguments([f"image={name}.png", f"style={name}.png", f"focus={name}.png"]))
+    assert (cfg.image, cfg.focus) == (f"{name}.png",) * 2
+    assert options_in(cfg.style.loss, "style.loss")["image"] == f"{name}.png"
+    assert f"{name}.png" == compose.composed(expand_arguments(["export", f"{name}.png"])).catalogue
+
+
+def test_where_nothing_can_be_written_is_told(tmp_path, monkeypatch):
+    (tmp_path / "a${b}").mkdir()
+    monkeypatch.chdir(tmp_path / "a${b}")
+    assert "has ${ in its name, where nothing can be written" in str(of_grammar("Interpolation key 'b' not found"))
+
+
+def test_a_number_of_one_task_that_is_a_path_in_another_is_typed_as_a_number():
+    assert expand_arguments(["strokes=10"]) == ["strokes=10"]
+    assert "strokes" in keys_of(TASKS["score"]), "where it is a file"

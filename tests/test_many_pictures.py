@@ -35,11 +35,11 @@ def photos(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("jobs", ["jobs=1", "jobs=2"])
-def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
-    photos(tmp_path / "my photos")
-    code, output = ended(tmp_path, "image=my photos", jobs, *QUICK)
-    folder = tmp_path / "outputs" / "my photos"
+@pytest.mark.parametrize(("jobs", "name"), [("jobs=1", "my ${photos}"), ("jobs=2", "x\\${")])
+def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs, name):
+    photos(tmp_path / name)
+    code, output = ended(tmp_path, f"image={name}", jobs, *QUICK)
+    folder = tmp_path / "outputs" / name.replace("${", "{")
     assert code == 1
     assert "broken.jpg is not a picture of a known format" in output
     assert "1 of 3 jobs failed: 1" in output
@@ -51,14 +51,14 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
     assert (folder / "table.md").exists()
     assert (folder / "sheet.png").exists()
     before = (folder / "second" / "painting.png").stat().st_mtime_ns
-    Image.new("RGB", (24, 16)).save(tmp_path / "my photos" / "broken.jpg")  # mended, and a new one beside it
-    Image.new("RGB", (9, 16)).save(tmp_path / "my photos" / "new.png")
-    code, output = ended(tmp_path, "image=my photos", jobs, *QUICK)
+    Image.new("RGB", (24, 16)).save(tmp_path / name / "broken.jpg")  # mended, and a new one beside it
+    Image.new("RGB", (9, 16)).save(tmp_path / name / "new.png")
+    code, output = ended(tmp_path, f"image={name}", jobs, *QUICK)
     assert code == 0, output
     assert "2 of 4 jobs have finished already" in output
     assert (folder / "second" / "painting.png").stat().st_mtime_ns == before
     assert (folder / "new" / "painting.png").is_file()
-    code, output = ended(tmp_path, "image=my photos", jobs, *QUICK, "strokes=3")
+    code, output = ended(tmp_path, f"image={name}", jobs, *QUICK, "strokes=3")
     assert code == 1
     assert "has paintings with other settings" in output
 

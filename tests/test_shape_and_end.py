@@ -15,6 +15,7 @@ from PIL import Image
 from brushexp.errors import UserError
 from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import decode_image, picture_size, read_picture
+from brushexp.pictures.kinds import has_codec
 from brushexp.pictures.load import load_picture, size_of_picture
 
 HEIGHT, WIDTH = 30, 40
@@ -54,12 +55,37 @@ def gif(byte: int) -> bytes:
     return bytes(whole)
 
 
+def with_pasp(wide: int, high: int) -> bytes:
+    """Say in an AVIF how wide and high its pixels are, in place of its bits per channel, which take as many bytes."""
+    whole = file_of(SMOOTH, "AVIF", quality=95, subsampling="4:4:4")
+    at = whole.index(b"\0\0\0\x10pixi") + 4
+    return whole[:at] + b"pasp" + struct.pack(">II", wide, high) + whole[at + 12 :]
+
+
+def with_resc(across: int, down: int) -> bytes:
+    """Say in a JPEG 2000 how many pixels a metre has, in the last box of its header."""
+    whole = file_of(SMOOTH, "JPEG2000")
+    at = whole.index(b"jp2h") - 4
+    (length,) = struct.unpack_from(">I", whole, at)
+    said = struct.pack(">I4sI4sHHHHBB", 26, b"res ", 18, b"resc", down, 1, across, 1, 0, 0)
+    return whole[:at] + struct.pack(">I", length + 26) + whole[at + 4 : at + length] + said + whole[at + length :]
+
+
+def psd(aspect: float) -> bytes:
+    """Write a picture of Photoshop: header, no palette, the resource that tells the aspect, no layers, planes."""
+    head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, 3, HEIGHT, WIDTH, 8, 3)
+    resource = struct.pack(">4sHHIId", b"8BIM", 1064, 0, 12, 1, aspect)
+    planes = SMOOTH.transpose(2, 0, 1).tobytes()
+    return head + struct.pack(">II", 0, len(resource)) + resource + struct.pack(">IH", 0, 0) + planes
+
+
 def rational(kind: str) -> bytes:
     return file_of(SMOOTH, kind, dpi=(200, 100), **({"quality": 95} if kind == "JPEG" else {}))
 
 
 DOUBLE_HEIGHT = [with_phys(0, 2, 1), with_phys(1, 11811, 5906), with_jfif(0, 2, 1), with_jfif(1, 144, 72)]
 DOUBLE_HEIGHT += [rational("TIFF"), rational("BMP"), rational("PNG"), gif(17)]
+DOUBLE_HEIGHT += [with_pasp(1, 2), with_resc(11811, 5906), psd(0.5)]
 
 
 @pytest.mark.parametrize("data", DOUBLE_HEIGHT)
@@ -78,6 +104,7 @@ def test_pixels_that_are_half_as_wide_as_high_are_made_square(tmp_path, data):
 
 @pytest.mark.parametrize("data", [
     with_phys(0, 1, 2), with_jfif(0, 1, 2), gif(113), file_of(SMOOTH, "TIFF", dpi=(72, 144)),
+    with_pasp(2, 1), with_resc(5906, 11811), psd(2),
 ])  # fmt: skip
 def test_pixels_that_are_twice_as_wide_as_high_are_made_square(tmp_path, data):
     (tmp_path / "a").write_bytes(data)
@@ -127,6 +154,18 @@ def test_a_file_that_ends_too_soon_is_told_so(tmp_path, kind, options, fewer):
     path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
     assert has_end(path) is False
     assert refusal(path).endswith("is cut short: its file ends before the picture does; get the whole file")
+
+
+@pytest.mark.parametrize("fewer", [2, 0.5, 0.9])
+def test_a_cut_jpeg_xl_whose_length_stands_nowhere_may_be_cut_or_damaged(tmp_path, fewer):
+    pytest.importorskip("pillow_jxl")
+    has_codec("jxl")
+    whole = file_of(NOISE, "JXL", lossless=True)
+    path = tmp_path / "a"
+    path.write_bytes(whole)
+    assert read_picture(path).shape == NOISE.shape
+    path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
+    assert "is cut short, damaged or cannot be decoded" in refusal(path)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "GIF", "QOI", "TIFF", "BMP", "TGA"])

@@ -222,16 +222,25 @@ def options_in(node: DictConfig, path: str) -> dict[str, Any]:
     plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
-        typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
-        options: Any = OmegaConf.to_container(typed, throw_on_missing=True)
+        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # a worker's types are copies of ours
+        options: Any = OmegaConf.to_container(typed, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
     del options["_target_"]
     if hidden := _hidden_key(options):
         raise UserError(f"{path} has an option {hidden}; nothing below a plugin is built: drop that key")
-    plugin.check(path, typed)
+    plugin.check(path, options)
     return options
+
+
+def literal(data: Any) -> Any:
+    """Write the texts of nested data so that OmegaConf, when it resolves them once, reads no interpolation in them."""
+    if isinstance(data, str):
+        return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
+    if isinstance(data, dict):
+        return {key: literal(value) for key, value in data.items()}
+    return [literal(value) for value in data] if isinstance(data, list) else data
 
 
 def _hidden_key(data: Any) -> str:

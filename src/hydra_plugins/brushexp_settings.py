@@ -28,6 +28,7 @@ class SettingsSweeperConf:
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
+    _recursive_: bool = False  # or Hydra would resolve ${x} in the name of a picture once more
     max_batch_size: int | None = None
     params: dict[str, str] | None = None
     settings: list[str] = field(default_factory=lambda: [""])

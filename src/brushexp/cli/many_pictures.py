@@ -16,6 +16,7 @@ from brushexp.config.words import verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, left_out, pictures_in
 from brushexp.pictures.load import samples
+from brushexp.registry import literal
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.reading import digest_of, read_text, yaml_of
@@ -71,7 +72,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     pictures = 0 if sets or is_sweep else sum(counts)
     others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     parts = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
-    texts = ",".join(map(quote, parts))
+    texts = ",".join(quote(literal(part)) for part in parts)  # Hydra resolves the options of a sweeper twice
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
     first = parts[0] if len(parts) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(parts[0])
     output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
@@ -144,7 +145,8 @@ def _place_of(picture: str, folder: Path) -> Path:
 def name_of(image: str) -> str:
     """Name the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
-    return Path(os.path.expanduser(folder)).resolve().name or "pictures"  # that of pathlib raises for ~nosuchuser
+    name = Path(os.path.expanduser(folder)).resolve().name  # that of pathlib raises for ~nosuchuser
+    return name.replace("${", "{") or "pictures"  # Hydra can write into no folder with ${
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from brushexp.config.vocabulary import is_path, meaning_of, respelt, task_names
+from brushexp.config.vocabulary import as_task, is_path, meaning_of, respelt, task_names
 from brushexp.pictures.folders import is_several
 
 MEDIA = ("oil", "gouache", "ink", "pastel", "watercolour", "impasto")  # looks in which one paints
@@ -18,7 +18,11 @@ PAINTED = ("", "paint", "film")  # tasks whose line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and end; else say on a terminal what begins. Returns the words, ``help`` as ``--help``."""
+    """Answer ``--version`` and end; else say on a terminal what begins.
+
+    Returns the words, ``help`` as ``--help``, and tasks as we spell them.
+    """
+    words = [as_task(word) for word in words]
     if "--version" in words:
         print(f"brushexp {version('brushexp')}")
         sys.exit()

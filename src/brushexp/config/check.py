@@ -86,6 +86,8 @@ def check_chosen(cfg: DictConfig) -> None:
             if not isinstance(node, DictConfig):
                 cure = f"type {family}.<name>.{name}={node}; a preset of one begins with 'defaults: [<name>]'"
                 cure += f" (there are: {members_of(family)})"
+                if options := [", ".join(one.meanings) for one in plugins(family) if one.name == name]:
+                    cure = f"type {family}.{name}.<option>={node}, one of {options[0]}"
                 raise UserError(f"{family}.{name}={node} is an option of no {family}; {cure}")
         chosen = [name for name, node in cfg[family].items() if "_target_" in node]
         tuned = [name for name in cfg[family] if name not in chosen]
@@ -118,7 +120,7 @@ def members_of(family: str) -> str:
 def nearest_first(word: str, names: Sequence[str]) -> str:
     """List the three names for a message that are most like the word, the one that others call so first."""
     ours = [KEYS[word]] if KEYS.get(word) in names else []
-    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word, names, NEAREST, 0)])][:NEAREST])
+    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, NEAREST, 0)])][:NEAREST])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:

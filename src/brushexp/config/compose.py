@@ -15,6 +15,7 @@ from brushexp.config.keys import groups_of
 from brushexp.config.tasks import TASKS
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
+from brushexp.registry import literal
 
 OF_THE_TASK = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
 GLOBAL = "# @package _global_\n"  # first line of such a file
@@ -93,8 +94,8 @@ def without_folder(words: Sequence[str]) -> list[str]:
 
 def quote(text: str) -> str:
     """Put a text in quotes so that Hydra and OmegaConf read any letters in it as they are."""
-    escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), text)
-    return '"' + escaped.replace("${", "\\${") + '"'
+    escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), literal(text))
+    return '"' + escaped + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:

@@ -1,5 +1,6 @@
 """Explain errors of Hydra and OmegaConf: what is wrong, and what to type instead."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -33,7 +34,10 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
         text += f": {' '.join(str(error.__cause__).split())}"
     if match := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
         return f"{match[1]} is not chosen; choose one of {', '.join(choices(match[1], folders))}"
-    return translate(text, task_of(arguments, folders), folders, arguments) or text
+    if match := re.search(r"interpolation '\$\{look\}_(\w+)'", text):
+        family = next((word.partition("=")[0].lstrip("+") for word in arguments if word.startswith("+")), "loss")
+        return f"+{family}={match[1]} adds to no list; type all of them: {family}=[...,{match[1]}]"
+    return translate(text, task_of(arguments, folders), folders, arguments) or unreadable(error) or text
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
@@ -46,10 +50,12 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         near = f"{nearest_first(match[2], names)} (all: --help)"
         return f"{match[1]}={match[2]} is not there; choose one of {near}{more}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
-        return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+        owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
+        more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
+        return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
-        owners = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
-        return unknown_option(match[1], owners[0], arguments) if owners else None
+        found = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
+        return unknown_option(match[1], found[0], arguments) if found else None
     if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
         return unknown_key(match[1], task)
     return wrong_type(text, task)
@@ -62,10 +68,18 @@ def of_grammar(text: str) -> str | None:
     if match := re.search(r"Could not delete '([\w/@]+)'", text):
         empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
         return f"~{match[1]} deletes nothing; type {empty}"
+    if "${" in os.getcwd() and re.search(r"Interpolation key|'\$\{'|<EOF>", text):
+        return f"{os.getcwd()} has ${{ in its name, where nothing can be written; go to another folder"
     if match := re.search(r"Interpolation key '(\w+)' not found", text):
         cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
         return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
     return None
+
+
+def unreadable(error: BaseException) -> str | None:
+    """Say what Hydra's parser does not say of a word that it cannot read; None for another error."""
+    word = getattr(error, "override", None)
+    return f"{word} cannot be read; a list is key=[a,b], and a text with such letters key='\"...\"'" if word else None
 
 
 def quoting(word: str) -> str:
@@ -79,6 +93,8 @@ def several(word: str) -> str:
     key, _, value = word.partition("=")
     if re.fullmatch(r"\d{1,3}(,\d{3})+", value):
         return f"{word} is read as several values; type {key}={value.replace(',', '')}, or add -m for a sweep"
+    if key in MULTI_SELECT:
+        return f"{word} are several values; type '{key}=[{value}]' for all of them, or add -m for a sweep"
     return f"{word} are several values; add -m for a sweep"
 
 

@@ -147,7 +147,7 @@ class PaintTask(Task):
     warm_up: str | None = key("auto", "fast renderer of the first steps; auto = the chosen one's; null = none")
     finish_steps: int = key(40, "updates per stroke with the chosen renderer after the warm-up", at_least(0))
     background: str = key(
-        "mean", "colour of the bare canvas: mean (of the picture), white, black, '#rrggbb', transparent (as it)", COLOR
+        "mean", "colour of the bare canvas: mean (of the picture), transparent (as it), ivory, '#rrggbb'", COLOR
     )
     wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)

@@ -55,13 +55,26 @@ def members_of_group(group: str) -> set[str]:
 
 
 def respelt(text: str) -> str:
-    """Spell colour and grey the other way, British or American.
+    """Spell colour, grey, optimiser and analyse the other way, British or American.
 
     >>> respelt("watercolor"), respelt("style.colours"), respelt("grey")
     ('watercolour', 'style.colors', 'gray')
+    >>> respelt("optimiser"), respelt("renderer.normalization"), respelt("analyze"), respelt("noise")
+    ('optimizer', 'renderer.normalisation', 'analyse', 'noise')
     """
     pairs = {"colour": "color", "color": "colour", "grey": "gray", "gray": "grey"}
-    return re.sub("colour|color|grey|gray", lambda found: pairs[found[0]], text)
+    pairs |= {"is": "iz", "iz": "is", "lys": "lyz", "lyz": "lys"}
+    return re.sub("colour|color|grey|gray|i[sz](?=er|ation)|ly[sz](?=e)", lambda found: pairs[found[0]], text)
+
+
+def as_task(word: str) -> str:
+    """Spell a word of a command line as we do if it then is a task.
+
+    >>> as_task("analyze"), as_task("task=analyze"), as_task("optimiser")
+    ('analyse', 'task=analyse', 'optimiser')
+    """
+    spelt = respelt(word)
+    return spelt if spelt != word and spelt.removeprefix("task=") in task_names() and not is_path(word) else word
 
 
 def task_names() -> set[str]:

@@ -23,7 +23,7 @@ from types import NoneType
 from typing import Any, get_args, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ChoiceSweep, Sweep
+from hydra.core.override_parser.types import ChoiceSweep, Glob, Sweep
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
@@ -67,7 +67,7 @@ def expand_positional(word: str, task: str = "paint") -> str:
 def is_setting(word: str) -> bool:
     """Whether a word is ``key=value`` or ``~key``; a picture or folder may have such a name, steps=3/x.jpg."""
     key, equal, value = word.partition("=")
-    if not equal and not word.startswith("~"):
+    if not equal and (not word.startswith("~") or os.sep in word):
         return False
     if not is_path(word):
         return True
@@ -81,8 +81,12 @@ def unknown_word(word: str) -> str:
     if group in chosen_groups():
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
+    if word in types_of_keys():
+        return f"{word} is a key; type {word}=..., without spaces"
+    if re.match("-.", word):
+        return f"{word} is no flag; --help lists the keys, which have no dashes"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [name for name in get_close_matches(word, known, 3) if "=" not in name]
+    near = [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
@@ -98,12 +102,18 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     if name == "light" and (angles := re.fullmatch(r"\[?([^\[\]{]*)\]?", value)):
         azimuth, comma, elevation = angles[1].partition(",")
         if not comma or "," in elevation:
-            raise UserError(f"{word} is not an azimuth and an elevation, in degrees; try light=315,45")
+            raise UserError(
+                f"{word} is not an azimuth and an elevation, in degrees; try light=315,45, or light.depth=0 for none"
+            )
         return f"light={{azimuth:{azimuth},elevation:{elevation}}}"
     key = name.lstrip("+")
     kind, optional = types_of_keys().get(key, (None, False))
     if key in chosen_groups():
         check_choice(key, value)
+    if key == "output" and not value:
+        raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
+    if key == "output" and "${" in value and is_path(value):
+        raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
     if key == "output" and not OF_HYDRA.match(value) and "${" not in value:
         value = verbatim(value)  # a folder, also in a sweep: its comma is a comma
     elif kind is str:
@@ -144,6 +154,13 @@ def types_of_keys() -> dict[str, tuple[Any, bool]]:
     return typed
 
 
+@cache
+def number_keys() -> set[str]:
+    """List the keys that are a number in a task, whatever they are in another one."""
+    keys = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
+    return {name for name, kind in keys if {int, float} & {kind, *get_args(kind)}}
+
+
 def parse_value(value: str) -> Any:
     """Read a text as Hydra does; a `HydraException` if its grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
@@ -174,7 +191,7 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
     except HydraException:
         return quote(value)
     is_number = isinstance(reading, int | float) or (reading is None and not optional)
-    return quote(value) if is_number else value
+    return quote(value) if is_number and key not in number_keys() else value
 
 
 def check_choice(group: str, value: str) -> None:
@@ -186,7 +203,7 @@ def check_choice(group: str, value: str) -> None:
     choices = choice.list if isinstance(choice, ChoiceSweep) else [choice]
     if group in MULTI_SELECT:
         choices = [name for one in choices for name in (one if isinstance(one, list) else [one])]
-    if not all(isinstance(name, str | dict | Sweep) for name in choices) or value == "''":
+    if not all(isinstance(name, str | dict | Sweep | Glob) for name in choices) or value == "''":
         names = ", ".join(plugin.name for plugin in plugins(group)) or "those that --help lists"
         raise UserError(f"{group}={value} is no name; choose one of {names}")
 

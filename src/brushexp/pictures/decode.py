@@ -103,11 +103,12 @@ def _explained(path: Path, key: str) -> Iterator[None]:
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
-            elif has_end(path) is False:
+            elif (end := has_end(path)) is False:
                 reason = SOME_MISSING
             else:
+                state = "damaged" if end else "cut short, damaged"  # not all formats say where their files end
                 words = " ".join(str(error).split()).partition(". ")[0] or type(error).__name__
-                reason = f"is damaged or cannot be decoded ({words}); get it again, or {CURE}"
+                reason = f"is {state} or cannot be decoded ({words}); get it again, or {CURE}"
     raise UserError(f"{key}={path} {reason}")
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import ImageColor
 from torch import Tensor
 from torch.nn import functional
 
@@ -132,14 +133,20 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes (else UserError).
+    """Convert a colour of CSS, ``ivory`` or ``#rrggbb``, to bytes (else UserError).
 
     ``mean``, that of the target, and ``transparent``, below which it is the same, are None.
     """
-    digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
-    if spec not in ("mean", TRANSPARENT) and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
-        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, transparent, white, black or '#rrggbb'")
-    return None if spec in ("mean", TRANSPARENT) else bytes.fromhex(digits[1:])
+    if spec in ("mean", TRANSPARENT):
+        return None
+    try:
+        color = bytes(ImageColor.getrgb(spec))
+    except ValueError:
+        color = b""
+    if len(color) != len("RGB"):  # no colour, or one with alpha
+        cure = f"use {key}=mean, transparent, '#rrggbb' or a name of CSS: white, black, grey, ivory, ..."
+        raise UserError(f"{key}={spec} is not a colour; {cure}")
+    return color
 
 
 def samples() -> dict[str, Path]:
@@ -161,6 +168,8 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     shipped = samples()
     if image in shipped:
         return shipped[image]
+    if re.match(r"\w+://", image):
+        raise UserError(f"{key}={image} is an address; download the picture, and give the path of its file")
     state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
     state = "a link to a file that is not there" if os.path.islink(path) else state
     near = [name for name in nearest_files(image, shipped) if name != image]
@@ -178,7 +187,8 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
             if Path(file).suffix.lower() in picture_suffixes()
         ]
         others = [*beside, *(() if folder else others)]
-    return [os.path.join(folder, file) for file in get_close_matches(name, [*others], 3)]
+    names = {file.lower(): file for file in others}
+    return [os.path.join(folder, names[near]) for near in get_close_matches(name.lower(), names, 3)]
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:

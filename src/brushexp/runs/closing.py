@@ -9,6 +9,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
+from brushexp.config.words import parse_value
 from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
@@ -50,12 +51,20 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
     'another look: brushexp photo.jpg strokes=300 look=watercolour'
     >>> suggestion(["look=ink", "strokes=300"], Path("outputs/x"))
     'large, for print: brushexp export outputs/x resolution=4096'
+    >>> suggestion(['image="${x}, it.jpg"'], Path("outputs/x"))
+    "fewer and larger strokes: brushexp '${x}, it.jpg' strokes=300"
     """
     keys = {word.partition("=")[0] for word in words}
     others = [word for word in words if not word.startswith(("output=", "overwrite=", "resume="))]
-    typed = [word if word.startswith('image="') else word.removeprefix("image=") for word in others]
+    typed = [_unquoted(word).removeprefix("image=") for word in others]
     more = {"strokes": ("fewer and larger strokes", "strokes=300"), "look": ("another look", "look=watercolour")}
     for key, (what, word) in more.items():
         if not keys & {key, "detail", "resume"}:
             return f"{what}: {shlex.join(['brushexp', *typed, word])}"
     return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"
+
+
+def _unquoted(word: str) -> str:
+    """Write a word as it was typed before it was put in the quotes of Hydra's grammar."""
+    key, _, value = word.partition("=")
+    return f"{key}={parse_value(value)}" if value.startswith('"') else word
