@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brushexp.errors import UserError
+from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import picture_size
 from brushexp.pictures.kinds import FILM_SUFFIXES
 from brushexp.pictures.limits import MAX_PIXELS
@@ -196,6 +197,15 @@ def beginning_of(container: Any) -> Fraction:
     return Fraction(begins[0] if container.streams.video and begins[0] - min(begins) < lead else min(begins))
 
 
+def _why_unread(path: Path, error: Exception) -> str:
+    """Say what is wrong with a file that FFmpeg does not open, and what to do."""
+    if not path.stat().st_size:
+        return "is empty (0 bytes); give a file that holds a film"
+    if has_end(path) is False:
+        return "is cut short: its file ends before the film does; get the whole file"
+    return f"cannot be read as a film ({getattr(error, 'strerror', None) or in_short(error)}); {CURE}"
+
+
 @contextmanager
 def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
     """Open a file and choose its first video."""
@@ -207,7 +217,7 @@ def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
     try:
         container = av.open(str(path), options=LOCAL)
     except _errors() as error:
-        raise UserError(f"{key}={path} cannot be read as a film ({in_short(error)}); {CURE}") from error
+        raise UserError(f"{key}={path} {_why_unread(path, error)}") from error
     with container:
         if not container.streams.video:
             raise UserError(f"{key}={path} has no video in it; give a film that has")

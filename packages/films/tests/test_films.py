@@ -77,11 +77,21 @@ def sound(path):
         container.mux([*stream.encode(frame), *stream.encode()])
 
 
+def cut(path):
+    with av.open(str(path), "w") as container:  # what players need is written last
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        picture = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
+        container.mux([*stream.encode(picture), *stream.encode()])
+    path.write_bytes(path.read_bytes()[:-200])
+
+
 @pytest.mark.parametrize(("make", "message"), [
     (lambda path: None, "no file"),
     (Path.mkdir, "folder"),
-    (Path.touch, "cannot be read as a film"),
-    (lambda path: path.write_text("not a film"), "cannot be read as a film"),
+    (Path.touch, r"is empty \(0 bytes\); give a file that holds a film"),
+    (lambda path: path.write_text("not a film"), r"cannot be read as a film \(Invalid data"),
+    (cut, "is cut short: its file ends before the film does; get the whole file"),
     (sound, "no video"),
 ])  # fmt: skip
 def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):

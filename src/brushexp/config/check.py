@@ -160,6 +160,11 @@ def unknown_key(typed: str, task: str) -> str:
                 return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
     above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
     beside = [name for name in names if name.rpartition(".")[0] == above] or names
-    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)} (all: --help)"
+    near = f"nearest first: {nearest_first(typed, beside)} (all: --help)"
+    name = KEYS.get(typed, typed)
+    owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
+    if owners:
+        near = f"type {' or '.join([*dict.fromkeys(owners)][:NEAREST])}"
+    text = f"{typed} is no key of task={task}; {near}"
     others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
     return text + (f". It is one of {', '.join(others)}" if others else "")

@@ -22,6 +22,7 @@ from brushexp.registry import MULTI_SELECT, plugins
 
 LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
 EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
+NONE = ("none", "no", "off", "false")  # what others type for an empty list
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
@@ -48,6 +49,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         names = choices(match[1], folders)
         more = LIGHTNINGS if match[1] == "callbacks" else ""
         near = f"{nearest_first(match[2], names)} (all: --help)"
+        near += f", or {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else ""
         return f"{match[1]}={match[2]} is not there; choose one of {near}{more}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
@@ -65,6 +67,8 @@ def of_grammar(text: str) -> str | None:
     """Translate what Hydra and OmegaConf say of a word that they cannot read; None for another message."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         return quoting(match[1]) if match[1] else several(match[2])
+    if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
+        return several(match[1])
     if match := re.search(r"Could not delete '([\w/@]+)'", text):
         empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
         return f"~{match[1]} deletes nothing; type {empty}"

@@ -21,6 +21,7 @@ KEYS = {  # names that others have for a key of ours
     **dict.fromkeys(("input", "photo", "picture", "file", "path"), "image"),
     **dict.fromkeys(("gpu", "cuda", "accelerator"), "device"),
     **dict.fromkeys(("medium", "filter"), "look"),
+    "learning_rate": "lr",
     **dict.fromkeys(("format", "export"), "to"),
 }
 INSTEAD = {  # options of Lightning's Trainer that are keys of ours

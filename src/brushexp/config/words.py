@@ -86,7 +86,8 @@ def unknown_word(word: str) -> str:
     if re.match("-.", word):
         return f"{word} is no flag; --help lists the keys, which have no dashes"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
+    near = [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
+    near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
