@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import fit_curves
-from brushexp_recovery.finding import LEAST, SOUGHT, find_regions
+from brushexp_recovery.finding import LEAST, find_regions
 from brushexp_recovery.judges import fit_judge, fit_linear
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import RecoveryModel
+from brushexp_recovery.network import USUAL
 from brushexp_recovery.recover import COPIES
 from brushexp_recovery.regions import Pieces, pieces_of
 from brushexp_recovery.score import overlaps
@@ -35,7 +36,7 @@ SMALLER = 0.35  # power of the smaller area that an example counts with
 STAGES = (0.9, 0.75, 0.5, 0.3)  # chances at which joining is looked at
 STEPS = (1500, 3000, 5000)  # of the first and the second judge of pairs, and the judge of nodes
 SIDE = 640  # pixels of the parts of paintings that are looked at, zoomed
-SPREAD = 0.25  # of the logarithm of their scales
+SPREAD = 0.15  # of the logarithm of their scales
 
 
 class Known(NamedTuple):
@@ -122,7 +123,7 @@ def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
 
 def part_of(painted: Painted, aged: bool, random: Random) -> tuple[Array, Array, float]:
     """Cut a part out of a painting, `SIDE` pixels wide when zoomed: picture, labels, and the zoom that suits it."""
-    zoom = float(np.clip(SOUGHT / typical_width(painted) * np.exp(random.normal(0, SPREAD)), *ZOOMS))
+    zoom = float(np.clip(USUAL / typical_width(painted) * np.exp(random.normal(0, SPREAD)), *ZOOMS))
     height, width = painted.labels.shape
     part = min(round(SIDE / zoom), height, width)
     top, left = int(random.integers(height - part + 1)), int(random.integers(width - part + 1))
