@@ -20,6 +20,8 @@ OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
     "style.brushwork": None, "wet": 0, "strokes": None,
 }  # fmt: skip
 
+WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
+
 
 @dataclass
 class CanvasTask(PaintTask):
@@ -51,6 +53,10 @@ class CanvasTask(PaintTask):
             if (value := OmegaConf.select(cfg, name)) != default:
                 cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
                 raise UserError(f"{name}={value} is for pictures in memory, and canvas={cfg.canvas} is on disk; {cure}")
+        for family, plain in WITHOUT.items():
+            if (name := plugin_of(cfg[family]).name) != plain:
+                why = f"{family}={name} needs the whole picture, and canvas={cfg.canvas} is painted tile by tile"
+                raise UserError(f"{why}; set {family}={plain}, or another look")
         if 2 * cfg.margin > cfg.tile:
             raise UserError(f"margin={cfg.margin} is more than half of tile={cfg.tile}; set margin={cfg.tile // 2}")
         if cfg.background == "transparent":

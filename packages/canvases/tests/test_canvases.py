@@ -174,6 +174,7 @@ def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
         ({"margin": 40}, "margin=24"),
         ({"painter": "greedy"}, "painter=greedy"),
         ({"background": "transparent"}, "background"),
+        ({"look": "watercolour"}, "set paper=smooth"),
         ({"image": "nowhere.tif"}, r"nowhere\.tif"),
     ],
 )
