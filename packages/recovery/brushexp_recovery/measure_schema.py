@@ -45,8 +45,9 @@ class MeasureTask(Task):
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        image = Path(str(typed.get("image") or ""))
-        return image.is_file() and image.suffix.lower() not in CATALOGUES
+        image = str(typed.get("image") or "")
+        files = [Path(file) for file in ([image] if Path(image).exists() else image.split(","))]
+        return all(file.is_file() and file.suffix.lower() not in CATALOGUES for file in files)
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:

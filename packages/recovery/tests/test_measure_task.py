@@ -93,6 +93,8 @@ def test_a_photograph_to_analyse_is_measured(photographs, monkeypatch):
     monkeypatch.chdir(photographs)
     assert expand_arguments(["analyse", "a.png", "width_cm=60"]) == ["task=measure", "image=a.png", "width_cm=60"]
     assert expand_arguments(["measure", "a.png"]) == ["task=measure", "image=a.png"]
+    several = expand_arguments(["analyse", "a.png", "b.png"])
+    assert {"task=measure", "--multirun"} <= set(several)
     (photographs / "strokes.h5").touch()
     assert expand_arguments(["analyse", "strokes.h5"]) == ["task=analyse", "catalogue=strokes.h5"]
     assert expand_arguments(["analyse", "c.png"]) == ["task=analyse", "catalogue=c.png"]

@@ -3,6 +3,7 @@
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
 export outputs/x      task=export catalogue=outputs/x, and so for the key that a path alone is in a task
+analyse photo.jpg     task=measure image=photo.jpg: the key of the task that takes the place of one for this picture
 watercolour, finer    look=watercolour, detail=2
 look=watercolor       look=watercolour
 style=painting.jpg    style.image=painting.jpg
