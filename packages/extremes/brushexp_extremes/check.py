@@ -127,7 +127,7 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
         )  # fmt: skip
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture, strokes = painter.draw_whole(), painter.catalogue().map(Tensor.detach)
-        exact = draw(precise, components.blend, strokes.map(Tensor.double), target, painter.depth.front_to_back)
+        exact = draw(precise, components.blend, strokes.map(Tensor.double), target, painter.front_to_back)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
     n = painter.schedule.step

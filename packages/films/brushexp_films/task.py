@@ -90,7 +90,7 @@ class PaintedFilm:
             failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
-        return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
+        return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def painted_before(self, number: int) -> Cel | None:
         """Load the strokes of a picture that an earlier run has painted, as it has all before it; None for others."""

@@ -31,6 +31,7 @@ from brushexp.registry import plugin_of, take_built
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json
 from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
@@ -101,7 +102,7 @@ def finish(
     timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
     add_pair(painter.anytime, painter.schedule.seconds, picture_psnr(flat, target))
     numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
-    numbers |= effort_of(painter, len(strokes))
+    numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
     def compute_metrics() -> dict[str, object]:
         results = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
@@ -145,7 +146,6 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
         "peak_memory_mb": None,
         "n_strokes": n,
         "steps": schedule.step,
-        "device": str(painter.device),
         "status": painter.stop or "completed",
         "cpu_seconds": schedule.cpu_seconds,
         "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime],

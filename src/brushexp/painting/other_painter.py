@@ -34,10 +34,14 @@ class OtherPainter(PaintingModule):
         self._strokes = Strokes.none(target)
 
     def strokes(self) -> Strokes:
-        return self._strokes
+        return self._here(self._strokes)
+
+    def _here(self, strokes: Strokes) -> Strokes:
+        return strokes.map(lambda value: value.to(self.device))
 
     def draw_strokes(self, strokes: Strokes) -> Tensor:
         """Draw strokes, the lowest first, as a picture (3, H, W); differentiable in those that want a gradient."""
+        strokes = self._here(strokes)
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
             return self.picture.draw(strokes, order)

@@ -112,9 +112,14 @@ class PaintingModule(QuickModule):
         words = f", loss {loss:.5f}" if self.terms else ""
         return f"step {self.schedule.step} of {self.schedule.steps}{words}, {psnr_of(self.picture.error):.2f} dB"
 
+    @property
+    def front_to_back(self) -> Tensor:
+        """Indices (N,) of the strokes, the uppermost first."""
+        return self.depth.front_to_back.to(self.device)
+
     def draw_whole(self) -> Tensor:
         """Draw the whole picture (3, H, W)."""
-        return self.picture.draw(self.strokes(), self.depth.front_to_back)
+        return self.picture.draw(self.strokes(), self.front_to_back)
 
     def latest(self) -> Tensor:
         """Return the whole picture as the steps last painted it; draw it before the first step."""

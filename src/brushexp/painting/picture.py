@@ -65,10 +65,11 @@ class Picture(nn.Module):
     def last(self) -> Tensor | None:
         """The whole picture (3, H, W) as it was last painted; None before the first step."""
         if self.memory is not None:
-            return self.memory.picture
+            return self.memory.picture.to(self.target.device)
         return None if self._last is None else self._enlarge(self._last)
 
     def _enlarge(self, picture: Tensor) -> Tensor:
+        picture = picture.to(self.target.device)  # after a fit, Lightning leaves the module on the CPU
         if picture.shape == self.target.shape:
             return picture
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]

@@ -134,7 +134,7 @@ class StrokeOptimizer(PaintingModule):
         is_cut_out = view.active is None or self.moving is not self.catalogue
         moving = self.moving() if is_cut_out else self.catalogue()[view.active]
         strokes = moving if view.active is None else self.strokes()
-        canvas, painting = self.picture.see(moving, strokes, view, self.depth.front_to_back, accuracy=accuracy)
+        canvas, painting = self.picture.see(moving, strokes, view, self.front_to_back, accuracy=accuracy)
         self.depth.note_accuracy(canvas.accuracy, view.active, len(self.catalogue))
         loss, terms = weighted_sum(self.components.losses, painting)
         self.terms = {name: term.detach() for name, term in terms.items()}
@@ -162,7 +162,7 @@ class StrokeOptimizer(PaintingModule):
 
     def _densify(self, optimizer: optim.Optimizer) -> None:
         """Let the density policy add and remove strokes."""
-        picture, schedule, front_to_back = self.picture, self.schedule, self.depth.front_to_back
+        picture, schedule, front_to_back = self.picture, self.schedule, self.front_to_back
         if not self.components.density.due(schedule.step, schedule.steps):
             return
         strokes, image = self.strokes(), self.latest()

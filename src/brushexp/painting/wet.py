@@ -33,7 +33,7 @@ def drag_paint(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
     What a stroke drags lies on it as thin films, strokes like itself from its start on, each shorter than the one
     below, in the colour that lay under its start before. Films follow the N strokes, which keep their numbers.
     """
-    strokes, front_to_back = painter.strokes(), painter.depth.front_to_back
+    strokes, front_to_back = painter.strokes(), painter.front_to_back
     if not wet or not len(strokes):
         return strokes, front_to_back
     picked, covered = under_starts(strokes, front_to_back, painter.picture)
