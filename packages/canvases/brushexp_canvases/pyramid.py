@@ -1,11 +1,14 @@
-"""Pyramids of a large picture: OME-Zarr levels, and the static files of Deep Zoom and IIIF that viewers read."""
+"""Pyramids of a large picture: levels of halved size, and the static files of Deep Zoom and IIIF that viewers read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,10 +16,12 @@ from PIL import Image
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
-from brushexp.system.files import write_bytes, write_json, write_text
+from brushexp.system.files import write_json, write_text
+from brushexp.system.run_files import note_files
 
 TILE = 512  # pixels of a side of the files
 QUALITY = 90  # of JPEG
+TEMPORARY = ".unfinished-"  # name of what is being written begins so
 BASE = "http://localhost:8000"  # address that IIIF documents begin with unless another is given
 LARGEST_WHOLE = 4096  # pixels of the longer side of the largest level that IIIF offers in one file
 HALVED_CHUNK = 1024  # pixels of a side that is halved at a time
@@ -37,40 +42,58 @@ class Level:
         return -(-self.size[0] // 2), -(-self.size[1] // 2)
 
 
-def add_levels(group: Any, name: str) -> list[Level]:
-    """Add levels ``1``, ``2``, ... to the level ``0`` (3, H, W) of a Zarr group, each of half the size of the last.
+def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[Level]:
+    """Fill arrays of half the size of the last until both sides are at most `TILE`; return the levels of all.
 
-    A level is the mean over squares of four pixels, until both sides are at most `TILE`. The group is then an image
-    of OME-Zarr 0.5 with the given ``name``.
+    ``whole`` is (3, H, W) uint8, and ``make`` gives an array to fill, of a number from 1 on and of a shape.
     """
-    levels = [_level(group["0"])]
+    levels = [level_of(whole)]
     while max(levels[-1].size) > TILE:
-        below, number = levels[-1], len(levels)
+        below = levels[-1]
         height, width = below.zoomed_out
-        chunk = group["0"].chunks
-        array = group.create_array(str(number), shape=(3, height, width), chunks=chunk, dtype="uint8", overwrite=True)
+        array = make(len(levels), (3, height, width))
         for part in Region(0, 0, height, width).tiles(HALVED_CHUNK):
             place = Region(2 * part.top, 2 * part.left, 2 * part.height, 2 * part.width)
             array[:, part.top : part.top + part.height, part.left : part.left + part.width] = halved(below.read(place))
-        levels.append(_level(array))
+        levels.append(level_of(array))
+    return levels
+
+
+def add_levels(group: Any, name: str) -> list[Level]:
+    """Add levels ``1``, ``2``, ... to the level ``0`` (3, H, W) of a Zarr group, and say that it is an OME-Zarr image.
+
+    A level is the mean over squares of four pixels of the one before.
+    """
+
+    def make(number: int, shape: tuple[int, int, int]) -> Any:
+        chunks = group["0"].chunks
+        return group.create_array(str(number), shape=shape, chunks=chunks, dtype="uint8", overwrite=True)
+
+    levels = halve(group["0"], make)
+    group.attrs["ome"] = describe(name, len(levels))
+    return levels
+
+
+def describe(name: str, count: int) -> dict[str, Any]:
+    """Describe an image of red, green and blue in ``count`` levels as OME-Zarr 0.5 does."""
     datasets = [
         {"path": str(number), "coordinateTransformations": [{"type": "scale", "scale": [1, 2**number, 2**number]}]}
-        for number in range(len(levels))
+        for number in range(count)
     ]
     axes = [{"name": "c", "type": "channel"}, {"name": "y", "type": "space"}, {"name": "x", "type": "space"}]
     colors = [("red", "FF0000"), ("green", "00FF00"), ("blue", "0000FF")]
     window = {"start": 0, "end": 255, "min": 0, "max": 255}
     channels = [{"label": label, "color": color, "active": True, "window": window} for label, color in colors]
     image = {"name": name, "axes": axes, "datasets": datasets, "type": "mean"}
-    group.attrs["ome"] = {"version": "0.5", "multiscales": [image], "omero": {"channels": channels}}
-    return levels
+    return {"version": "0.5", "multiscales": [image], "omero": {"channels": channels}}
 
 
-def _level(array: Any) -> Level:
+def level_of(array: Any) -> Level:
+    """Read a level from an array (3, H, W), of NumPy or Zarr."""
+
     def read(region: Region) -> np.ndarray:
         rows = slice(region.top, region.top + region.height)
-        pixels: np.ndarray = array[:, rows, region.left : region.left + region.width]
-        return pixels
+        return np.asarray(array[:, rows, region.left : region.left + region.width])
 
     return Level((array.shape[1], array.shape[2]), read)
 
@@ -83,20 +106,33 @@ def halved(pixels: np.ndarray) -> np.ndarray:
     return ((total + 2) // 4).astype(np.uint8)
 
 
-def write_dzi(folder: Path, name: str, levels: list[Level]) -> Path:
-    """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image."""
+def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
+    """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image; returns both paths."""
     height, width = levels[0].size
     everything = list(levels)
     while max(everything[-1].size) > 1:  # Deep Zoom goes on to a single pixel
         everything.append(_above(everything[-1]))
-    for number, level in enumerate(reversed(everything)):
-        for region in Region(0, 0, *level.size).tiles(TILE):
-            tile = f"{region.left // TILE}_{region.top // TILE}.jpg"
-            _write_jpeg(folder / f"{name}_files" / str(number) / tile, level.read(region))
+    with whole_folder(tiles := folder / f"{name}_files") as into:
+        for number, level in enumerate(reversed(everything)):
+            for region in Region(0, 0, *level.size).tiles(TILE):
+                tile = f"{region.left // TILE}_{region.top // TILE}.jpg"
+                _write_jpeg(into / str(number) / tile, level.read(region))
     size = f'<Size Width="{width}" Height="{height}"/>'
     opening = f'<Image xmlns="{DEEP_ZOOM}" Format="jpg" Overlap="0" TileSize="{TILE}">'
     write_text(path := folder / f"{name}.dzi", f'<?xml version="1.0" encoding="UTF-8"?>\n{opening}{size}</Image>\n')
-    return path
+    return [path, tiles]
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Yield a folder to write into, which takes the place of ``path`` when all is written, and else is removed."""
+    with TemporaryDirectory(prefix=TEMPORARY, dir=path.parent) as temporary:
+        (into := Path(temporary, path.name)).mkdir()
+        yield into
+        if path.is_dir():
+            path.rename(Path(temporary, "before"))
+        os.replace(into, path)
+        note_files(path.parent, [file for file in path.rglob("*") if file.is_file()])
 
 
 DEEP_ZOOM = "http://schemas.microsoft.com/deepzoom/2008"
@@ -113,7 +149,7 @@ def region_of(picture: np.ndarray, region: Region) -> np.ndarray:
     return picture[:, rows, region.left : region.left + region.width]
 
 
-def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> Path:
+def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> list[Path]:
     """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
 
     ``names`` are the levels of each picture, all of one size; the first is the painting. The documents name each other
@@ -124,11 +160,12 @@ def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: st
         raise UserError(f"base={base} is no address; give where the files will be served, https://example.org/rhone")
     base = base.rstrip("/")
     for name, levels in names.items():
-        write_json(folder / name / "info.json", _write_image(folder / name, f"{base}/{name}", levels))
+        with whole_folder(folder / name) as into:
+            (into / "info.json").write_text(json.dumps(_write_image(into, f"{base}/{name}", levels), indent=2))
     first = next(iter(names))
     size = names[first][0].size
     write_json(path := folder / "manifest.json", manifest_of(base, list(names), size, title))
-    return path
+    return [path, *(folder / name for name in names)]
 
 
 def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, Any]:
@@ -201,6 +238,4 @@ def manifest_of(base: str, names: list[str], size: tuple[int, int], title: str) 
 
 def _write_jpeg(path: Path, pixels: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    data = BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 2, 0))).save(data, "JPEG", quality=QUALITY, subsampling=0)
-    write_bytes(path, data.getvalue())
+    Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 2, 0))).save(path, "JPEG", quality=QUALITY, subsampling=0)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -114,15 +115,16 @@ def test_an_address_of_iiif_is_one(tmp_path: Path) -> None:
 def test_pyramids_of_a_painting_are_crisp_at_any_size(form: str, tmp_path: Path) -> None:
     job = job_of(60, 90)
     large = job.scaled(8)
-    (main, *_) = build_named("to", form, {}).write(large, tmp_path)
-    assert main.is_file()
+    (path,) = build_named("to", form, {}).write(large, tmp_path)
+    with ZipFile(path) as archive:
+        archive.extractall(main := tmp_path / "unpacked.ome.zarr")
     expected = large.picture().astype(int)
     if form == "zarr":
-        found = np.concatenate([rows for _, rows in open_source(main.parent).strips()], axis=1).transpose(1, 2, 0)
+        found = np.concatenate([rows for _, rows in open_source(main).strips()], axis=1).transpose(1, 2, 0)
         assert np.array_equal(found, expected)
     else:
         whole = {"dzi": "painting_files/10", "iiif": "painting/full/max/0"}[form]
-        folder = tmp_path / whole
+        folder = main / whole
         found = put_together(folder, (480, 720)) if form == "dzi" else np.asarray(Image.open(folder / "default.jpg"))
         assert np.abs(found.astype(int) - expected).mean() < 2
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
+from brushexp_canvases.exports._archive import archive
 from brushexp_canvases.levels import levels_of
 from brushexp_canvases.pyramid import write_dzi
 
@@ -12,7 +13,7 @@ from brushexp_canvases.pyramid import write_dzi
 @register("to", "dzi")
 @dataclass(kw_only=True)
 class DeepZoom(Exporter):
-    """``painting.dzi`` and its tiles, which viewers on web pages read, and ``view.html``, which shows them from disk.
+    """``dzi.zip``: ``painting.dzi`` with its tiles, for web pages, and ``view.html``, which shows them from disk.
 
     ``resolution=`` makes it larger than it was painted: strokes are scaled, not pixels, and painted in bands.
     """
@@ -20,9 +21,12 @@ class DeepZoom(Exporter):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from brushexp_canvases.page import write_page  # noqa: PLC0415  (templates are slow to import)
 
-        with levels_of(job) as levels:
-            write_dzi(folder, "painting", levels)
         height, width = job.size
-        lead = f"{len(job.strokes):,} strokes on {width:,} × {height:,} pixels"
-        page = write_page(folder, job.size, ["painting"], Path(job.source).name or "painting", lead)
-        return [page, folder / "painting.dzi"]
+        title, lead = (
+            Path(job.source).name or "painting",
+            f"{len(job.strokes):,} strokes on {width:,} × {height:,} pixels",
+        )
+        with archive(path := folder / "dzi.zip") as into, levels_of(job) as levels:
+            write_dzi(into, "painting", levels)
+            write_page(into, job.size, ["painting"], title, lead)
+        return [path]

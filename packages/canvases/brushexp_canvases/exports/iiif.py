@@ -5,6 +5,7 @@ from pathlib import Path
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
+from brushexp_canvases.exports._archive import archive
 from brushexp_canvases.levels import levels_of
 from brushexp_canvases.pyramid import BASE, write_iiif
 
@@ -12,15 +13,15 @@ from brushexp_canvases.pyramid import BASE, write_iiif
 @register("to", "iiif")
 @dataclass(kw_only=True)
 class Iiif(Exporter):
-    """``manifest.json`` (Presentation API 3) and tiles (Image API 3, level 0), crisp at any ``resolution``.
+    """``iiif.zip``: ``manifest.json`` (Presentation API 3) and tiles (Image API 3, level 0), at any ``resolution``.
 
     Args:
-        base: address at which the folder will be served; documents of IIIF name each other by it.
+        base: address at which what is in it will be served; documents of IIIF name each other by it.
     """
 
     base: str = BASE
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        with levels_of(job) as levels:
-            title = Path(job.source).name or "painting"
-            return [write_iiif(folder, {"painting": levels}, title, self.base)]
+        with archive(path := folder / "iiif.zip") as into, levels_of(job) as levels:
+            write_iiif(into, {"painting": levels}, Path(job.source).name or "painting", self.base)
+        return [path]

@@ -1,18 +1,48 @@
 """Write the painting as an OME-Zarr image."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import ZipFile
 
+from brushexp.errors import UserError
+from brushexp.pictures.region import Region
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp_canvases.levels import write_levels
+from brushexp_canvases.exports._archive import archive
+from brushexp_canvases.levels import levels_of
+from brushexp_canvases.pyramid import Level, describe
+
+CHUNK = 1024  # pixels of a side of a chunk
 
 
 @register("to", "zarr")
 @dataclass(kw_only=True)
 class Zarr(Exporter):
-    """``painting.ome.zarr``: levels of halved size in chunks (OME-Zarr 0.5), crisp at any ``resolution``."""
+    """``painting.ome.zarr.zip``: levels of halved size in chunks (OME-Zarr 0.5), crisp at any ``resolution``."""
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        write_levels(path := folder / "painting.ome.zarr", job)
-        return [path / "zarr.json"]
+        with TemporaryDirectory(prefix="brushexp-") as temporary, levels_of(job) as levels:
+            write_image(packed := Path(temporary, "painting.zip"), levels)
+            with archive(path := folder / "painting.ome.zarr.zip") as into, ZipFile(packed) as whole:
+                whole.extractall(into)
+        return [path]
+
+
+def write_image(path: Path, levels: list[Level]) -> None:
+    """Write the levels of an OME-Zarr image into a zip file, which is written by this thread alone."""
+    try:
+        import zarr  # noqa: PLC0415  (the extra ``canvas``)
+        from zarr.storage import ZipStore  # noqa: PLC0415
+    except ImportError as error:
+        raise UserError("to=zarr needs Zarr; install it with: pip install 'brushexp[canvas]'") from error
+    with warnings.catch_warnings(), ZipStore(path, mode="w") as store:
+        warnings.simplefilter("ignore")  # Zarr warns of what other languages may not read
+        group = zarr.create_group(store, attributes={"ome": describe("painting", len(levels))})
+        for number, level in enumerate(levels):
+            chunks = (3, min(CHUNK, level.size[0]), min(CHUNK, level.size[1]))
+            array = group.create_array(str(number), shape=(3, *level.size), chunks=chunks, dtype="uint8")
+            for part in Region(0, 0, *level.size).tiles(CHUNK):
+                rows = slice(part.top, part.top + part.height)
+                array[:, rows, part.left : part.left + part.width] = level.read(part)
