@@ -27,7 +27,7 @@ class Blurred(Loss):
     def __init__(self, *, sigma: Annotated[float, between(0.1, 100)] = 4.0) -> None:
         super().__init__()
         self.sigma = sigma
-        self.context = math.ceil(3 * sigma)
+        self.context = 2 * math.ceil(3 * sigma)  # a pixel counts where it is blurred, and there its neighbours do
 
     def forward(self, view: PaintedView) -> Tensor:
         target = self.of_target(view.target, lambda target: gaussian_blur(target, self.sigma))
