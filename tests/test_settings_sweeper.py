@@ -34,7 +34,7 @@ def jobs(settings, arguments=(), pictures=()):
 def test_every_setting_is_one_job():
     settings = ["", "steps=100", "init=grid 'loss=[mse,kl]'"]
     assert jobs(settings) == [[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]
-    with pytest.raises(UserError, match="steps is no file, no task and no key=value"):
+    with pytest.raises(UserError, match="steps is a key; type steps="):
         jobs(["steps"])
 
 

@@ -2,7 +2,6 @@
 
 from typing import Annotated
 
-import torch
 from torch import Tensor
 
 from brushexp.bounds import between
@@ -33,5 +32,5 @@ class Chroma(Loss):
 
     def forward(self, view: PaintedView) -> Tensor:
         color = at_least_single(view.strokes.color)
-        chroma = color.amax(1) - color.amin(1) if len(color) else torch.zeros(0).to(color)
+        chroma = color.amax(1) - color.amin(1)
         return (self.least - chroma).clamp_min(0).square().sum() / max(len(color), 1)
