@@ -8,13 +8,16 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.painting.components import Components, build_components
+from brushexp.painting.components import build_stages
 from brushexp.painting.finished import bare_job
 from brushexp.pictures.load import background_color
 from brushexp.pictures.region import Region
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.order.base import front_to_back
+from brushexp.registry import take_built
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.laying import reaching
+from brushexp_canvases.pyramid import region_of
 from brushexp_canvases.store import SQUARES, CanvasStore
 from brushexp_canvases.tile import Canvas
 
@@ -28,26 +31,26 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
     if store.is_drawn(tile):
         return
     region = store.grid.region(tile)
-    pixels = draw_region(store, cfg, build_components(cfg), region)
+    pixels = draw_region(store, cfg, region)
     target = store.read("target", region)
     store.write("painting", region, pixels)
     store.put_squares(tile, errors_of(pixels, target, _near_borders(store.grid, tile, region)))
 
 
-def draw_region(store: CanvasStore, cfg: DictConfig, parts: Components, region: Region, zoom: float = 1) -> np.ndarray:
-    """Draw a part of a painted canvas, crisp at any ``zoom``: (3, zoom h, zoom w) uint8."""
+def draw_region(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
+    """Draw a part of a painted canvas, (3, h, w) uint8, with its light."""
     wide = region.widened(EDGE, store.grid.size)
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = reaching(strokes, wide, EDGE)
-    strokes = strokes[seen].moved(shift=(-wide.left, -wide.top)).moved(zoom=zoom)
-    size = (round(wide.height * zoom), round(wide.width * zoom))
-    job = bare_job(cfg, parts.stages[-1].renderer, parts.blend, size)
+    renderer = build_stages(cfg)[-1].renderer
+    compositor = Compositor(take_built(cfg.blend), take_built(cfg.color))
+    job = bare_job(cfg, renderer, compositor, (wide.height, wide.width))
     background = background_color(cfg.background, torch.ones(3, 1, 1))
+    strokes = strokes[seen].moved(shift=(-wide.left, -wide.top))
     job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
-    top, left = round((region.top - wide.top) * zoom), round((region.left - wide.left) * zoom)
-    height, width = round(region.height * zoom), round(region.width * zoom)
-    return np.ascontiguousarray(job.picture()[top : top + height, left : left + width].transpose(2, 0, 1))
+    inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
+    return np.ascontiguousarray(region_of(job.picture().transpose(2, 0, 1), inner))
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> dict[str, float]:

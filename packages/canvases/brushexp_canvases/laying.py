@@ -35,9 +35,11 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
     near = reaching(stored, window, 0)
     inner = Region(region.top - window.top, region.left - window.left, region.height, region.width)
     own, _ = first_strokes(cfg, inner.of(target).contiguous(), Fixed(), None if focus is None else inner.of(focus))
-    wide, _ = first_strokes(cfg, target, Fixed(), focus)
-    wide = wide.moved(shift=(window.left, window.top))
-    passing = wide[~in_any(wide.position, [region, *(grid.region(other) for other in before)])]
+    passing = own[:0]
+    if any(other.round > tile.round for other in grid.around(tile)):
+        wide, _ = first_strokes(cfg, target, Fixed(), focus)
+        wide = wide.moved(shift=(window.left, window.top))
+        passing = wide[~in_any(wide.position, [region, *(grid.region(other) for other in before)])]
     return Laid(stored[near], depth[near], own.moved(shift=(region.left, region.top)), passing)
 
 

@@ -16,12 +16,11 @@ from PIL import Image
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
-from brushexp.system.files import write_json, write_text
+from brushexp.system.files import TEMPORARY, write_json, write_text
 from brushexp.system.run_files import note_files
 
 TILE = 512  # pixels of a side of the files
 QUALITY = 90  # of JPEG
-TEMPORARY = ".unfinished-"  # name of what is being written begins so
 BASE = "http://localhost:8000"  # address that IIIF documents begin with unless another is given
 LARGEST_WHOLE = 4096  # pixels of the longer side of the largest level that IIIF offers in one file
 HALVED_CHUNK = 1024  # pixels of a side that is halved at a time
@@ -126,7 +125,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """Yield a folder to write into, which takes the place of ``path`` when all is written, and else is removed."""
-    with TemporaryDirectory(prefix=TEMPORARY, dir=path.parent) as temporary:
+    with TemporaryDirectory(prefix=TEMPORARY[:-1], dir=path.parent) as temporary:
         (into := Path(temporary, path.name)).mkdir()
         yield into
         if path.is_dir():

@@ -17,7 +17,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.build import build_painter, in_palette
+from brushexp.painting.build import build_painter
 from brushexp.painting.components import build_components
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
@@ -25,6 +25,7 @@ from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
 from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import take_built
 from brushexp.runs.resume import RECORD, record_of, restore_run
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -54,7 +55,7 @@ class PaintedFilm:
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(1001)
-        parts = build_components(cfg)
+        parts, self.palette = build_components(cfg), take_built(cfg.palette)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
         for loss in parts.losses.values():
             loss.to(self.device)
@@ -73,7 +74,7 @@ class PaintedFilm:
         """Decode the pictures (3, H, W) that are to be painted, one after another, with their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
-            yield in_palette(self.cfg, planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
+            yield self.palette(planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
 
     def _span(self) -> tuple[int, int | None]:
         """Number the first picture and the one behind the last."""

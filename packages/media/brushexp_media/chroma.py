@@ -9,8 +9,6 @@ from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.system.precision import at_least_single
 
-FLOOR = 1e-4  # chroma squared below which a grey stroke has no direction to go
-
 
 @register("loss", "chroma")
 class Chroma(Loss):

@@ -1,6 +1,7 @@
 """Palettes: how a medium has the tones and colours of a picture."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -87,6 +88,7 @@ class Toned(Palette):
         return as_picture(lab)
 
 
+SIDE = 512  # longer side in pixels at which another picture's colours are taken
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 
 
@@ -102,4 +104,8 @@ class OfPicture(Palette):
     image: Annotated[str, PICTURE] = "coffee"
 
     def __call__(self, picture: Tensor) -> Tensor:
-        return recolor(picture, like=load_picture(self.image, 512))
+        return recolor(picture, like=self._like)
+
+    @cached_property
+    def _like(self) -> Tensor:
+        return load_picture(self.image, SIDE)

@@ -14,7 +14,8 @@ from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import build, take_built
+from brushexp.plugins.palette.base import Palette
+from brushexp.registry import take_built
 from brushexp.strokes.catalogue import Catalogue
 
 log = logging.getLogger(__name__)
@@ -30,19 +31,13 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
     return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
 
 
-def in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
-    """Give a picture (3, H, W) the colours in which it is painted."""
-    target: Tensor = build(cfg.palette)(picture)
-    return target
-
-
 def target_of(cfg: DictConfig) -> Tensor:
     """Load the picture (3, H, W) that is painted, in its palette."""
-    return in_palette(cfg, load_target(cfg))
+    palette: Palette = take_built(cfg.palette)
+    return palette(_load(cfg))
 
 
-def load_target(cfg: DictConfig) -> Tensor:
-    """Load the picture (3, H, W) as it is."""
+def _load(cfg: DictConfig) -> Tensor:
     if cfg.background == TRANSPARENT:
         target, alpha = load_cutout(cfg.image, cfg.resolution)
         if bool((alpha == 1).all()):

@@ -83,7 +83,7 @@ def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
     if isinstance(path, int) or not flags & os.O_CREAT or os.path.lexists(path):
         return
     whole = os.path.join(os.path.realpath(os.path.dirname(os.fsdecode(path))), os.path.basename(os.fsdecode(path)))
-    if os.path.basename(whole) in UNNOTED or os.path.basename(whole).startswith(TEMPORARY[:-1]):
+    if os.path.basename(whole) in UNNOTED or f"{os.sep}{TEMPORARY[:-1]}" in whole:
         return
     around = [folder for folder in tuple(_recorded) if whole.startswith(f"{folder}{os.sep}")]
     if around:

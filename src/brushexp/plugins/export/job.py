@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -147,10 +148,15 @@ class ExportJob:
         return covered[:, rows.top - wide.top :][:, : rows.count].clamp(0, 1)
 
     def _colors(self, rows: Rows) -> Tensor:
-        reached = self.renderer.rows(self.strokes)
-        number = torch.arange(len(self.strokes)) if reached is None else within(reached, rows.top, rows.count)
+        place, reached = self._places
+        number = torch.arange(len(place)) if reached is None else within(reached, rows.top, rows.count)
         band, canvas = (rows.top, rows.count, self.size[1]), (self.saved.background, self.renderer, self._compositor)
-        return band_of(self.strokes, self.bottom_up.flip(0).argsort(), number, band, *canvas)
+        return band_of(self.strokes, place, number, band, *canvas)
+
+    @cached_property
+    def _places(self) -> tuple[Tensor, Tensor | None]:
+        """Compute the place (N,) of each stroke, 0 for the top one, and the rows (N, 2) that it may touch, if known."""
+        return self.bottom_up.flip(0).argsort(), self.renderer.rows(self.strokes)
 
 
 def export_job(
