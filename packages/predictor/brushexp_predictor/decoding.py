@@ -1,0 +1,49 @@
+"""From the numbers that the network says to strokes in pixels."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes
+
+FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
+RANGE = 1.6  # logarithm of the greatest factor of lengths and widths
+HALF_LENGTH, WIDTH = 0.7, 1.2  # cells, where the network says 0
+BEND = 2.0  # half lengths from the chord to the control point, at most
+TONE = 0.5  # greatest difference from the mean colour of the cell
+WINDOW = 6.4  # cells
+FIRST_OPACITY = 3.0  # log-odds, where the network says 0
+
+
+def strokes_of(numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
+    """Make the strokes of N cells.
+
+    Args:
+        numbers: (N, 11) as the network says them.
+        mean: (N, 3) colours of the target in the cells.
+        middle: (N, 2) middles of the cells (x, y) in pixels.
+        cell: side of a cell in pixels.
+    """
+    place, turn, form = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
+    angle = 0.5 * torch.atan2(turn[:, 1], turn[:, 0] + 1e-3)
+    along = torch.stack([angle.cos(), angle.sin()], 1)
+    across = torch.stack([-along[:, 1], along[:, 0]], 1)
+    half = HALF_LENGTH * cell * torch.exp(RANGE * form[:, 0:1])
+    control = BEND * form[:, 1:2] * half * across
+    return strokes_along(
+        torch.stack([-half * along, control, half * along], 1),
+        WIDTH * cell * torch.exp(RANGE * form[:, 2]),
+        mean + TONE * torch.tanh(numbers[:, 7:10]),
+        torch.sigmoid(numbers[:, 10] + FIRST_OPACITY),
+        window=WINDOW * cell,
+        position=middle + FARTHEST * cell * torch.tanh(place),
+    )
+
+
+def areas_of(strokes: Strokes) -> Tensor:
+    """Estimate the areas (N,) of strokes in square pixels."""
+    length = (strokes.end - strokes.start).norm(dim=1) * strokes.scale / 2
+    width = strokes.width * strokes.scale
+    return width * (length + width * math.pi / 4)

@@ -1,0 +1,66 @@
+"""The network: from a picture, and what is on the canvas so far, to one stroke for each cell."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import gelu, layer_norm
+
+CELL = 8  # pixels of a cell's side, as the network sees it
+NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
+INPUTS = 10  # target, canvas, three times their difference, and 1 within the picture
+REACH = 16  # cells: farther away nothing matters to a cell
+DEVIATION = -2.5  # first guess of the logarithm of the numbers' deviations
+
+
+class Told(NamedTuple):
+    """What the network says of the cells of B pictures."""
+
+    numbers: Tensor  # (B, H, W, 11)
+    deviations: Tensor  # (B, H, W, 11) logarithms
+    worth: Tensor  # (B, H, W) log-odds of the share of a cell's error that its stroke removes
+
+
+class Block(nn.Module):
+    """A block of ConvNeXt (Liu et al., 2022) on features (B, H, W, C)."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.spread = nn.Conv2d(width, width, 5, padding=2, groups=width)
+        self.norm = nn.LayerNorm(width)
+        self.widen, self.narrow = nn.Linear(width, 2 * width), nn.Linear(2 * width, width)
+        self.scale = nn.Parameter(torch.full((width,), 0.3))
+
+    def forward(self, x: Tensor) -> Tensor:
+        spread = self.spread(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
+        normal = layer_norm(spread, self.norm.normalized_shape, self.norm.weight, self.norm.bias)
+        return x + self.scale * self.narrow(gelu(self.widen(normal), approximate="tanh"))
+
+
+class StrokePredictor(nn.Module):
+    """Looks at a target and a canvas, `CELL` pixels a cell, and says for each cell what stroke should be laid there.
+
+    Args:
+        width: of the features of a cell.
+        blocks: of ConvNeXt, each of which sees two cells farther.
+    """
+
+    def __init__(self, width: int = 64, blocks: int = 6) -> None:
+        super().__init__()
+        self.look = nn.Conv2d(INPUTS, 32, 6, stride=4, padding=1)
+        self.gather = nn.Conv2d(32, width, 4, stride=2, padding=1)
+        self.blocks = nn.Sequential(*(Block(width) for _ in range(blocks)))
+        self.tell = nn.Linear(width, 2 * NUMBERS + 1)
+        with torch.no_grad():
+            self.tell.weight.mul_(0.1)
+            self.tell.bias.zero_()
+            self.tell.bias[NUMBERS : 2 * NUMBERS] = DEVIATION
+
+    def forward(self, target: Tensor, canvas: Tensor) -> Told:
+        """Look at pictures (B, 3, `CELL` H, `CELL` W)."""
+        inside = torch.ones_like(target[:, :1])
+        seen = torch.cat([target - 0.5, canvas - 0.5, 3 * (target - canvas), inside], 1)
+        seen = seen.contiguous(memory_format=torch.channels_last)
+        features = gelu(self.gather(gelu(self.look(seen), approximate="tanh")), approximate="tanh")
+        told = self.tell(self.blocks(features.permute(0, 2, 3, 1)))
+        return Told(told[..., :NUMBERS], told[..., NUMBERS : 2 * NUMBERS], told[..., -1])

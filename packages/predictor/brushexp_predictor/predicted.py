@@ -1,0 +1,42 @@
+"""Place strokes as a trained network does that sees the picture a few times."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import between
+from brushexp.plugins.init.base import Initializer
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("init", "predicted")
+@dataclass(kw_only=True)
+class Predicted(Initializer):
+    """A network lays strokes from large to small, each where the canvas so far is worst, in a fifth of a second.
+
+    It is trained through the renderer (``task=train model=predictor``), as nothing but the picture of the strokes
+    counts. Source: the feed-forward prediction that the thesis (2020) aims at; in stages, each of which sees what is on
+    the canvas so far, as Paint Transformer (Liu et al., 2021). Differs: one stroke for each cell, which it may leave,
+    no labels, and colours by least squares at the end.
+
+    Args:
+        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program.
+        temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
+        color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
+    """
+
+    checkpoint: str = "plain"
+    temperature: Annotated[float, between(0, 10)] = 0.0
+    color_rounds: Annotated[int, between(0, 100)] = 2
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        from brushexp_predictor.drawing import draw_plain  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.colors import best_colors  # noqa: PLC0415
+        from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
+
+        *_, strokes = predict(shipped(self.checkpoint), target, n, generator, self.temperature, focus)
+        size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
+        return best_colors(strokes, target, lambda drawn: draw_plain(drawn, size, background), self.color_rounds)

@@ -1,0 +1,37 @@
+"""The painter ``predictor``: nothing but a trained network."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+from brushexp.bounds import between
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
+from brushexp.registry import register
+
+
+@register("painter", "predictor")
+@dataclass(kw_only=True)
+class Predictor(Painter):
+    """A network that sees the picture a few times lays all strokes; see ``init=predicted``.
+
+    Args:
+        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program.
+        temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
+        color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
+    """
+
+    kind, differentiates = "a trained network", True
+
+    checkpoint: str = "plain"
+    temperature: Annotated[float, between(0, 10)] = 0.0
+    color_rounds: Annotated[int, between(0, 100)] = 2
+
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        from brushexp_predictor.colors import best_colors  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
+
+        network = shipped(self.checkpoint)
+        for strokes in predict(network, request.target.cpu(), request.n, request.generator, self.temperature):
+            yield PaintState(strokes, len(strokes), request.n + 1)
+        strokes = best_colors(strokes.map(lambda value: value.to(request.target.device)), request.target, request.draw, self.color_rounds)
+        yield PaintState(strokes, request.n, request.n)
