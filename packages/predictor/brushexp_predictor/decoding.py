@@ -1,6 +1,7 @@
 """From the numbers that the network says to strokes in pixels."""
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -9,32 +10,43 @@ from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
-RANGE = 1.6  # logarithm of the greatest factor of lengths and widths
-HALF_LENGTH, WIDTH = 0.7, 1.2  # cells, where the network says 0
 BEND = 2.0  # half lengths from the chord to the control point, at most
 TONE = 0.5  # greatest difference from the mean colour of the cell
 WINDOW = 6.4  # cells
 FIRST_OPACITY = 3.0  # log-odds, where the network says 0
 
 
-def strokes_of(numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
+@dataclass(frozen=True)
+class Form:
+    """What lengths and widths the strokes of a network can have, in sides of a cell."""
+
+    half_length: float  # where the network says 0
+    width: float
+    spread: float  # logarithm of the greatest factor of both
+
+
+FORMS = {"any": Form(0.7, 1.2, 1.6), "long": Form(1.5, 1.0, 0.7)}  # whatever suits; brushwork
+
+
+def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
     """Make the strokes of N cells.
 
     Args:
+        form: of the network.
         numbers: (N, 11) as the network says them.
         mean: (N, 3) colours of the target in the cells.
         middle: (N, 2) middles of the cells (x, y) in pixels.
         cell: side of a cell in pixels.
     """
-    place, turn, form = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
+    place, turn, shape = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
     angle = 0.5 * torch.atan2(turn[:, 1], turn[:, 0] + 1e-3)
     along = torch.stack([angle.cos(), angle.sin()], 1)
     across = torch.stack([-along[:, 1], along[:, 0]], 1)
-    half = HALF_LENGTH * cell * torch.exp(RANGE * form[:, 0:1])
-    control = BEND * form[:, 1:2] * half * across
+    half = form.half_length * cell * torch.exp(form.spread * shape[:, 0:1])
+    control = BEND * shape[:, 1:2] * half * across
     return strokes_along(
         torch.stack([-half * along, control, half * along], 1),
-        WIDTH * cell * torch.exp(RANGE * form[:, 2]),
+        form.width * cell * torch.exp(form.spread * shape[:, 2]),
         mean + TONE * torch.tanh(numbers[:, 7:10]),
         torch.sigmoid(numbers[:, 10] + FIRST_OPACITY),
         window=WINDOW * cell,

@@ -6,11 +6,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import gelu, layer_norm
 
+from brushexp_predictor.decoding import FORMS
+
 CELL = 8  # pixels of a cell's side, as the network sees it
 NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
 INPUTS = 10  # target, canvas, three times their difference, and 1 within the picture
 REACH = 16  # cells: farther away nothing matters to a cell
-DEVIATION = -2.5  # first guess of the logarithm of the numbers' deviations
+DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
 
 
 class Told(NamedTuple):
@@ -41,12 +43,14 @@ class StrokePredictor(nn.Module):
     """Looks at a target and a canvas, `CELL` pixels a cell, and says for each cell what stroke should be laid there.
 
     Args:
+        form: of the strokes, a key of `FORMS`.
         width: of the features of a cell.
         blocks: of ConvNeXt, each of which sees two cells farther.
     """
 
-    def __init__(self, width: int = 64, blocks: int = 6) -> None:
+    def __init__(self, form: str = "any", width: int = 64, blocks: int = 6) -> None:
         super().__init__()
+        self.form = FORMS[form]
         self.look = nn.Conv2d(INPUTS, 32, 6, stride=4, padding=1)
         self.gather = nn.Conv2d(32, width, 4, stride=2, padding=1)
         self.blocks = nn.Sequential(*(Block(width) for _ in range(blocks)))
@@ -54,7 +58,6 @@ class StrokePredictor(nn.Module):
         with torch.no_grad():
             self.tell.weight.mul_(0.1)
             self.tell.bias.zero_()
-            self.tell.bias[NUMBERS : 2 * NUMBERS] = DEVIATION
 
     def forward(self, target: Tensor, canvas: Tensor) -> Told:
         """Look at pictures (B, 3, `CELL` H, `CELL` W)."""
@@ -63,4 +66,5 @@ class StrokePredictor(nn.Module):
         seen = seen.contiguous(memory_format=torch.channels_last)
         features = gelu(self.gather(gelu(self.look(seen), approximate="tanh")), approximate="tanh")
         told = self.tell(self.blocks(features.permute(0, 2, 3, 1)))
-        return Told(told[..., :NUMBERS], told[..., NUMBERS : 2 * NUMBERS], told[..., -1])
+        deviations = DEVIATION + SPREAD * torch.tanh(told[..., NUMBERS : 2 * NUMBERS] / SPREAD)
+        return Told(told[..., :NUMBERS], deviations, told[..., -1])

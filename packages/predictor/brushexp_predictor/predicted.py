@@ -33,8 +33,8 @@ class Predicted(Initializer):
     color_rounds: Annotated[int, between(0, 100)] = 2
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        from brushexp_predictor.drawing import draw_plain  # noqa: PLC0415  (``--help`` needs no compiled kernels)
         from brushexp_predictor.colors import best_colors  # noqa: PLC0415
+        from brushexp_predictor.drawing import draw_plain  # noqa: PLC0415  (``--help`` needs no compiled kernels)
         from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
 
         *_, strokes = predict(shipped(self.checkpoint), target, n, generator, self.temperature, focus)

@@ -42,7 +42,7 @@ def predict(
     """
     in_parts = partly(network)
     levels = levels_of((target.shape[1], target.shape[2]), n)
-    for done in lay(in_parts, [target], levels, draw_plain, generator, temperature, focus):
+    for done in lay(in_parts, network.form, [target], levels, draw_plain, generator, temperature, focus):
         yield done[0].strokes.map(Tensor.contiguous)
 
 
@@ -65,7 +65,14 @@ def partly(network: StrokePredictor) -> Look:
 def _part(network: StrokePredictor, target: Tensor, canvas: Tensor, top: int, left: int) -> Told:
     """Look at the cells from (top, left) on, with as many around them as matter to them."""
     first_row, first_column = max(0, top - REACH), max(0, left - REACH)
-    around = (..., slice(CELL * first_row, CELL * (top + PART + REACH)), slice(CELL * first_column, CELL * (left + PART + REACH)))
+    around = (
+        ...,
+        slice(CELL * first_row, CELL * (top + PART + REACH)),
+        slice(CELL * first_column, CELL * (left + PART + REACH)),
+    )
     told = network(target[around], canvas[around])
-    rows, columns = slice(top - first_row, top - first_row + PART), slice(left - first_column, left - first_column + PART)
+    rows, columns = (
+        slice(top - first_row, top - first_row + PART),
+        slice(left - first_column, left - first_column + PART),
+    )
     return Told(*(values[:, rows, columns] for values in told))

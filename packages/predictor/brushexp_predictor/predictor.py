@@ -33,5 +33,7 @@ class Predictor(Painter):
         network = shipped(self.checkpoint)
         for strokes in predict(network, request.target.cpu(), request.n, request.generator, self.temperature):
             yield PaintState(strokes, len(strokes), request.n + 1)
-        strokes = best_colors(strokes.map(lambda value: value.to(request.target.device)), request.target, request.draw, self.color_rounds)
+        strokes = best_colors(
+            strokes.map(lambda value: value.to(request.target.device)), request.target, request.draw, self.color_rounds
+        )
         yield PaintState(strokes, request.n, request.n)

@@ -2,25 +2,25 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
 
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.decoding import areas_of, strokes_of
+from brushexp_predictor.decoding import Form, areas_of, strokes_of
 from brushexp_predictor.network import CELL, Told
 
-SIZES = (4.0, 2.0, 1.0, 0.5)  # sides of the cells of the levels, in mean distances between strokes
-SHARES = (1.0, 1.0, 0.45, 1.0)  # of all strokes, at most so many in a level
+SIZES = (6.0, 3.0, 1.5, 0.75, 0.5)  # sides of the cells of the levels, in mean distances between strokes
+SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
 
 Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
 Draw = Callable[[Strokes, tuple[int, int], Tensor], Tensor]  # strokes, the lowest first; size; background -> picture
 
 
-@dataclass(frozen=True)
-class Level:
+class Level(NamedTuple):
     """A lattice of cells, of which some get a stroke."""
 
     rows: int
@@ -36,7 +36,9 @@ class Laid:
     strokes: Strokes  # the lowest first, in pixels
     canvas: Tensor  # (3, h, w), no larger than what the next level sees
     cells: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
-    worth: Tensor  # (K,) log-odds of the share of their error that the strokes remove, as the network expects
+    errors: Tensor  # (K,) mean squared errors that those cells had before
+    worth: Tensor  # (K,) log-odds of the share of that which the strokes remove, as the network expects
+    deviations: Tensor  # (K, 11) logarithms of those of the numbers of the strokes
 
 
 def levels_of(size: tuple[int, int], n: int) -> list[Level]:
@@ -48,13 +50,14 @@ def levels_of(size: tuple[int, int], n: int) -> list[Level]:
         levels += [Level(rows, columns, keep, side)] if keep else []
         rest -= keep
     while rest:  # cells of a strip that is narrower than they are may be fewer than strokes
-        levels.append(replace(levels[-1], keep=min(rest, levels[-1].rows * levels[-1].columns)))
+        levels.append(levels[-1]._replace(keep=min(rest, levels[-1].rows * levels[-1].columns)))
         rest -= levels[-1].keep
     return levels
 
 
 def lay(
     network: Look,
+    form: Form,
     targets: Sequence[Tensor],
     levels: Sequence[Level],
     draw: Draw,
@@ -83,21 +86,24 @@ def lay(
             noise = torch.randn(numbers.shape, generator=generator, dtype=numbers.dtype)
             numbers = numbers + temperature * deviations.exp() * noise
         means = avg_pool2d(seen, CELL).permute(0, 2, 3, 1)
-        gains = errors_of(seen, canvas) * worth.detach().sigmoid()
+        errors = errors_of(seen, canvas)
+        gains = errors * worth.detach().sigmoid()
         if focus is not None:
             gains = gains * adaptive_avg_pool2d(focus[None], (level.rows, level.columns))
         following = levels[number + 1] if number + 1 < len(levels) else None
         before, done = done, []
         for k, target in enumerate(targets):
             cells = gains[k].flatten().topk(level.keep).indices.sort().values
-            new = level_strokes(level, numbers[k].flatten(0, 1)[cells], means[k].flatten(0, 1)[cells], cells, target)
+            said, mean = numbers[k].flatten(0, 1)[cells], means[k].flatten(0, 1)[cells]
+            new = level_strokes(form, level, said, mean, cells, target)
             strokes = Strokes.join(before[k].strokes, new) if number else new
             zoom, small = 1.0, (target.shape[1], target.shape[2])
             if following is not None:
                 zoom = min(1.0, CELL * math.sqrt(following.rows * following.columns / target[0].numel()))
                 small = (max(1, round(small[0] * zoom)), max(1, round(small[1] * zoom)))
             drawn = draw(strokes.moved(zoom=zoom) if zoom < 1 else strokes, small, backgrounds[k])
-            done.append(Laid(strokes, drawn, cells, worth[k].flatten()[cells]))
+            each = (errors[k].flatten(), worth[k].flatten(), deviations[k].flatten(0, 1))
+            done.append(Laid(strokes, drawn, cells, *(values[cells] for values in each)))
         yield done
 
 
@@ -106,12 +112,12 @@ def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
 
 
-def level_strokes(level: Level, numbers: Tensor, mean: Tensor, cells: Tensor, target: Tensor) -> Strokes:
+def level_strokes(form: Form, level: Level, numbers: Tensor, mean: Tensor, cells: Tensor, target: Tensor) -> Strokes:
     """Make the strokes of some cells of a level, large ones below small ones."""
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
     row, column = cells // level.columns, cells % level.columns
     middle = torch.stack([(column + 0.5) * width, (row + 0.5) * height], 1).to(target)
-    strokes = strokes_of(numbers, mean, middle, math.sqrt(height * width))
+    strokes = strokes_of(form, numbers, mean, middle, math.sqrt(height * width))
     return strokes[areas_of(strokes.map(Tensor.detach)).argsort(descending=True)]
 
 

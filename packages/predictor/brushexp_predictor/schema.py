@@ -22,10 +22,11 @@ class TrainPredictorTask(Task):
     module = "brushexp_predictor.train_task"
     instead_of = "train"
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
-    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "default"}  # in 32 bits, which what draws strokes needs
 
     model: str = key("predictor", "what is trained", one_of("predictor"))
     data: list[str] | None = key(None, DATA)
+    form: str = key("any", "of the strokes: any, whatever suits; long, as brushes lay them", one_of("any", "long"))
     start: str | None = key(None, "weights to go on from, shipped or a .safetensors; null = anew")
     batch_size: int = key(8, "pictures of a step", at_least(1))
     epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))

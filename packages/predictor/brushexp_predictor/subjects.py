@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
-    """Load pictures (3, H, W), and those in folders; None for those of scikit-image, and scikit-learn if it is there."""
+    """Load pictures (3, H, W), and those in folders; None for those that packages ship."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
     files = [file for name in names for file in (map(str, pictures_in(name)) if Path(name).is_dir() else [name])]
@@ -92,7 +92,9 @@ class Subjects:
             float(random.choice([1.0, 1.0, 1.0, 0.5])),
         )
         soft = float(random.choice([1.0, 1.5, 3.0]))
-        background = self._crop(side, random).mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(ground).float()
+        background = (
+            self._crop(side, random).mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(ground).float()
+        )
         return grain(lit(render(strokes, side, background=background, soft=soft), random), random)
 
     def _colors(self, n: int, random: Random) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ import torch
 from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
+from brushexp_predictor.decoding import FORMS
 from brushexp_predictor.model import NAME, PREDICTORS, load_predictor
 from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.subjects import Subjects, load_subjects
@@ -26,15 +27,16 @@ class PredictorJob(NetworkJob):
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.subjects = cfg, load_subjects(cfg.data)
         self.data = PredictorData(Subjects(list(self.subjects.values()), cfg.seed), cfg.batch_size)
-        network = StrokePredictor() if cfg.start is None else load_predictor(cfg.start).requires_grad_()
-        self.module = PredictorModule(network, cfg.lr)
+        network = StrokePredictor(cfg.form) if cfg.start is None else load_predictor(cfg.start).requires_grad_()
+        network.form = FORMS[cfg.form]
+        self.module = PredictorModule(network, cfg.lr, cfg.seed)
         self.weights = folder / f"{NAME}.safetensors"
         self.use = f"brushexp PICTURE init=predicted init.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
         network, figures = self.module.network.eval(), dict(self.module.figures)
         recipe = {
-            "options": {},
+            "options": {"form": self.cfg.form},
             "data": {"pictures": list(self.subjects), "seed": self.cfg.seed},
             "training": training_recipe(self.module, self.cfg) | {"started_from": self.cfg.start},
             "figures": figures,

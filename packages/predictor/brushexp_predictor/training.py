@@ -2,8 +2,9 @@
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import NamedTuple
 
 import lightning as L
@@ -14,16 +15,22 @@ from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, optim
 
+from brushexp.pictures.similarity import psnr_of
+from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.drawing import draw_plain
 from brushexp_predictor.network import CELL, StrokePredictor
 from brushexp_predictor.pyramid import Laid, Level, errors_of, lay, levels_of, resized
+from brushexp_predictor.refining import refined
 from brushexp_predictor.subjects import Subjects
 
 CELLS = 32  # of the last level along the side of a picture that is learnt from
 SIDES = (72, 288)  # pixels of such a picture; the smallest and the largest of a batch
-KEPT = ((0.25, 0.7), (0.1, 0.8))  # ranges of the strokes of the last two levels, in strokes of a painting
-WEIGHTS = (0.25, 0.25, 0.5, 1.0)  # of the errors after each level
+KEPT = ((0.1, 0.4), (0.2, 0.6), (0.1, 0.8))  # ranges of strokes of the last levels, in strokes of a painting
+WEIGHTS = (0.25, 0.25, 0.25, 0.5, 1.0)  # of the errors after each level
 FLOOR = 5e-5  # mean squared error that is as good as none
+REFINED = (0, 10)  # steps of the optimiser after which a validation measures
+VARIED = 0.6  # share of a training after which every other step paints a sample
+BONUS = 0.2  # weight of the mean logarithm of the deviations: samples then have some 0.4 dB less than the painting
 WORTH = 0.3  # weight of the error of what the network expects of its strokes
 DECAY = 1e-3  # of the weights
 AHEAD = 2  # batches that are made in advance
@@ -70,10 +77,10 @@ class PredictorData(L.LightningDataModule):
     def _batch(self, step: int) -> Batch:
         random = np.random.default_rng([self.subjects.seed, step, 1])
         n = (CELLS // 2) ** 2
-        *coarse, third, last = levels_of((CELLS, CELLS), n)
-        kept = [max(1, round(n * random.uniform(*between))) for between in KEPT]
-        fine = [Level(level.rows, level.columns, keep, level.side) for level, keep in zip((third, last), kept)]
-        return Batch(self._pictures(step * self.batch_size), [*coarse, *fine])
+        levels = levels_of((CELLS, CELLS), n)
+        kept = [round(n * random.uniform(*between)) for between in KEPT]
+        fine = [level._replace(keep=keep) for level, keep in zip(levels[-len(KEPT) :], kept, strict=True)]
+        return Batch(self._pictures(step * self.batch_size), [*levels[: -len(KEPT)], *fine])
 
     def _pictures(self, first: int) -> list[Tensor]:
         small, large = np.log(SIDES)
@@ -82,48 +89,81 @@ class PredictorData(L.LightningDataModule):
 
 
 class PredictorModule(NetworkModule):
-    """Moves the weights of the network until its strokes look like the pictures."""
+    """Moves the weights of the network until its strokes look like the pictures.
+
+    From `VARIED` of the training on, every other step paints a sample: numbers vary by the deviations that the network
+    says, which are praised for being large (the bound of Kingma and Welling, 2014, with an error that is relative to
+    that of the painting instead of a fixed one).
+    """
 
     title = "learning to paint"
     clip_norm = 1.0
 
-    def __init__(self, network: StrokePredictor, lr: float) -> None:
+    def __init__(self, network: StrokePredictor, lr: float, seed: int) -> None:
         super().__init__()
-        self.network, self.lr = network.train(), lr
+        self.network, self.lr, self.seed = network.train(), lr, seed
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.AdamW(self.network.parameters(), self.lr, weight_decay=DECAY, betas=(0.9, 0.98))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        done = list(lay(self.network, batch.targets, batch.levels, draw_plain))
+        sampled = self.progress > VARIED and batch_idx % 2 == 1
+        generator = torch.Generator().manual_seed(hash((self.seed, self.global_step)) % 2**62)
+        look = (self.network, self.network.form, batch.targets, batch.levels, draw_plain)
+        done = list(lay(*look, generator, float(sampled)))
         self.seen += sum(len(laid.strokes) for laid in done[-1])
-        losses = [torch.stack([log_error(laid, target) for laid, target in zip(level, batch.targets, strict=True)]).mean() for level in done]
-        worth = self._worth_loss(batch, done)
-        self.terms = {f"loss/level_{k}": loss.detach() for k, loss in enumerate(losses)} | {"loss/worth": worth.detach()}
-        return sum((weight * loss for weight, loss in zip(WEIGHTS, losses, strict=True)), WORTH * worth)
+        loss, self.terms = torch.zeros(()), {}
+        for number, (weight, laid) in enumerate(zip(WEIGHTS, done, strict=True)):
+            error = mean_of(log_error, laid, batch.targets)
+            expected = mean_of(partial(worth_error, level=batch.levels[number]), laid, batch.targets)
+            loss = loss + weight * error + WORTH * expected
+            if sampled:
+                loss = loss - weight * BONUS * torch.cat([each.deviations for each in laid]).mean()
+        self.terms = {"loss/error": error.detach(), "loss/worth": expected.detach()}
+        return loss
 
-    def _worth_loss(self, batch: Batch, done: list[list[Laid]]) -> Tensor:
-        """Compare the share of a cell's error that a stroke removed with what the network expected."""
-        total = torch.zeros(())
-        for number, level in enumerate(batch.levels):
-            for k, target in enumerate(batch.targets):
-                shape = (CELL * level.rows, CELL * level.columns)
-                seen = resized(target, shape)
-                canvas = resized(done[number - 1][k].canvas.detach(), shape) if number else target.mean((1, 2))[:, None, None].expand_as(seen)
-                cells = done[number][k].cells
-                before = errors_of(seen[None], canvas[None])[0].flatten()[cells]
-                after = errors_of(seen[None], resized(done[number][k].canvas.detach(), shape)[None])[0].flatten()[cells]
-                removed = 1 - (after + FLOOR) / (before + FLOOR)
-                weight = before + FLOOR
-                total = total + (weight * (done[number][k].worth.sigmoid() - removed.clamp(0, 1)).square()).sum() / weight.sum()
-        return total / (len(batch.levels) * len(batch.targets))
+    @torch.no_grad()
+    def validation_step(self, batch: Batch, batch_idx: int) -> None:
+        *_, done = lay(self.network, self.network.form, batch.targets, batch.levels, draw_plain)
+        for steps in REFINED:
+            values = [psnr_after(laid, target, steps) for laid, target in zip(done, batch.targets, strict=True)]
+            name, mean = f"psnr_{steps}", sum(values) / len(values)
+            self.figures[name] = (batch_idx * self.figures.get(name, 0.0) * (batch_idx > 0) + mean) / (batch_idx + 1)
+        self.validated = self.global_step
+        if batch_idx + 1 == VALIDATED:
+            self.log_dict({f"validation/{name}": value for name, value in self.figures.items()}, batch_size=1)
 
     def state_line(self) -> str:
-        return f"{-10 * float(self.terms['loss/level_3']) / math.log(10):.2f} dB" if self.terms else ""
+        return f"{-10 * float(self.terms['loss/error']) / math.log(10):.2f} dB" if self.terms else ""
+
+
+def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: list[Laid], targets: list[Tensor]) -> Tensor:
+    """Average what is measured of each canvas of a level."""
+    return torch.stack([measure(laid, target) for laid, target in zip(done, targets, strict=True)]).mean()
 
 
 def log_error(laid: Laid, target: Tensor) -> Tensor:
     """Compute the logarithm of the mean squared error of a canvas, so that all pictures count alike."""
     small = resized(target, (laid.canvas.shape[1], laid.canvas.shape[2]))
     return torch.log((laid.canvas - small).square().mean() + FLOOR)
+
+
+def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
+    """Compare what share of a cell's error its stroke removed with what the network expected."""
+    shape = (CELL * level.rows, CELL * level.columns)
+    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None])[0].flatten()[laid.cells]
+    removed = (1 - (after + FLOOR) / (laid.errors + FLOOR)).clamp(0, 1)
+    weight = laid.errors + FLOOR
+    return (weight * (laid.worth.sigmoid() - removed).square()).sum() / weight.sum()
+
+
+def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
+    """Compute the PSNR of a painting in dB, after so many steps of the optimiser."""
+    size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
+
+    def draw(strokes: Strokes) -> Tensor:
+        return draw_plain(strokes, size, background)
+
+    strokes = refined(laid.strokes, target, draw, steps) if steps else laid.strokes
+    return psnr_of(float((draw(strokes).clamp(0, 1) - target).square().mean()))
