@@ -35,7 +35,7 @@ WORTH = 0.3  # weight of the error of what the network expects of its strokes
 DECAY = 1e-3  # of the weights
 AHEAD = 2  # batches that are made in advance
 HELD_OUT = 2**40  # first number of the pictures of validation
-VALIDATED = 8  # batches of validation
+VALIDATED = 4  # batches of validation
 
 
 class Batch(NamedTuple):
