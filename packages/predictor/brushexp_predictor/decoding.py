@@ -23,9 +23,10 @@ class Form:
     half_length: float  # where the network says 0
     width: float
     spread: float  # logarithm of the greatest factor of both
+    brushed: bool  # opaque, and with the marks of bristles
 
 
-FORMS = {"any": Form(0.7, 1.2, 1.6), "long": Form(1.5, 1.0, 0.7)}  # whatever suits; brushwork
+FORMS = {"any": Form(0.7, 1.2, 1.6, False), "long": Form(1.5, 1.0, 0.7, True)}  # whatever suits; brushwork
 
 
 def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
@@ -44,11 +45,12 @@ def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: 
     across = torch.stack([-along[:, 1], along[:, 0]], 1)
     half = form.half_length * cell * torch.exp(form.spread * shape[:, 0:1])
     control = BEND * shape[:, 1:2] * half * across
+    opacity = torch.sigmoid(numbers[:, 10] + FIRST_OPACITY)
     return strokes_along(
         torch.stack([-half * along, control, half * along], 1),
         form.width * cell * torch.exp(form.spread * shape[:, 2]),
         mean + TONE * torch.tanh(numbers[:, 7:10]),
-        torch.sigmoid(numbers[:, 10] + FIRST_OPACITY),
+        torch.ones_like(opacity) if form.brushed else opacity,
         window=WINDOW * cell,
         position=middle + FARTHEST * cell * torch.tanh(place),
     )

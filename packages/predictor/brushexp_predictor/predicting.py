@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.drawing import draw_plain
 from brushexp_predictor.model import load_predictor
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
@@ -42,7 +41,7 @@ def predict(
     """
     in_parts = partly(network)
     levels = levels_of((target.shape[1], target.shape[2]), n)
-    for done in lay(in_parts, network.form, [target], levels, draw_plain, generator, temperature, focus):
+    for done in lay(in_parts, network.form, [target], levels, generator, temperature, focus):
         yield done[0].strokes.map(Tensor.contiguous)
 
 

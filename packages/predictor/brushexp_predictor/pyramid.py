@@ -11,13 +11,13 @@ from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
 
 from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.decoding import Form, areas_of, strokes_of
+from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, Told
 
 SIZES = (6.0, 3.0, 1.5, 0.75, 0.5)  # sides of the cells of the levels, in mean distances between strokes
 SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
 
 Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
-Draw = Callable[[Strokes, tuple[int, int], Tensor], Tensor]  # strokes, the lowest first; size; background -> picture
 
 
 class Level(NamedTuple):
@@ -60,7 +60,6 @@ def lay(
     form: Form,
     targets: Sequence[Tensor],
     levels: Sequence[Level],
-    draw: Draw,
     generator: torch.Generator | None = None,
     temperature: float = 0.0,
     focus: Tensor | None = None,
@@ -101,7 +100,7 @@ def lay(
             if following is not None:
                 zoom = min(1.0, CELL * math.sqrt(following.rows * following.columns / target[0].numel()))
                 small = (max(1, round(small[0] * zoom)), max(1, round(small[1] * zoom)))
-            drawn = draw(strokes.moved(zoom=zoom) if zoom < 1 else strokes, small, backgrounds[k])
+            drawn = draw(form, strokes.moved(zoom=zoom) if zoom < 1 else strokes, small, backgrounds[k])
             each = (errors[k].flatten(), worth[k].flatten(), deviations[k].flatten(0, 1))
             done.append(Laid(strokes, drawn, cells, *(values[cells] for values in each)))
         yield done

@@ -17,7 +17,8 @@ from torch import Tensor, optim
 
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.drawing import draw_plain
+from brushexp_predictor.decoding import Form
+from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, StrokePredictor
 from brushexp_predictor.pyramid import Laid, Level, errors_of, lay, levels_of, resized
 from brushexp_predictor.refining import refined
@@ -110,7 +111,7 @@ class PredictorModule(NetworkModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         sampled = self.progress > VARIED and batch_idx % 2 == 1
         generator = torch.Generator().manual_seed(hash((self.seed, self.global_step)) % 2**62)
-        look = (self.network, self.network.form, batch.targets, batch.levels, draw_plain)
+        look = (self.network, self.network.form, batch.targets, batch.levels)
         done = list(lay(*look, generator, float(sampled)))
         self.seen += sum(len(laid.strokes) for laid in done[-1])
         loss, self.terms = torch.zeros(()), {}
@@ -125,9 +126,12 @@ class PredictorModule(NetworkModule):
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        *_, done = lay(self.network, self.network.form, batch.targets, batch.levels, draw_plain)
+        *_, done = lay(self.network, self.network.form, batch.targets, batch.levels)
         for steps in REFINED:
-            values = [psnr_after(laid, target, steps) for laid, target in zip(done, batch.targets, strict=True)]
+            values = [
+                psnr_after(self.network.form, laid, target, steps)
+                for laid, target in zip(done, batch.targets, strict=True)
+            ]
             name, mean = f"psnr_{steps}", sum(values) / len(values)
             self.figures[name] = (batch_idx * self.figures.get(name, 0.0) * (batch_idx > 0) + mean) / (batch_idx + 1)
         self.validated = self.global_step
@@ -158,12 +162,12 @@ def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
     return (weight * (laid.worth.sigmoid() - removed).square()).sum() / weight.sum()
 
 
-def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
+def psnr_after(form: Form, laid: Laid, target: Tensor, steps: int) -> float:
     """Compute the PSNR of a painting in dB, after so many steps of the optimiser."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
 
-    def draw(strokes: Strokes) -> Tensor:
-        return draw_plain(strokes, size, background)
+    def drawn(strokes: Strokes) -> Tensor:
+        return draw(form, strokes, size, background)
 
-    strokes = refined(laid.strokes, target, draw, steps) if steps else laid.strokes
-    return psnr_of(float((draw(strokes).clamp(0, 1) - target).square().mean()))
+    strokes = refined(laid.strokes, target, drawn, steps) if steps else laid.strokes
+    return psnr_of(float((drawn(strokes).clamp(0, 1) - target).square().mean()))

@@ -7,7 +7,7 @@ import pytest
 import torch
 from brushexp_predictor.colors import best_colors
 from brushexp_predictor.decoding import FORMS, strokes_of
-from brushexp_predictor.drawing import draw_plain
+from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor
 from brushexp_predictor.predicted import Predicted
 from brushexp_predictor.predicting import partly, predict, shipped
@@ -25,7 +25,7 @@ def psnr(picture: Tensor, target: Tensor) -> float:
 
 
 def drawn(strokes: Strokes, target: Tensor) -> Tensor:
-    return draw_plain(strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+    return draw(FORMS["any"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
 
 
 @pytest.mark.parametrize(
@@ -101,17 +101,17 @@ def test_colors_are_those_of_least_squares() -> None:
     strokes = Predicted(color_rounds=0)(target, 6, torch.Generator())
     black, background = strokes.map(Tensor.detach), torch.full((3,), 0.5)
 
-    def draw(given: Strokes) -> Tensor:
-        return draw_plain(given, (24, 24), background)
+    def laid(given: Strokes) -> Tensor:
+        return draw(FORMS["any"], given, (24, 24), background)
 
     def painted(color: Tensor) -> Tensor:
-        return draw(Strokes(**dict(black.items()) | {"color": color}))  # type: ignore[arg-type]
+        return laid(Strokes(**dict(black.items()) | {"color": color}))  # type: ignore[arg-type]
 
     bare = painted(torch.zeros(6, 3))
     columns = torch.stack([painted(torch.eye(6)[:, k : k + 1].expand(6, 3)) - bare for k in range(6)])[:, 0]
     matrix = columns.flatten(1).T.double()
     exact = torch.linalg.lstsq(matrix, (target - bare).flatten(1).T.double()).solution.clamp(0, 1)
-    found = best_colors(strokes, target, draw, 40).color
+    found = best_colors(strokes, target, laid, 40).color
     seen = matrix.square().sum(0) > 1.0
     torch.testing.assert_close(found[seen].double(), exact[seen], rtol=0, atol=5e-3)
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 from brushexp_predictor import train_task
-from brushexp_predictor.drawing import draw_plain
+from brushexp_predictor.decoding import FORMS
+from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.pyramid import lay
 from brushexp_predictor.refining import refined
@@ -53,7 +54,7 @@ def test_it_learns(subjects: Subjects) -> None:
     optimizer = torch.optim.Adam(module.network.parameters(), 3e-3)
 
     def error() -> Tensor:
-        *_, done = lay(module.network, module.network.form, small.targets, small.levels, draw_plain)
+        *_, done = lay(module.network, module.network.form, small.targets, small.levels)
         return mean_of(log_error, done, small.targets)
 
     first = float(error().detach())
@@ -69,11 +70,11 @@ def test_steps_of_the_optimiser_lower_the_error() -> None:
     strokes = brushexp.create("init", "slic")(target, 60, torch.Generator())
 
     def error(steps: int) -> float:
-        moved = refined(strokes, target, draw, steps)
-        return float((draw(moved) - target).square().mean())
+        moved = refined(strokes, target, drawn, steps)
+        return float((drawn(moved) - target).square().mean())
 
-    def draw(strokes: Strokes) -> Tensor:
-        return draw_plain(strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+    def drawn(strokes: Strokes) -> Tensor:
+        return draw(FORMS["any"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
 
     assert error(20) < 0.5 * error(0)
 

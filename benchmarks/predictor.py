@@ -1,0 +1,171 @@
+"""What strokes are worth that a network lays at a glance: without a step, after some steps, and at equal seconds.
+
+    python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
+    python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
+    python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges
+
+Differences are paired over the pictures, with intervals of Student's t at 95 %. Seconds are CPU seconds of one thread,
+those of the start included.
+"""
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+
+import brushexp
+
+# isort: split
+import torch
+from scipy.stats import t as student
+from torch import Tensor
+
+from brushexp.config.compose import SHIPPED
+from brushexp.pictures.folders import pictures_in
+from brushexp.pictures.load import load_picture
+from brushexp.strokes.catalogue import Strokes
+
+INITS = ("predicted", "slic", "layers", "random")
+EDGE = 8  # pixels
+Row = Sequence[str | int | float]
+
+
+@cache
+def target_of(name: str, side: int) -> Tensor:
+    """Load a picture once."""
+    return load_picture(name, side or None)
+
+
+def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[Strokes, float]:
+    """Place first strokes, and count the CPU seconds."""
+    target, start = target_of(name, side), time.process_time()
+    strokes = brushexp.create("init", init, **options)(target, n, torch.Generator().manual_seed(0))
+    return strokes, time.process_time() - start
+
+
+def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
+    """Paint a picture: PSNR in dB, perceptual distance, and CPU seconds without those of the start."""
+    keys = {"look": "plain", "strokes": n, "init": init, "steps": steps, "threads": 1}
+    painting = brushexp.paint(name, **keys, **({"resolution": side} if side else {}))
+    metrics = painting.metrics
+    return metrics["psnr"], metrics["perceptual"], metrics["cpu_seconds"] if steps else 0.0
+
+
+def table(title: str, head: Row, rows: Sequence[Row]) -> None:
+    """Print a table in Markdown."""
+    print(f"\n{title}\n\n| {' | '.join(map(str, head))} |\n|{' --- |' * len(head)}")
+    for row in rows:
+        print(
+            f"| {' | '.join(f'{value:.2f}' if isinstance(value, float) else str(value) for value in row)} |", flush=True
+        )
+
+
+def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
+    """Write the mean difference with its interval."""
+    differences = [one - other for one, other in zip(ours, theirs, strict=True)]
+    if len(differences) < 2:
+        return f"{differences[0]:+.2f}"
+    half = student.ppf(0.975, len(differences) - 1) * statistics.stdev(differences) / math.sqrt(len(differences))
+    mean = statistics.mean(differences)
+    return f"{mean:+.2f} [{mean - half:+.2f}, {mean + half:+.2f}]"
+
+
+def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
+    """Print what is painted without a step, and how soon."""
+    rows = []
+    for n in counts:
+        ours = [paint(name, side, "predicted", n, 0) for name in names]
+        slic = [paint(name, side, "slic", n, 0) for name in names]
+        seconds = statistics.median(begin(name, side, "predicted", n)[1] for name in names)
+        wall = statistics.median(wall_of(name, side, n) for name in names)
+        psnr, distance = statistics.mean(row[0] for row in ours), statistics.mean(row[1] for row in ours)
+        gain = paired([row[0] for row in ours], [row[0] for row in slic])
+        rows.append([n, psnr, f"{distance:.3f}", gain, seconds, wall])
+    head = ["strokes", "dB", "perceptual", "dB over slic", "CPU s", f"s on {torch.get_num_threads()} threads"]
+    table("No step of the optimiser", head, rows)
+
+
+def wall_of(name: str, side: int, n: int) -> float:
+    """Measure the wall time in which strokes are laid."""
+    start = time.perf_counter()
+    begin(name, side, "predicted", n)
+    return time.perf_counter() - start
+
+
+def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> None:
+    """Print what is painted after some steps."""
+    rows = []
+    for count in steps:
+        found = {init: [paint(name, side, init, n, count)[0] for name in names] for init in INITS}
+        rows.append(
+            [count, *(statistics.mean(found[init]) for init in INITS), paired(found["predicted"], found["slic"])]
+        )
+    table(f"{n} strokes, by steps, dB", ["steps", *INITS, "predicted over slic"], rows)
+
+
+def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]) -> None:
+    """Print what is painted in so many CPU seconds."""
+    a_step = statistics.median(paint(name, side, "slic", n, 20)[2] / 20 for name in names[:4])
+    starts = {init: statistics.median(begin(name, side, init, n)[1] for name in names[:4]) for init in INITS}
+    rows = []
+    for budget in budgets:
+        steps = {init: int((budget - starts[init]) / a_step) for init in INITS}
+        found = {
+            init: [paint(name, side, init, n, steps[init])[0] for name in names] for init in INITS if steps[init] >= 0
+        }
+        cells = [f"{statistics.mean(found[init]):.2f} ({steps[init]})" if init in found else "" for init in INITS]
+        both = "predicted" in found and "slic" in found
+        rows.append([budget, *cells, paired(found["predicted"], found["slic"]) if both else ""])
+    table(f"{n} strokes, by CPU seconds, dB (steps)", ["s", *INITS, "predicted over slic"], rows)
+
+
+def by_place(names: Sequence[str], side: int, n: int) -> None:
+    """Print how much worse a painting is near its edge."""
+    ratios = []
+    for name in names:
+        target = target_of(name, side)
+        strokes, _ = begin(name, side, "predicted", n)
+        size = (target.shape[1], target.shape[2])
+        picture = brushexp.render(strokes, size, background=target.mean((1, 2)))
+        error = (picture.clamp(0, 1) - target).square().mean(0)
+        inner = error[EDGE:-EDGE, EDGE:-EDGE]
+        at_edge = (error.sum() - inner.sum()) / (error.numel() - inner.numel())
+        ratios.append(float(at_edge / inner.mean()))
+    rows = [[n, statistics.median(ratios), statistics.geometric_mean(ratios)]]
+    table(
+        f"Squared error within {EDGE} px of the edge, over that elsewhere",
+        ["strokes", "median", "geometric mean"],
+        rows,
+    )
+
+
+def main() -> None:
+    """Print the tables that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pictures", default="thesis12", help="thesis12, or a folder")
+    parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 = as they are")
+    parser.add_argument("--strokes", type=int, nargs="+", default=[200, 1000, 2600, 10000])
+    parser.add_argument("--only", default="strokes,steps,seconds,edges")
+    given = parser.parse_args()
+    if Path(given.pictures).is_dir():
+        names = [str(path) for path in pictures_in(given.pictures)]
+    else:
+        lines = (SHIPPED / "pictures" / f"{given.pictures}.yaml").read_text(encoding="utf-8").splitlines()
+        names = [line[2:].split()[0] for line in lines if line.startswith("- ")]
+    brushexp.list_plugins()
+    middle = given.strokes[min(2, len(given.strokes) - 1)]
+    tables: dict[str, Callable[[], None]] = {
+        "strokes": lambda: by_strokes(names, given.side, given.strokes),
+        "steps": lambda: by_steps(names, given.side, middle, (0, 5, 10, 15, 30, 60)),
+        "seconds": lambda: by_seconds(names, given.side, middle, (0.1, 0.3, 1, 3, 10)),
+        "edges": lambda: by_place(names, given.side, middle),
+    }
+    for name in given.only.split(","):
+        tables[name]()
+
+
+if __name__ == "__main__":
+    main()
