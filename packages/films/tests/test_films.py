@@ -86,7 +86,12 @@ def cut(path):
     path.write_bytes(path.read_bytes()[:-200])
 
 
+def without_its_list(path):
+    path.write_bytes(b"\0\0\0\x14ftypisom\0\0\2\0isom\0\0\0\0mdat" + bytes(999))
+
+
 @pytest.mark.parametrize(("make", "message"), [
+    (without_its_list, r"lacks the list of its pictures \(moov\).* was broken off; copy it again, or mend it"),
     (lambda path: None, "no file"),
     (Path.mkdir, "folder"),
     (Path.touch, r"is empty \(0 bytes\); give a file that holds a film"),
