@@ -111,6 +111,9 @@ def several(word: str) -> str:
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
     """Find the task of a command line, or of the experiment that it names."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
+    if not any(word.startswith("experiment=") for word in words):
+        typed = [word.removeprefix("task=") for word in words]
+        return next((name for name in reversed(typed) if name in TASKS), "paint")
     try:
         return str(composed(words, folders).task)
     except (CompactHydraException, OmegaConfBaseException):
