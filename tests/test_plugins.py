@@ -20,10 +20,12 @@ NODES: dict[tuple[str, str], DictConfig] = {}
 
 
 def node_of(config, family: str, name: str) -> DictConfig:
-    """The options of a choice, composed once."""
+    """The options of a choice, composed once; those of which several may be chosen all together."""
     if (family, name) not in NODES:
-        node = config(f"task={TASK_OF.get(family, 'paint')}", f"{family}={name}")[family]
-        NODES[family, name] = node[name] if family in MULTI_SELECT else node
+        several = family in MULTI_SELECT
+        typed = f"{family}=[{','.join(names(family))}]" if several else f"{family}={name}"
+        node = config(f"task={TASK_OF.get(family, 'paint')}", typed)[family]
+        NODES.update({(family, key): value for key, value in node.items()} if several else {(family, name): node})
     return NODES[family, name]
 
 

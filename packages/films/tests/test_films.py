@@ -2,6 +2,7 @@
 
 import errno
 import json
+import logging
 import math
 import os
 import signal
@@ -170,6 +171,13 @@ def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, word
     with pytest.raises(UserError, match=message):
         run_task(task, f"image={clip}", "resolution=32", *words)
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
+
+
+def test_keys_for_which_a_film_has_no_use_are_told(config, tmp_path, caplog):
+    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
+    with caplog.at_level(logging.WARNING):
+        check(config(*words), words)
+    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
 
 
 def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):

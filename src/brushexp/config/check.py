@@ -146,11 +146,11 @@ def unknown_key(typed: str, task: str) -> str:
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *groups_of(TASKS[task])]
+    if (meant := KEYS.get(plain)) in keys:
+        return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
     cure = INSTEAD.get(plain, "")
     if cure.split("=")[0] in names or cure.startswith("brushexp "):
         return f"{typed} is no key of task={task}; type {cure}"
-    if (meant := KEYS.get(plain)) in keys:
-        return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
     if family in MULTI_SELECT and rest:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]

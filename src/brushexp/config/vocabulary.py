@@ -25,6 +25,7 @@ KEYS = {  # names that others have for a key of ours
     **dict.fromkeys(("cores", "cpus", "jobs", "n_jobs"), "threads"),
     **dict.fromkeys(("canvas", "canvas_color", "bg", "ground"), "background"),
     "learning_rate": "lr",
+    **dict.fromkeys(("fps", "frame_rate", "framerate"), "film.every"),
     **dict.fromkeys(("format", "export"), "to"),
 }
 PRINT = "brushexp export FOLDER to=png to.png.size_cm=60x40 to.png.dpi=300, with the FOLDER of a painting"
@@ -32,7 +33,7 @@ INSTEAD = {  # names that others have for what is said here with other keys, and
     **dict.fromkeys(("dpi", "ppi", "cm", "inch", "inches", "print", "print_size", "paper_size"), PRINT),
     **dict.fromkeys(
         ("brush_size", "brush_width", "stroke_size", "stroke_width", "brush", "thickness"),
-        "detail=0.25 for larger strokes, or detail=2 for smaller ones",
+        "strokes=300 for few large ones, or detail=2 for smaller ones",
     ),
     **dict.fromkeys(("speed", "fast"), "quality=draft, or seconds=10"),
     **dict.fromkeys(
