@@ -9,7 +9,7 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 IMAGES = Path(__file__).parents[1] / "images"
-WIDE, PHONE = {"width": 1280, "height": 880}, {"width": 390, "height": 844}
+WIDE, PHONE = {"width": 1280, "height": 920}, {"width": 390, "height": 844}
 MARK = [(0.36, 0.28), (0.5, 0.2), (0.52, 0.3), (0.4, 0.36)]  # over the face of the sample, in shares of its sides
 
 

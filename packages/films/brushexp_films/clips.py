@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.pictures.cut_short import has_end
+from brushexp.pictures.cut_short import boxes, has_end
 from brushexp.pictures.decode import picture_size
 from brushexp.pictures.kinds import FILM_SUFFIXES
 from brushexp.pictures.limits import MAX_PIXELS
@@ -30,6 +30,7 @@ SHORTEST = Fraction(1, 500)  # seconds: what would be seen for less, because clo
 MISSING = 0.5  # seconds by which a film may end before its header says
 LOCAL = {"protocol_whitelist": "file"}  # a playlist may name addresses
 WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders leave the transparency of these out
+FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # an MP4 or QuickTime file begins with one of these
 CURE = "convert it to an MP4 (H.264)"
 
 
@@ -203,6 +204,11 @@ def _why_unread(path: Path, error: Exception) -> str:
         return "is empty (0 bytes); give a file that holds a film"
     if has_end(path) is False:
         return "is cut short: its file ends before the film does; get the whole file"
+    with path.open("rb") as file:
+        names = [name for name, _ in boxes(file, path.stat().st_size)]
+    if names[0] in FIRST_BOXES and b"moov" not in names:
+        why = "lacks the list of its pictures (moov), which is written last: the recording or the copy was broken off"
+        return f"{why}; copy it again, or mend it with a program such as untrunc"
     return f"cannot be read as a film ({getattr(error, 'strerror', None) or in_short(error)}); {CURE}"
 
 

@@ -1,5 +1,6 @@
 """Keys of ``task=film``."""
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,8 +20,10 @@ from brushexp.registry import keep_built, plugin_of
 from brushexp_films.clips import is_film, open_clip
 from brushexp_films.moving import is_moving
 
+log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's
 OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
+OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
 
 
 @dataclass
@@ -63,6 +66,8 @@ class FilmTask(PaintTask):
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
         if cfg.background == "transparent":
             raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
+        if unused := sorted({word.partition("=")[0] for word in overrides} & OF_PAGES):
+            log.warning("a film has no use for %s: film.mp4 has the pictures and times of its own", ", ".join(unused))
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")

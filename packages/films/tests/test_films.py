@@ -1,4 +1,4 @@
-"""Films: they are read as they were written, changes are told from noise, and strokes are carried without flicker."""
+"""Painted films: strokes are carried from picture to picture without flicker, and what is painted survives the end."""
 
 import errno
 import json
@@ -6,11 +6,9 @@ import logging
 import math
 import os
 import signal
-import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,8 +16,7 @@ import pytest
 import torch
 from brushexp_films import task
 from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_within
-from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
-from brushexp_films.clips import decode_pictures, open_clip
+from brushexp_films.changes import Flicker
 from brushexp_films.sound import add_sound
 from films import as_tensor, decoded, encoded, scene
 from painters import take
@@ -46,117 +43,6 @@ from brushexp.system.files import TEMPORARY
 from brushexp.tasks import export
 
 av = pytest.importorskip("av")
-
-
-@pytest.mark.parametrize("shape", [(64, 64), (33, 48), (32, 47)])
-def test_a_film_is_read_as_it_was_written(tmp_path, shape):
-    pictures = [picture[: shape[0], : shape[1]] for picture in scene(5)]
-    clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
-    even = tuple(side + side % 2 for side in shape)
-    assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
-    frames = list(decode_pictures(clip))
-    assert [picture.shape for picture in frames] == [(*even, 3)] * 5
-    for picture, original in zip(frames, pictures, strict=True):
-        assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
-
-
-def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
-    path = encoded(tmp_path / "film.mp4", 4 * scene(10))
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    with caplog.at_level(logging.WARNING):
-        count = len(list(decode_pictures(open_clip(path))))
-    assert 0 < count < 40
-    assert str(count) in caplog.text
-
-
-def sound(path):
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("aac", rate=44100)
-        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
-        frame.rate = 44100
-        container.mux([*stream.encode(frame), *stream.encode()])
-
-
-def cut(path):
-    with av.open(str(path), "w") as container:  # what players need is written last
-        stream = container.add_stream("libx264", rate=10)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        picture = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
-        container.mux([*stream.encode(picture), *stream.encode()])
-    path.write_bytes(path.read_bytes()[:-200])
-
-
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda path: None, "no file"),
-    (Path.mkdir, "folder"),
-    (Path.touch, r"is empty \(0 bytes\); give a file that holds a film"),
-    (lambda path: path.write_text("not a film"), r"cannot be read as a film \(Invalid data"),
-    (cut, "is cut short: its file ends before the film does; get the whole file"),
-    (sound, "no video"),
-])  # fmt: skip
-def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
-    make(tmp_path / "clip.mp4")
-    with pytest.raises(UserError, match=message) as caught:
-        open_clip(tmp_path / "clip.mp4")
-    assert "\n" not in str(caught.value)
-
-
-def test_without_the_library_a_film_says_what_to_install(tmp_path, monkeypatch):
-    path = encoded(tmp_path / "clip.mp4", scene(1))
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(UserError, match=r"brushexp\[video\]"):
-        open_clip(path)
-
-
-def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
-    generator = torch.Generator().manual_seed(0)
-    still = as_tensor(scene(1)[0])
-    changes = Changes(0.04)
-    assert changes(still).all()
-    for _ in range(10):
-        assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
-    noticed = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
-    assert sum(noticed) > 1, "what fades by less than the threshold from picture to picture is noticed now and then"
-    assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
-
-
-def test_a_change_is_found_where_it_is_and_a_cut_is_told_from_a_pan():
-    first, second = (as_tensor(picture) for picture in scene(2, speed=8))
-    changes = Changes(0.04)
-    changes(first)
-    changed = changes(second)
-    assert not changes.begins
-    where = (first != second).any(0)
-    assert changed[where].float().mean() > 0.8
-    assert not changed[60:].any()
-    assert not is_cut(first, first.roll(6, 2))
-    assert is_cut(first, 1 - first)
-    changes(1 - first)
-    assert changes.begins
-
-
-def test_flicker_is_the_mean_change_where_the_target_stays():
-    generator = torch.Generator().manual_seed(0)
-    targets = [as_tensor(picture) for picture in scene(4)]
-    paintings = [torch.rand(target.shape, generator=generator) for target in targets]
-    flicker, total, count = Flicker(), 0.0, 0
-    for painting, target in zip(paintings, targets, strict=True):
-        flicker.add(painting, target)
-    for k in range(1, 4):
-        still = (difference(targets[k], targets[k - 1]) < 0.02).numpy()
-        for row, column in zip(*still.nonzero(), strict=True):
-            total += float((paintings[k] - paintings[k - 1])[:, row, column].abs().mean())
-            count += 1
-    assert flicker.value == pytest.approx(total / count, rel=1e-5)
-    assert Flicker().value is None
-
-
-@pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
-def test_motion_is_that_of_the_pictures(shift):
-    first = as_tensor(scene(1, side=96)[0])
-    flow = optical_flow(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
-    assert flow.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
-    assert not optical_flow(first[:, :8, :8], first[:, :8, :8]).any()
 
 
 def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
@@ -285,6 +171,13 @@ def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, word
     with pytest.raises(UserError, match=message):
         run_task(task, f"image={clip}", "resolution=32", *words)
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
+
+
+def test_keys_for_which_a_film_has_no_use_are_told(config, tmp_path, caplog):
+    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
+    with caplog.at_level(logging.WARNING):
+        check(config(*words), words)
+    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
 
 
 def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):

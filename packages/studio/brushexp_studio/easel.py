@@ -18,7 +18,7 @@ FILES = {  # names on the page; a film is one of two kinds
     "timelapse.gif": "Film",
     "report.html": "Page",
 }
-PRINTS = {"png": f"PNG for print, {PRINT_SIDE} pixels", "pdf": "PDF"}
+PRINTS = {"png": f"PNG, {PRINT_SIDE} pixels", "pdf": "PDF"}
 
 
 class Easel:

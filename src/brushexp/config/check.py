@@ -9,7 +9,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import INSTEAD, KEYS
+from brushexp.config.vocabulary import INSTEAD, KEYS, MEMBERS, plain_name
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 
@@ -119,7 +119,8 @@ def members_of(family: str) -> str:
 
 def nearest_first(word: str, names: Sequence[str]) -> str:
     """List the three names for a message that are most like the word, the one that others call so first."""
-    ours = [KEYS[word]] if KEYS.get(word) in names else []
+    plain = plain_name(word)
+    ours = [name for name in (KEYS.get(plain, ""), MEMBERS.get(plain, "")) if name in names]
     return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, NEAREST, 0)])][:NEAREST])
 
 
@@ -143,25 +144,30 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 def unknown_key(typed: str, task: str) -> str:
     """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
     family, _, rest = typed.partition(".")
-    if typed in INSTEAD:
-        return f"{typed} is no key of task={task}; this program has a key for it: type {INSTEAD[typed]}"
+    keys, plain = keys_of(TASKS[task]), plain_name(typed)
+    names = [*keys, *groups_of(TASKS[task])]
+    if (meant := KEYS.get(plain)) in keys:
+        return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
+    cure = INSTEAD.get(plain, "")
+    if cure.split("=")[0] in names or cure.startswith("brushexp "):
+        return f"{typed} is no key of task={task}; type {cure}"
     if family in MULTI_SELECT and rest:
-        name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
+        name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
-        if name not in names and owners:
+        if name not in members and owners:
             return f"{typed} is no key: it is an option of one {family}; type {' or '.join(owners[:NEAREST])}"
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
-        if name not in names:
-            mend = f"there are: {nearest_first(name, names)}; options stand below one, {family}.<name>.{name}=..."
+        if name not in members:
+            mend = f"there are: {nearest_first(name, members)}; options stand below one, {family}.<name>.{name}=..."
         return f"{family}.{name} is tuned but not chosen; {mend}"
     for plugin in plugins():
         for option in plugin.meanings:
             if typed.startswith(f"{plugin.path}.{option}."):
                 return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
-    above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
+    above = typed.rpartition(".")[0]
     beside = [name for name in names if name.rpartition(".")[0] == above] or names
     near = f"nearest first: {nearest_first(typed, beside)} (all: --help)"
-    name = KEYS.get(typed, typed)
+    name = KEYS.get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
         near = f"type {' or '.join([*dict.fromkeys(owners)][:NEAREST])}"

@@ -23,6 +23,8 @@ from brushexp.registry import MULTI_SELECT, plugins
 LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
 EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
 NONE = ("none", "no", "off", "false")  # what others type for an empty list
+UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # and for null
+SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # what stands behind a number
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
@@ -54,6 +56,8 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
+        if match[1] == "to" and task == "paint":
+            more = "; what else you want, when it is painted: brushexp export FOLDER to=jpg"
         return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         found = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
@@ -83,6 +87,8 @@ def of_grammar(text: str) -> str | None:
 def unreadable(error: BaseException) -> str | None:
     """Say what Hydra's parser does not say of a word that it cannot read; None for another error."""
     word = getattr(error, "override", None)
+    if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
+        return f"{word} has a sign too many; type {twice[1]}={twice[2]}"
     return f"{word} cannot be read; a list is key=[a,b], and a text with such letters key='\"...\"'" if word else None
 
 
@@ -105,6 +111,9 @@ def several(word: str) -> str:
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
     """Find the task of a command line, or of the experiment that it names."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
+    if not any(word.startswith("experiment=") for word in words):
+        typed = [word.removeprefix("task=") for word in words]
+        return next((name for name in reversed(typed) if name in TASKS), "paint")
     try:
         return str(composed(words, folders).task)
     except (CompactHydraException, OmegaConfBaseException):
@@ -132,9 +141,31 @@ def wrong_type(text: str, task: str) -> str | None:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
         example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
+        example = meant_by(given, strip_null(annotation), meaning) or example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: several are not taken", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
+
+
+def meant_by(value: str, kind: Any, meaning: str) -> str | None:
+    """Find the number that somebody meant who typed a unit with it, several sides, or a word for none; None if unknown.
+
+    >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
+    ('512', '1920', '120')
+    >>> meant_by("all", int, "cores; null = all"), meant_by("none", int, "frames; 0 = none"), meant_by("many", int, "")
+    ('null', '0', None)
+    """
+    if kind not in (int, float):
+        return None
+    value = value.strip("'\"").lower()
+    if value in UNSET:
+        return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
+    if sides := re.fullmatch(r"(\d+) ?[x×*:] ?(\d+)", value):
+        return str(max(int(side) for side in sides.groups()))
+    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-z%]+)", value)):
+        return None
+    number = float(match[1]) * SCALES.get(match[2], 1)
+    return f"{round(number)}" if kind is int else f"{number:g}"
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:

@@ -15,22 +15,61 @@ WORDS = {  # what a painter types -> what it means
 }
 KEYS = {  # names that others have for a key of ours
     **dict.fromkeys(("time", "duration"), "seconds"),
-    **dict.fromkeys(("size", "width", "height", "side"), "resolution"),
+    **dict.fromkeys(("size", "width", "height", "side", "pixels"), "resolution"),
     **dict.fromkeys(("iterations", "iters", "epochs"), "steps"),
-    **dict.fromkeys(("out", "folder", "save", "output_dir"), "output"),
+    **dict.fromkeys(("out", "folder", "save", "output_dir", "destination"), "output"),
     **dict.fromkeys(("input", "photo", "picture", "file", "path"), "image"),
     **dict.fromkeys(("gpu", "cuda", "accelerator"), "device"),
     **dict.fromkeys(("medium", "filter"), "look"),
+    **dict.fromkeys(("brushes", "n_strokes", "num_strokes", "brush_strokes"), "strokes"),
+    **dict.fromkeys(("cores", "cpus", "jobs", "n_jobs"), "threads"),
+    **dict.fromkeys(("canvas", "canvas_color", "bg", "ground"), "background"),
     "learning_rate": "lr",
+    **dict.fromkeys(("fps", "frame_rate", "framerate"), "film.every"),
     **dict.fromkeys(("format", "export"), "to"),
 }
-INSTEAD = {  # options of Lightning's Trainer that are keys of ours
+PRINT = "brushexp export FOLDER to=png to.png.size_cm=60x40 to.png.dpi=300, with the FOLDER of a painting"
+INSTEAD = {  # names that others have for what is said here with other keys, and what to type
+    **dict.fromkeys(("dpi", "ppi", "cm", "inch", "inches", "print", "print_size", "paper_size"), PRINT),
+    **dict.fromkeys(
+        ("brush_size", "brush_width", "stroke_size", "stroke_width", "brush", "thickness"),
+        "strokes=300 for few large ones, or detail=2 for smaller ones",
+    ),
+    **dict.fromkeys(("speed", "fast"), "quality=draft, or seconds=10"),
+    **dict.fromkeys(
+        ("colors", "n_colors", "num_colors", "palette_size"),
+        "palette=toned palette.values=5 for few tones, "
+        "or palette=picture palette.image=FILE for the colours of another picture",
+    ),
+    **dict.fromkeys(("fps", "frame_rate", "framerate"), "timelapse_seconds=10, in which frames=60 pictures are shown"),
+    **dict.fromkeys(("video", "movie", "animation"), "timelapse=mp4, frames=60 and timelapse_seconds=10"),
+    # options of Lightning's Trainer
     **dict.fromkeys((f"trainer.{name}" for name in ("accelerator", "devices", "strategy", "num_nodes")), "device=cpu"),
     **dict.fromkeys((f"trainer.{name}" for name in ("fast_dev_run", "overfit_batches")), "steps=3"),
     "trainer.logger": "logger=csv",
     "trainer.callbacks": "callbacks=early_stopping",
     "trainer.default_root_dir": "output=FOLDER",
     "trainer.enable_checkpointing": "checkpoint_every=null",
+}
+MEMBERS = {  # names that others have for a member of a family, a look or a quality
+    **dict.fromkeys(("fast", "quick", "low", "preview"), "draft"),
+    **dict.fromkeys(("high", "slow"), "fine"),
+    **dict.fromkeys(("highest", "ultra", "max"), "best"),
+    **dict.fromkeys(("medium", "standard", "default"), "normal"),
+    **dict.fromkeys(("acrylic", "tempera", "poster"), "gouache"),
+    **dict.fromkeys(("pencil", "charcoal", "pen", "sketch", "drawing", "line"), "ink"),
+    **dict.fromkeys(("chalk", "crayon"), "pastel"),
+    **dict.fromkeys(("knife", "palette_knife", "thick"), "impasto"),
+    **dict.fromkeys(("pointillism", "seurat", "dots"), "pointillist"),
+    **dict.fromkeys(("impressionist", "impressionism", "monet", "oil_paint", "oil_painting", "oils"), "oil"),
+    **dict.fromkeys(("van_gogh", "gogh", "starry_night"), "vangogh"),
+    **dict.fromkeys(("tif", "tiff", "bmp", "webp", "image"), "png"),
+    "jpeg": "jpg",
+    **dict.fromkeys(("mp4", "gif", "film", "video", "movie", "mov"), "process"),
+    **dict.fromkeys(("print", "paper"), "pdf"),
+    **dict.fromkeys(("eps", "ai", "vector", "dxf"), "svg"),
+    **dict.fromkeys(("nc", "ngc", "cnc", "plotter"), "gcode"),
+    "plt": "hpgl",
 }
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
 
@@ -87,3 +126,13 @@ def task_names() -> set[str]:
 def is_path(text: str) -> bool:
     """Whether a text is the path of a file or folder that exists."""
     return bool(text) and os.path.exists(os.path.expanduser(text))
+
+
+def plain_name(name: str) -> str:
+    """Write a name as the tables here have it.
+
+    >>> plain_name("Brush-Size"), plain_name("colours")
+    ('brush_size', 'colors')
+    """
+    name = re.sub("[- ]", "_", name.lower())
+    return name if name in KEYS or name in INSTEAD else respelt(name)

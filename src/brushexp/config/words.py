@@ -31,7 +31,18 @@ from omegaconf import OmegaConf
 from brushexp.config.compose import chosen_groups, quote
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import WORDS, is_path, meaning_of, members_alone, members_of_group, respelt
+from brushexp.config.vocabulary import (
+    INSTEAD,
+    MEMBERS,
+    PRINT,
+    WORDS,
+    is_path,
+    meaning_of,
+    members_alone,
+    members_of_group,
+    plain_name,
+    respelt,
+)
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
@@ -84,13 +95,40 @@ def unknown_word(word: str) -> str:
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
     if word in types_of_keys():
         return f"{word} is a key; type {word}=..., without spaces"
+    if word in ("-v", "-V"):
+        return f"{word} is no flag; type brushexp --version"
     if re.match("-.", word):
         return f"{word} is no flag; --help lists the keys, which have no dashes"
+    if meant := setting_in(word):
+        return f"{word} is no file, no task and no key=value; type {meant}"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
+    near = [MEMBERS[plain_name(word)]] if MEMBERS.get(plain_name(word)) in known else []
+    near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
     near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
+
+
+def setting_in(word: str) -> str | None:
+    """Find what a number or a size alone, or a key with another sign than ``=``, should be typed as; None for others.
+
+    >>> setting_in("1920x1080"), setting_in("30s"), setting_in("look:oil"), setting_in("version"), setting_in("moo")
+    ('resolution=1920', 'seconds=30', 'look=oil', 'brushexp --version', None)
+    """
+    if word == "version":
+        return "brushexp --version"
+    if pair := re.fullmatch(r"([\w.]+):=?(.+)", word):
+        return f"{pair[1]}={pair[2]}" if {pair[1]} & {*types_of_keys(), *chosen_groups()} else None
+    size = re.fullmatch(r"(\d+)(?:[x×](\d+))?(px|p|s|sec|k|cm|mm|in|dpi)?|(a[0-6])", word.lower())
+    if not size:
+        return INSTEAD.get(plain_name(word))
+    number, other, unit, _ = size.groups()
+    if number is None or unit in ("cm", "mm", "in", "dpi"):
+        return PRINT
+    if unit in ("s", "sec"):
+        return f"seconds={number}"
+    pixels = max(int(number), int(other or 0)) * (1000 if unit == "k" else 1)
+    return f"resolution={pixels}" + f" or strokes={pixels}" * (not other and unit in (None, "k"))
 
 
 def expand_shorthand(word: str, sweep: bool = False) -> str:

@@ -51,20 +51,28 @@ def has_end(path: Path) -> bool | None:
     return next((tail.endswith(end) for start, end in LAST_BYTES.items() if head.startswith(start)), None)
 
 
-def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
-    """Test whether the boxes of a file end within it; None if the last one has no length."""
+def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
+    """Read the names of the boxes of a file of ``size`` bytes, and where each ends; None where it does not say."""
     at = 0
     for _ in range(MOST_BOXES):
         if at >= size:
-            return at == size
+            return
         file.seek(at)
         head = file.read(16)
         length = int.from_bytes(head[:4])
         length = int.from_bytes(head[8:]) if length == 1 else length
-        if length < SHORTEST_BOX:
-            return None
+        known = length >= SHORTEST_BOX
+        yield head[4:8], at + length if known else None
+        if not known:
+            return
         at += length
-    return None
+
+
+def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
+    """Test whether the boxes of a file end within it; None if the last one has no length."""
+    ends = [end for _, end in boxes(file, size)]
+    end = ends[-1] if len(ends) < MOST_BOXES else None
+    return None if end is None or end < size else end == size
 
 
 def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:

@@ -13,6 +13,7 @@ from brushexp.config.words import parse_value
 from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
+MANY = 600  # strokes, from which 300 are few
 
 
 def say_where(folder: Path, strokes: int, start: float | None) -> None:
@@ -26,7 +27,7 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
     log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
     if not is_job():
         say_page(folder, "how it was painted")
-        log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
+        log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder, strokes))
 
 
 def is_job() -> bool:
@@ -42,13 +43,15 @@ def say_page(folder: Path, what: str) -> None:
         log.info("%s  %s; look at it: %s", as_shown(folder / "report.html"), what, shlex.join(view))
 
 
-def suggestion(words: Sequence[str], folder: Path) -> str:
-    """Choose one thing to try after a painting of these words of a command line.
+def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
+    """Choose one thing to try after a painting of so many strokes, by these words of a command line.
 
     >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
     'fewer and larger strokes: brushexp photo.jpg strokes=300'
     >>> suggestion(["image=photo.jpg", "strokes=300"], Path("outputs/x"))
     'another look: brushexp photo.jpg strokes=300 look=watercolour'
+    >>> suggestion(["image=photo.jpg"], Path("outputs/x"), strokes=80)
+    'another look: brushexp photo.jpg look=watercolour'
     >>> suggestion(["look=ink", "strokes=300"], Path("outputs/x"))
     'large, for print: brushexp export outputs/x resolution=4096'
     >>> suggestion(['image="${x}, it.jpg"'], Path("outputs/x"))
@@ -59,7 +62,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
     typed = [_unquoted(word).removeprefix("image=") for word in others]
     more = {"strokes": ("fewer and larger strokes", "strokes=300"), "look": ("another look", "look=watercolour")}
     for key, (what, word) in more.items():
-        if not keys & {key, "detail", "resume"}:
+        if not keys & {key, "detail", "resume"} and not (key == "strokes" and strokes < MANY):
             return f"{what}: {shlex.join(['brushexp', *typed, word])}"
     return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"
 

@@ -22,6 +22,7 @@ def contract(family: str) -> list[Callable[..., Any]]:
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth']
     """
-    from brushexp.testing import engines, families  # noqa: PLC0415  (torch)
+    from brushexp.testing import engines, families, media  # noqa: PLC0415  (torch)
 
-    return engines.CHECKS if family == "engine" else families.CHECKS.get(family, [])
+    checks = families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}
+    return checks.get(family, [])
