@@ -23,7 +23,7 @@ class Work:
         self.schedule = Schedule(steps)
         self.now, self.schedule.clock = 0.0, lambda: self.now
         self.cost, self.picture = cost, SimpleNamespace(error=error)
-        self.evaluations, self.is_coarse, self.stop = 0, False, ""
+        self.evaluations, self.is_unready, self.stop = 0, False, ""
         self.rates: list[float] = []
 
     def run(self, *goals: L.Callback, most: int = 10**5) -> "Work":

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from test_density import SIZE, painted, picture, state_of
+from painters import take
+from test_density import SIZE, painted, painter_of, picture, state_of
 
 from brushexp.compositing.profile import smooth_rise
 from brushexp.painting.picture import Picture
@@ -97,15 +98,15 @@ def test_lines_of_any_picture_can_be_drawn(size, n):
 def test_strokes_go_only_for_those_that_outweigh_them():
     target = picture()
     dear, cheap = torch.full((40,), 1e6), torch.full((40,), 1e-3)
-    assert Traced().revise(state_of(40, target=target, scores=dear, budget=40)) is None
-    update = Traced(moved=0.25).revise(state_of(40, target=target, scores=cheap, budget=40))
+    assert Traced(surplus=0).revise(state_of(40, target=target, scores=dear, budget=40)) is None
+    update = Traced(moved=0.25, surplus=0).revise(state_of(40, target=target, scores=cheap, budget=40))
     assert 0 < len(update.new) == int((~update.keep).sum()) <= 10
     both = torch.where(torch.arange(40) < 3, cheap, dear)
-    update = Traced(moved=0.25).revise(state_of(40, target=target, scores=both, budget=40))
+    update = Traced(moved=0.25, surplus=0).revise(state_of(40, target=target, scores=both, budget=40))
     gone = (~update.keep).nonzero()[:, 0].tolist()
     assert 0 < len(gone) == len(update.new)
     assert gone == [0, 1, 2][: len(gone)]
-    assert Traced().revise(state_of(error=0.001)) is None, "a good painting needs no more strokes"
+    assert Traced(surplus=0).revise(state_of(error=0.001)) is None, "a good painting needs no more strokes"
 
 
 def test_lines_cover_as_strokes_do():
@@ -132,7 +133,34 @@ def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
 
 def test_traced_paints_better_than_adaptive_with_as_many_strokes_and_steps():
     target = picture((72, 96))
-    small, whole = (painted(density, target=target, n=60, steps=200) for density in (Adaptive(), Traced()))
+    small, whole = (painted(density, target=target, n=40, steps=200) for density in (Adaptive(), Traced()))
     assert psnr_of(whole.picture.error) > psnr_of(small.picture.error) + 0.2
     assert math.isfinite(whole.picture.error)
-    assert len(whole.catalogue) <= 60
+    assert len(whole.catalogue) <= 40
+
+
+def test_there_are_more_strokes_on_the_way_than_in_the_end():
+    density, counts = Traced(), []
+    painter = painter_of(density, n=60, steps=120, target=picture((72, 96)))
+    loop = take(painter, 0)
+    while painter.schedule.step < painter.schedule.steps:
+        take(painter, 1, loop)
+        counts.append(len(painter.catalogue))
+        assert painter.is_unready == (counts[-1] > 60)
+    top = counts.index(max(counts))
+    assert counts[0] < 60 < counts[top] <= 90
+    assert top < 60
+    assert counts[top:] == sorted(counts[top:], reverse=True)
+    assert counts[-1] <= 60
+
+
+def test_a_painting_that_ends_early_has_no_more_strokes_than_were_asked_for():
+    painter = painter_of(Traced(), n=60, steps=120, target=picture((72, 96)))
+    take(painter, 50)
+    assert len(painter.catalogue) > 60
+    strokes, judged = painter.strokes(), painter._judged()
+    painter.hand_over()
+    assert len(painter.catalogue) == len(painter.visits) == len(painter.front_to_back) == 60
+    kept = (strokes.position[:, None] == painter.strokes().position).all(2).any(1)
+    assert judged[kept].min() >= judged[~kept].max()
+    assert painter.draw_whole().isfinite().all()

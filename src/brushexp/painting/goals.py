@@ -24,7 +24,8 @@ RECENT_SECONDS = 0.25  # shortest time over which it is measured
 class NoMoreGain(EarlyStopping):
     """Ends a stage when 100 evaluations no longer gain ``gain`` dB of PSNR (Lightning's EarlyStopping).
 
-    It counts no epochs, because a step of L-BFGS has several evaluations, and leaves out coarse steps.
+    It counts no epochs, because a step of L-BFGS has several evaluations, and leaves out coarse steps and those
+    with more strokes than there will be.
     """
 
     def __init__(self, gain: float) -> None:
@@ -33,7 +34,7 @@ class NoMoreGain(EarlyStopping):
         self.stage = 0
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
-        if painter.is_coarse or painter.schedule.stage != self.stage:
+        if painter.is_unready or painter.schedule.stage != self.stage:
             self.last, self.stage = painter.evaluations, painter.schedule.stage
             self.best_score = torch.tensor(-torch.inf)
         if painter.evaluations - self.last < GAIN_EVALUATIONS or trainer.should_stop:
@@ -62,7 +63,7 @@ class Quality(L.Callback):
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
-        in_full = schedule.stage_progress[0] > 0 and not painter.is_coarse  # by the renderer of this stage
+        in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # by the renderer of this stage
         if schedule.is_last_stage and in_full and psnr_of(painter.picture.error) >= self.psnr:
             painter.stop = PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)

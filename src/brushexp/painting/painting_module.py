@@ -87,8 +87,8 @@ class PaintingModule(QuickModule):
         return self.picture.renderer
 
     @property
-    def is_coarse(self) -> bool:
-        """Whether the next step looks at a smaller picture."""
+    def is_unready(self) -> bool:
+        """Whether the picture says little of how good it will be: it is smaller, or some of its strokes will go."""
         return False
 
     @property

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from functools import partial
 from typing import Any
 
 import torch
@@ -94,6 +93,10 @@ class StrokeOptimizer(PaintingModule):
         return done < self.coarse * steps and self.schedule.stage == 0
 
     @property
+    def is_unready(self) -> bool:
+        return self.is_coarse or len(self.catalogue) > self.budget
+
+    @property
     def title(self) -> str:
         """Label of the progress bar, for each stage."""
         stages = self.components.stages
@@ -162,22 +165,26 @@ class StrokeOptimizer(PaintingModule):
 
     def _densify(self, optimizer: optim.Optimizer) -> None:
         """Let the density policy add and remove strokes."""
-        picture, schedule, front_to_back = self.picture, self.schedule, self.front_to_back
+        picture, schedule = self.picture, self.schedule
         if not self.components.density.due(schedule.step, schedule.steps):
             return
-        strokes, image = self.strokes(), self.latest()
-        judge = partial(importance, strokes, front_to_back, picture, self.generator)
         numbers = (self.budget, schedule.step, schedule.steps)
-        state = DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
-        update = self.components.density.revise(state)
-        if update is None:
-            return
-        self.catalogue.revise(update.keep, self.renderer.convert(update.new), optimizer)
-        self.depth.revise(update.keep, len(update.new))
-        picture.forget()
+        pictures = (self.latest(), picture.target, picture.focus)
+        update = self.components.density.revise(DensificationState(*pictures, self.strokes(), *numbers, self._judged))
+        if update is not None:
+            self._revise(update.keep, update.new, optimizer)
+
+    def _judged(self) -> Tensor:
+        """Measure how important each stroke is (N,)."""
+        return importance(self.strokes(), self.front_to_back, self.picture, self.generator)
+
+    def _revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
+        self.catalogue.revise(keep, self.renderer.convert(new), optimizer)
+        self.depth.revise(keep, len(new))
+        self.picture.forget()
         # New strokes count as often moved as the oldest: the optimiser counts their steps together.
-        new = self.visits.new_full((len(update.new),), int(self.visits.max()) if len(self.visits) else 0)
-        self.visits = torch.cat([self.visits[update.keep], new])
+        visits = self.visits.new_full((len(new),), int(self.visits.max()) if len(self.visits) else 0)
+        self.visits = torch.cat([self.visits[keep], visits])
 
     @contextmanager
     def _only_finite(self) -> Iterator[None]:
@@ -208,11 +215,15 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Hand the strokes to the last renderer, which draws what a run leaves."""
+        """Hand the strokes, no more than were asked for, to the last renderer, which draws what a run leaves."""
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
+        if len(self.catalogue) > self.budget:  # the run has ended before its density policy took them away
+            keep = torch.zeros(len(self.catalogue), dtype=torch.bool, device=self.device)
+            keep[self._judged().topk(self.budget).indices] = True
+            self._revise(keep, Strokes.none(self.catalogue.scale))
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""

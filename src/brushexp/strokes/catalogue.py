@@ -239,13 +239,15 @@ class Catalogue(nn.Module):
             getattr(self, name)[rows] = getattr(part, name)
 
     @torch.no_grad()
-    def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer) -> None:
+    def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         """Drop the strokes where ``keep`` (N,) is false and append ``new``; the others keep their optimiser state.
 
         State that is not one number per parameter (the history of L-BFGS) starts afresh.
         """
         before = {id(getattr(self, name)): name for name in FIELDS}
         self._store(Strokes.join(self()[keep], new))
+        if optimizer is None:
+            return
         for group in optimizer.param_groups:
             group["params"] = [getattr(self, before[id(old)]) for old in group["params"]]
         for old in [old for old in optimizer.state if id(old) in before]:

@@ -149,7 +149,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
 
 
 def revises_what_is_there(make: Make) -> None:
-    """Check that a density policy exceeds no budget, revises no strokes too, and restores its state."""
+    """Check that a density policy exceeds no budget in the end, revises no strokes too, and restores its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
         assert 1 <= density.first(60, 60) <= 60
@@ -162,7 +162,7 @@ def revises_what_is_there(make: Make) -> None:
                 assert update.keep.shape == (len(strokes),)
                 strokes = Strokes.join(strokes[update.keep], update.new)
                 check_strokes(strokes)
-            assert len(strokes) <= 60
+        assert len(strokes) <= 60
         again = make()
         again.load_state_dict(density.state_dict())
         assert again.state_dict() == density.state_dict()

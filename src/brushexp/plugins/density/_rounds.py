@@ -14,13 +14,15 @@ from brushexp.strokes.catalogue import Strokes
 CHANNELS = 3
 MIN_SHARE = 1e-3  # least share of the strokes to begin with
 STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
+TOP = 0.3  # share of the rounds after which a surplus of strokes is largest
 
 
 @dataclass(kw_only=True)
 class Rounds(Density):
     """Starts with fewer strokes, and in each round drops the useless ones, adds others and moves the weakest.
 
-    A stroke is useless if the squared error without it grows by no more than ``tolerance`` at one pixel.
+    A stroke is useless if the squared error without it grows by no more than ``tolerance`` at one pixel. With a
+    ``surplus`` there are more strokes on the way than in the end: those that matter least go, a few in each round.
     """
 
     start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
@@ -28,6 +30,7 @@ class Rounds(Density):
     until: Annotated[float, between(0, 1)] = 0.75
     moved: Annotated[float, between(0, 0.5)] = 0.1
     tolerance: Annotated[float, between(0, 1)] = 0.004
+    surplus: Annotated[float, between(0, 3)] = 0.0
     _round: int = field(default=0, init=False)  # number of the last one
     _first: int = field(default=0, init=False)  # strokes at the beginning
     uses_importance = True
@@ -56,19 +59,30 @@ class Rounds(Density):
         if current <= self._round or state.step >= state.steps:
             return None
         self._round = current
-        if self.is_good_enough(state):
+        if n <= state.budget and self.is_good_enough(state):
             return None
         importance = state.importance()
         keep = importance > CHANNELS * self.tolerance**2
         if n:
             keep[importance.argmax()] = True
+        goal = self._goal(current, rounds, state.budget)
+        ranks = importance.where(keep, math.inf).argsort(stable=True)
+        spare = max(0, int(keep.sum()) - goal)
+        keep[ranks[:spare]] = False
         rest = int(keep.sum())
-        goal = self._first + max(0, state.budget - self._first) * current // rounds
         missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
-        weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
+        weakest = ranks[spare : spare + moved]
         new, gone = self.replaced(state, missing, importance[weakest])
         keep[weakest[:gone]] = False
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
+
+    def _goal(self, current: int, rounds: int, budget: int) -> int:
+        """Return how many strokes there may be after a round."""
+        most = max(self._first, round((1 + self.surplus) * budget))
+        top = round(TOP * rounds) if self.surplus else rounds
+        if current <= top:
+            return self._first + (most - self._first) * current // top
+        return budget + (most - budget) * (rounds - current) // (rounds - top)
 
     def state_dict(self) -> dict[str, Any]:
         return {"round": self._round, "first": self._first}

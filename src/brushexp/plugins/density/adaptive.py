@@ -42,6 +42,7 @@ class Adaptive(Rounds):
         moved: share of the strokes that each round lays elsewhere, 0 to 0.5.
         size: of new strokes, in pitches (mean distances between strokes).
         tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
+        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
         psnr: dB from which no more strokes are added; null for none.
     """
 

@@ -22,7 +22,7 @@ class DensificationState:
     target: Tensor  # (3, H, W)
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
     strokes: Strokes  # the N strokes, without gradient
-    budget: int  # strokes that the painting may have
+    budget: int  # strokes that the painting may have in the end
     step: int  # steps that are done, 1 or more
     steps: int  # in all; a run with a limit of seconds corrects it
     importance: Callable[[], Tensor]

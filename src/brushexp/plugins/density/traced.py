@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from torch import Tensor
 
-from brushexp.bounds import at_least
+from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density.base import DensificationState
@@ -54,9 +54,11 @@ class Traced(Rounds):
         moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
         price: least gain of a stroke that is laid elsewhere, over what it was worth; below 1, since steps improve it.
         tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
+        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
     """
 
     price: Annotated[float, at_least(0)] = 0.1
+    surplus: Annotated[float, between(0, 3)] = 0.4
 
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
