@@ -2,8 +2,8 @@
 
 Split conformal prediction (Vovk, Gammerman and Shafer, 2005; Lei et al., 2018) with the distance from the middle in
 spreads of the samples: a line for the middle is fitted to every other known painting; on the rest, the factor of the
-spread is the quantile of the distances. Differs from the sources: strokes of a painting are no independent samples,
-so each painting counts as one, whatever its strokes.
+spread is the quantile of the distances. Strokes of a painting are no independent samples, so each painting counts as
+one, whatever its strokes (Lee, Barber and Willett, 2023).
 """
 
 import json
@@ -26,6 +26,7 @@ Array = NDArray[Any]
 
 FORMAT, VERSION = "brushexp intervals", 1
 FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
+STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
 RIGHT = 90.0  # degrees: no direction is farther from another
 
 
@@ -92,10 +93,11 @@ def weights_of(painting: Array) -> Array:
 
 
 def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
-    """Fit offset and slope by weighted least squares; slope 1 where x hardly differ."""
+    """Fit offset and slope by weighted least squares, the slope in [0, `STEEPEST`]; 1 where x hardly differ."""
     mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
     square = np.average((x - mean_x) ** 2, weights=weight)
     slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
+    slope = min(max(slope, 0.0), STEEPEST)
     return float(mean_y - slope * mean_x), float(slope)
 
 

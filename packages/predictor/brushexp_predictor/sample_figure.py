@@ -16,7 +16,7 @@ from brushexp_predictor.sampled import SampledBrushwork
 
 Array = NDArray[Any]
 
-WIDTH = 14.0  # inches
+PANEL = 4.1  # inches: width of a picture
 RIGHT = 90.0  # degrees: the direction may be any
 TWICE = 2.0  # factor up to which the scale of sizes goes at least
 DASHES = 32  # along the longer side
@@ -37,7 +37,7 @@ def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
 def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
     """Write the sheet as PNG: the picture and its best and worst painting above, three maps below."""
     height, width = brushwork.picture.shape[1:]
-    figure = new_figure(2 * WIDTH / 3 * height / width + 1.2)
+    figure = new_figure(2 * PANEL * height / width + 1.0)
     pictures, maps = figure.subplots(2, 3)
     by_psnr = sorted(brushwork.samples, key=lambda sample: -sample.psnr)
     shown = {

@@ -52,8 +52,8 @@ class CalibrateTask(Task):
     module = "brushexp_predictor.calibrate_task"
 
     checkpoint: str = key("plain", WEIGHTS)
-    paintings: int = key(60, "known paintings to fit intervals on", at_least(4))
-    tested: int = key(60, "others, of other pictures, to measure them on", at_least(4))
+    paintings: int = key(40, "known paintings to fit intervals on", at_least(4))
+    tested: int = key(40, "others, of other pictures, to measure them on", at_least(4))
     samples: int = key(32, "samples of each painting", between(2, 10_000))
     temperature: float = key(1.0, TEMPERATURE, between(0, 10))
     side: int = key(256, "pixels of the longer side of a painting", between(32, 2048))
