@@ -67,7 +67,8 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
     task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
-    words = [expand_positional(word, task) if word in overrides else word for word in arguments]
+    beside = dict(word.split("=", 1) for word in overrides if "=" in word)
+    words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
     whole = add_task(in_place(joined(words, TASKS[task])))
     ours = {*whole} - flags

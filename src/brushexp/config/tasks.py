@@ -1,6 +1,7 @@
 """List all tasks by name: those of the program, and those that installed packages publish."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -23,7 +24,13 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
     """
-    return next((other for other, task in TASKS.items() if task.instead_of == name and task.suits(values)), name)
+    suiting = [other for other, task in TASKS.items() if task.instead_of == name and task.suits(values)]
+    return max(suiting, key=lambda other: _count_known(TASKS[other], values), default=name)
+
+
+def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
+    """Count the keys among ``values`` that a task has: of several that suit, the one that knows most is meant."""
+    return len({field.name for field in fields(task)} & values.keys())
 
 
 def add_task(words: Sequence[str]) -> list[str]:

@@ -53,8 +53,11 @@ RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a ru
 OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
 
 
-def expand_positional(word: str, task: str = "paint") -> str:
-    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task begins with."""
+def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
+    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task begins with.
+
+    ``beside`` are the keys that are typed with it, by which a path may belong to another task.
+    """
     path = Path(word)
     if is_setting(word):
         return meaning_of(word) or word
@@ -62,7 +65,7 @@ def expand_positional(word: str, task: str = "paint") -> str:
         return f"task={word}"
     alone = TASKS[task].alone if task in TASKS else ""
     if alone not in ("", "image"):
-        return f"{TASKS[task_for(task, {'image': word})].alone}={word}"
+        return f"{TASKS[task_for(task, {**(beside or {}), 'image': word})].alone}={word}"
     if not is_path(word) and (meant := meaning_of(word)):
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()

@@ -1,0 +1,140 @@
+"""Intervals that hold as many truths as they say: those of the samples, moved and stretched as known paintings ask.
+
+Split conformal prediction (Vovk, Gammerman and Shafer, 2005; Lei et al., 2018) with the distance from the middle in
+spreads of the samples: a line for the middle is fitted to every other known painting; on the rest, the factor of the
+spread is the quantile of the distances. Strokes of a painting are no independent samples, so each painting counts as
+one, whatever its strokes (Lee, Barber and Willett, 2023).
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.system.files import write_json
+from brushexp.system.reading import check_plain, explaining, json_of, read_text
+from brushexp_predictor.doubts import SHARE, Doubt, away_from
+from brushexp_predictor.kinds import HALF_TURN, Kind
+
+Array = NDArray[Any]
+
+FORMAT, VERSION = "brushexp intervals", 1
+FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
+STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
+RIGHT = 90.0  # degrees: no direction is farther from another
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the middle and the spread of samples become an interval."""
+
+    offset: float  # of the middle
+    slope: float
+    floor: float  # added to the spread
+    factor: float  # of both together
+
+    def __call__(self, doubt: Doubt, kind: Kind) -> Doubt:
+        """Make intervals of what samples say, on the scale of `Kind.inner`."""
+        middle, half = self.offset + self.slope * doubt.middle, self.factor * (doubt.spread + self.floor)
+        if kind.axial:
+            return Doubt(middle % HALF_TURN, doubt.spread, -np.minimum(half, RIGHT), np.minimum(half, RIGHT))
+        low, middle, high = (kind.limited(value) for value in (middle - half, middle, middle + half))
+        return Doubt(middle, doubt.spread, low - middle, high - middle)
+
+
+@dataclass(frozen=True)
+class Scalings:
+    """Those of all measures, of strokes and of paintings."""
+
+    strokes: Mapping[str, Scaling]
+    paintings: Mapping[str, Scaling]
+
+
+def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Scaling:
+    """Fit the scaling of one measure.
+
+    Args:
+        truth: (T,) on the scale of `kinds.Kind.inner`.
+        doubt: what samples say of each, (T,).
+        painting: (T,) number of the painting that each is of.
+        axial: whether they are directions.
+    """
+    known = np.isfinite(truth) & np.isfinite(doubt.middle)
+    order = np.searchsorted(np.unique(painting), painting)
+    fit, rest = known & (order % 2 == 0), known & (order % 2 == 1)
+    weight = weights_of(painting)
+    offset, slope = (0.0, 1.0) if axial else line_through(doubt.middle[fit], truth[fit], weight[fit])
+    error = np.abs(away_from(truth, offset + slope * doubt.middle, axial))
+    mean = float(np.average(doubt.spread[fit], weights=weight[fit]))
+
+    def factor_on(rows: Array, floor: float) -> float:
+        level = SHARE * (1 + 1 / len(np.unique(painting[rows])))
+        return weighted_quantile(error[rows] / (doubt.spread[rows] + floor + 1e-9), weight[rows], level)
+
+    def width_with(floor: float) -> float:
+        half = factor_on(fit, floor) * (doubt.spread[fit] + floor)
+        return float(np.average(np.minimum(half, RIGHT) if axial else half, weights=weight[fit]))
+
+    floor = min((share * mean for share in FLOORS), key=width_with)
+    return Scaling(float(offset), float(slope), floor, factor_on(rest, floor))
+
+
+def weights_of(painting: Array) -> Array:
+    """Give each painting the weight 1, shared by what is of it (T,)."""
+    _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
+    shares: Array = 1 / count[inverse]
+    return shares
+
+
+def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
+    """Fit offset and slope by weighted least squares, the slope in [0, `STEEPEST`]; 1 where x hardly differ."""
+    mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
+    square = np.average((x - mean_x) ** 2, weights=weight)
+    slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
+    slope = min(max(slope, 0.0), STEEPEST)
+    return float(mean_y - slope * mean_x), float(slope)
+
+
+def weighted_quantile(values: Array, weight: Array, level: float) -> float:
+    """Find the least value that, with those below, has the share ``level`` of the weight; the largest from 1 on."""
+    order = values.argsort()
+    above = np.cumsum(weight[order]) >= min(level, 1.0) * weight.sum() * (1 - 1e-12)
+    return float(values[order[int(above.argmax())]])
+
+
+def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) -> None:
+    """Write scalings, and ``about`` what they are, as JSON."""
+    parts = {
+        name: {kind: asdict(one) for kind, one in getattr(scalings, name).items()} for name in ("strokes", "paintings")
+    }
+    write_json(path, {"format": FORMAT, "format_version": VERSION, **about, **parts})
+
+
+def read_scalings(path: Path, needs: Mapping[str, object], kinds: Mapping[str, Sequence[str]]) -> Scalings:
+    """Read scalings; a UserError if they are not those of what ``needs`` says, or lack one of the ``kinds``."""
+    cure = "fit them with task=calibrate"
+    with explaining(path, cure):
+        data = check_plain(json_of(read_text(path, cure)))
+    if not isinstance(data, dict) or (data.get("format"), data.get("format_version")) != (FORMAT, VERSION):
+        raise UserError(f"{path} has no intervals of this version; {cure}")
+    for name, value in needs.items():
+        if data.get(name) != value:
+            raise UserError(f"{path} has intervals for another {name} than {value}; {cure}")
+    try:
+        parts = {part: {name: _scaling(data[part][name]) for name in names} for part, names in kinds.items()}
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{path} lacks an interval, or has one that is no number: {error}; {cure}") from error
+    return Scalings(**parts)
+
+
+def _scaling(values: Mapping[str, float]) -> Scaling:
+    scaling = Scaling(*(float(values[name]) for name in ("offset", "slope", "floor", "factor")))
+    if not all(map(math.isfinite, asdict(scaling).values())):
+        raise ValueError(json.dumps(values))
+    return scaling

@@ -1,0 +1,130 @@
+"""What is measured of strokes and of paintings, each on the scale on which errors add up."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.results.stroke_table import measure_strokes
+from brushexp.strokes import measures as ruler
+from brushexp.strokes.bezier import curve_of, half_width_of, length_of
+from brushexp.strokes.brushwork import is_visible, pitch_of
+from brushexp.strokes.catalogue import Strokes
+
+Array = NDArray[Any]
+
+HALF_TURN = 180.0  # degrees after which a direction is the same
+LEAST = 1e-3  # pitches: shorter and narrower strokes count as this
+SHOWN = 0.1  # share of a stroke that must be seen, or it does not count
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A measure."""
+
+    name: str
+    unit: str = ""
+    axial: bool = False  # whether it is a direction, in degrees
+    power: int = 0  # of pixels in it: errors are those of pitches
+    is_factor: bool = False  # whether errors are factors, and so differences of logarithms
+    high: float = math.inf  # the largest that there is; the smallest is 0
+
+    def inner(self, values: Array, pitch: float) -> Array:
+        """Bring measures to the scale of their errors; ``pitch`` is the mean distance of strokes in pixels."""
+        values = values / pitch**self.power
+        return np.log(np.maximum(values, LEAST)) if self.is_factor else values
+
+    def outer(self, values: Array, pitch: float) -> Array:
+        """Bring measures back to their unit."""
+        return (np.exp(values) if self.is_factor else values) * pitch**self.power
+
+    def limited(self, values: Array) -> Array:
+        """Limit values on the scale of errors to those that there are."""
+        return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
+
+
+OF_STROKES = {
+    "direction": Kind("direction", "°", axial=True),
+    "length": Kind("length", "px", power=1, is_factor=True),
+    "width": Kind("width", "px", power=1, is_factor=True),
+}
+OF_PAINTINGS = {
+    "direction": Kind("prevailing direction", "°", axial=True),
+    "agreement": Kind("agreement of directions", high=1.0),
+    "coherence": Kind("local coherence, mean", high=1.0),
+    "length": Kind("length, median", "px", power=1, is_factor=True),
+    "width": Kind("width, median", "px", power=1, is_factor=True),
+    "elongatedness": Kind("elongatedness, median", is_factor=True),
+    "straightness": Kind("straightness, median", high=1.0),
+    "curvature": Kind("curvature, median", "°", high=180.0),
+    "colors": Kind("spread of colours, CIELAB"),
+}
+
+
+@torch.no_grad()
+def measure_each(strokes: Strokes) -> dict[str, Array]:
+    """Measure N strokes: direction in degrees in [0, 180), length and width in pixels, each (N,)."""
+    curve = curve_of(strokes.map(torch.Tensor.double))
+    turned = ruler.direction_of(curve)
+    return {
+        "direction": np.degrees(0.5 * np.arctan2(*turned.numpy().T[::-1])) % HALF_TURN,
+        "length": length_of(curve).numpy(),
+        "width": 2 * half_width_of(strokes).double().numpy(),
+    }
+
+
+def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float]:
+    """Measure the brushwork of a painting (H, W) from its strokes, the lowest first, as `OF_PAINTINGS`.
+
+    Strokes count of which `SHOWN` or more is seen. The spread of colours is the root of the mean squared distance from
+    their mean in CIELAB. NaN where none counts.
+    """
+    kept = strokes[is_visible(strokes, pitch_of(strokes, size))]
+    depth = torch.arange(len(kept), dtype=torch.int32)
+    seen = torch.from_numpy(measure_strokes(kept, depth, size).visible >= SHOWN) if len(kept) else depth.bool()
+    kept = kept[seen]
+    if not len(kept):
+        return dict.fromkeys(OF_PAINTINGS, float("nan"))
+    table = measure_strokes(kept, torch.arange(len(kept), dtype=torch.int32), size)
+    mean = axial_mean(np.degrees(table.orientation))
+    medians = {name: middle(table[name]) for name in ("length", "width", "elongatedness", "straightness")}
+    return {
+        "direction": float(mean.direction),
+        "agreement": float(mean.agreement),
+        "coherence": float(table.coherence[np.isfinite(table.coherence)].mean()) if len(kept) > 1 else float("nan"),
+        **medians,
+        "curvature": middle(np.degrees(table.curvature)),
+        "colors": spread_of_colors(kept.color.numpy()),
+    }
+
+
+def middle(values: Array) -> float:
+    """Find the median of the values that are defined."""
+    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else float("nan")
+
+
+def spread_of_colors(colors: Array) -> float:
+    """Compute the root of the mean squared distance of sRGB colours (N, 3) from their mean, in CIELAB."""
+    from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
+
+    lab = rgb2lab(colors[None].clip(0, 1))[0]
+    return float(np.sqrt(((lab - lab.mean(0)) ** 2).sum(1).mean()))
+
+
+@dataclass(frozen=True)
+class AxialMean:
+    """The mean of directions, as that of their doubles (Mardia and Jupp, 2000)."""
+
+    direction: Array  # degrees in [0, 180)
+    agreement: Array  # 1: all are equal, 0: there is no mean
+
+
+def axial_mean(degrees: Array) -> AxialMean:
+    """Average directions over the first axis; those that are NaN do not count."""
+    doubled = np.exp(2j * np.radians(degrees))
+    count = np.isfinite(degrees).sum(0)
+    mean = np.where(np.isfinite(degrees), doubled, 0).sum(0) / np.where(count, count, np.nan)
+    return AxialMean(np.degrees(0.5 * np.angle(mean)) % HALF_TURN, np.abs(mean))

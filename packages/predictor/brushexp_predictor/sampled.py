@@ -1,0 +1,140 @@
+"""Brushwork of a picture with intervals, from several paintings of it: ``brushexp.sample_brushwork``."""
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.pictures.held import hold, is_picture
+from brushexp.pictures.load import load_picture
+from brushexp.system.progress import showing
+from brushexp_predictor.conformal import Scaling, Scalings, read_scalings
+from brushexp_predictor.coverage import KINDS, tell_at
+from brushexp_predictor.doubts import Doubt, doubt_of
+from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_painting
+from brushexp_predictor.model import NAME, PREDICTORS
+from brushexp_predictor.places import lattice
+from brushexp_predictor.predicting import shipped
+from brushexp_predictor.sampling import TEMPERATURE, Sample, paint_samples
+
+Array = NDArray[Any]
+Show = Callable[[float, str], None]
+
+CELLS = 64  # places along the longer side at which the strokes of samples are compared
+AREA = 100  # pixels of a stroke, if nobody says how many there are
+SIDE = 512  # pixels of the longer side
+
+log = logging.getLogger(__name__)
+
+
+class Interval(NamedTuple):
+    """A measure and its interval, numbers or arrays; ends of directions may lie outside [0, 180), NaN is unknown."""
+
+    value: Any
+    low: Any
+    high: Any
+
+
+@dataclass(frozen=True)
+class SampledBrushwork:
+    """What several paintings of a picture say of its brushwork."""
+
+    picture: Tensor  # (3, H, W)
+    samples: list[Sample]
+    measures: Mapping[str, Interval]  # of the whole, by the names of `kinds.OF_PAINTINGS`
+    places: Tensor  # (rows, columns, 2: x, y) pixels
+    strokes: Mapping[str, Interval]  # (rows, columns) of the stroke seen at each place: direction, length, width
+    is_calibrated: bool  # whether intervals are those of known paintings, or only the samples'
+
+
+def sample_brushwork(
+    image: Any,
+    *,
+    samples: int = 32,
+    strokes: int | None = None,
+    resolution: int | None = SIDE,
+    checkpoint: str | PathLike[str] = NAME,
+    intervals: str | PathLike[str] | None = None,
+    temperature: float = TEMPERATURE,
+    seed: int = 0,
+) -> SampledBrushwork:
+    """Paint a picture many times at a glance, and measure its brushwork with intervals, as ``task=sample`` does.
+
+    Args:
+        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        samples: paintings of it, two or more.
+        strokes: about how many the picture has; None for one for every 100 pixels.
+        resolution: longer side in pixels to which it is resampled; None for as it is.
+        checkpoint: weights, a .safetensors file or the name of shipped ones.
+        intervals: file of task=calibrate; None for the one beside the weights.
+        temperature: how much strokes differ between samples, in the deviations that the network says.
+        seed: of what differs.
+
+    Raises:
+        UserError: what is wrong with the picture, the weights or the intervals.
+    """
+    held = hold(image) if is_picture(image) else None
+    picture = load_picture(str(image) if held is None else held.name, resolution)
+    scalings = scalings_for(str(checkpoint), None if intervals is None else str(intervals), temperature)
+    network = shipped(str(checkpoint))
+    n = strokes or default_strokes(picture)
+    with showing("painting samples") as show:
+        painted = []
+        for sample in paint_samples(network, picture, n, samples, seed, temperature):
+            painted.append(sample)
+            show(len(painted) / samples, f"painting {len(painted)} of {samples}, {sample.psnr:.2f} dB")
+    return brushwork_of(picture, painted, n, scalings)
+
+
+def default_strokes(picture: Tensor) -> int:
+    """Return how many strokes a picture (3, H, W) has, if nobody says."""
+    return max(1, round(picture[0].numel() / AREA))
+
+
+def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
+    """Read the intervals fitted for weights; None, and a warning, if none are beside them and none are named."""
+    weights = PREDICTORS.path_of(checkpoint)
+    path = weights.with_suffix(".intervals.json") if intervals is None else Path(intervals)
+    if intervals is None and not path.is_file():
+        log.warning(
+            "intervals are as narrow as the samples say, too narrow: fit them with brushexp calibrate keep=true"
+        )
+        return None
+    needs = {"hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": temperature}
+    return read_scalings(path, needs, {of: list(kinds) for of, kinds in KINDS.items()})
+
+
+def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scalings | None) -> SampledBrushwork:
+    """Measure samples of a picture (3, H, W), each of ``n`` strokes."""
+    size = (picture.shape[1], picture.shape[2])
+    pitch, places = math.sqrt(size[0] * size[1] / n), lattice(size, max(size) / CELLS)
+    told = tell_at([sample.strokes for sample in samples], places.flatten(0, 1))
+    whole = [measure_painting(sample.strokes, size) for sample in samples]
+
+    def interval(kind: Kind, values: Array, scalings: Mapping[str, Scaling] | None, name: str) -> Interval:
+        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        return in_units(kind, doubt if scalings is None else scalings[name](doubt, kind), pitch)
+
+    of_paintings, of_strokes = (None, None) if scalings is None else (scalings.paintings, scalings.strokes)
+    measures = {
+        name: interval(kind, np.array([one[name] for one in whole]), of_paintings, name)
+        for name, kind in OF_PAINTINGS.items()
+    }
+    strokes = {
+        name: interval(kind, told[name].reshape(len(samples), *places.shape[:2]), of_strokes, name)
+        for name, kind in OF_STROKES.items()
+    }
+    return SampledBrushwork(picture, samples, measures, places, strokes, scalings is not None)
+
+
+def in_units(kind: Kind, doubt: Doubt, pitch: float) -> Interval:
+    """Bring a middle and the ends of its interval to the unit of their measure."""
+    values = (doubt.middle, doubt.middle + doubt.low, doubt.middle + doubt.high)
+    return Interval(*(kind.outer(value, pitch) for value in values))
