@@ -33,13 +33,8 @@ class Predicted(Initializer):
     color_rounds: Annotated[int, between(0, 100)] = 2
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        from brushexp_predictor.colors import best_colors  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.drawing import draw  # noqa: PLC0415
-        from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
+        from brushexp_predictor.predicting import in_best_colors, predict, shipped  # noqa: PLC0415  (for ``--help``)
 
         network = shipped(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
-        size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
-        return best_colors(
-            strokes, target, lambda drawn: draw(network.form, drawn, size, background), self.color_rounds
-        )
+        return in_best_colors(network, strokes, target, self.color_rounds)

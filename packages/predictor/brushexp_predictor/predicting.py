@@ -7,6 +7,8 @@ import torch
 from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.colors import best_colors
+from brushexp_predictor.drawing import draw
 from brushexp_predictor.model import load_predictor
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
@@ -43,6 +45,12 @@ def predict(
     levels = levels_of((target.shape[1], target.shape[2]), n)
     for done in lay(in_parts, network.form, [target], levels, generator, temperature, focus):
         yield done[0].strokes.map(Tensor.contiguous)
+
+
+def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
+    """Give strokes the colours that suit a target (3, H, W) best, as the network's renderer draws them."""
+    size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
+    return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
 
 def partly(network: StrokePredictor) -> Look:

@@ -12,6 +12,7 @@ from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.init.layers import InLayers
 from brushexp.strokes.catalogue import Catalogue
+from brushexp_predictor.decoding import FORMS
 from brushexp_predictor.sampling import Sample, sample_of
 
 STEPS = 15  # of gradient descent
@@ -42,4 +43,4 @@ def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = 
         with torch.no_grad():
             bottom_up = painter.front_to_back.flip(0)
             strokes = painter.strokes().map(Tensor.detach)[bottom_up]
-        yield sample_of(strokes, target)
+        yield sample_of(FORMS["any"], strokes, target)
