@@ -360,7 +360,14 @@ def test_a_program_ends_though_a_painting_does_not():
     assert b"Error" not in ended.stderr
 
 
-def test_a_preset_of_a_renderer_is_trained(tmp_path, monkeypatch):
+@pytest.fixture
+def quickly_measured(monkeypatch):
+    """A trained renderer's speed is measured on few strokes."""
+    monkeypatch.setattr("brushexp_training.benchmark.ACROSS", 2)
+    monkeypatch.setattr("brushexp_training.benchmark.REPETITIONS", 1)
+
+
+def test_a_preset_of_a_renderer_is_trained(tmp_path, monkeypatch, quickly_measured):
     monkeypatch.chdir(tmp_path)
     how = {"engine": "disc", "simulate": None, "epochs": 0, "fid": 0, "minutes": None, "device": "cpu"}
     how |= {"renderer.width": 2, "renderer.widest": 2}
@@ -368,7 +375,7 @@ def test_a_preset_of_a_renderer_is_trained(tmp_path, monkeypatch):
     assert type(trained).__name__ == "InverseVGG"
 
 
-def test_a_renderer_is_trained_and_paints(tmp_path):
+def test_a_renderer_is_trained_and_paints(tmp_path, quickly_measured):
     tiny = {"renderer.width": 4, "renderer.dense": 16, "renderer.code": 2}
     how = {"engine": "disc", "simulate": 100, "sets": str(tmp_path), "epochs": 1, "batch_size": 32, "fid": 0, **tiny}
     trained = brushexp.train_renderer(tmp_path / "run", minutes=None, device="cpu", **how)

@@ -124,9 +124,10 @@ def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
     assert presets_of(SHIPPED / "look")[look]
     without = "paper=smooth palette=own"
-    for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null", without):
+    for words in ("init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null", without):
         check(composed(f"look={look} {words}"))
     cfg, fine, typed = (composed(f"look={look} {words}") for words in ("", "effort=2 detail=4", "effort=9 steps=3"))
+    check(cfg)
     assert (fine.steps, typed.steps) == (2 * cfg.steps, 3)
     assert fine.pixels_per_stroke == cfg.pixels_per_stroke / 4
     assert set(FACTORS) <= set(cfg)
