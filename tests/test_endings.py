@@ -76,7 +76,7 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
 
 @pytest.mark.parametrize(("holds", "message"), [
     ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
-    ("metrics.json", "this run has finished, and nothing is left to do"),
+    ("metrics.json", "this run has ended, and nothing is left to go on with"),
     ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
 ])  # fmt: skip
 def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):

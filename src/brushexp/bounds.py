@@ -150,7 +150,7 @@ def _check_interrupted(folder: str, option: str) -> None:
     if "multirun.yaml" in has:
         raise UserError(f"{option}={folder}: this is a sweep; type it again as it was, and add resume=sweep")
     if "metrics.json" in has:
-        raise UserError(f"{option}={folder}: this run has finished, and nothing is left to do")
+        raise UserError(f"{option}={folder}: this run has ended, and nothing is left to go on with")
     raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
 
 
