@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pickle
+import re
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -21,6 +22,7 @@ from PIL import Image
 from program import ended, run
 from scenes import random_strokes
 
+from brushexp.bounds import INTERRUPTED_RUN
 from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas
@@ -70,6 +72,17 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
     photo.write_bytes(photo.read_bytes()[:-1])
     with pytest.raises(UserError, match="is not the file that the run began with"):
         resumed()
+
+
+@pytest.mark.parametrize(("holds", "message"), [
+    ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
+    ("metrics.json", "this run has ended, and nothing is left to go on with"),
+    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
+])  # fmt: skip
+def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
+    (tmp_path / holds).touch()
+    with pytest.raises(UserError, match=re.escape(f"resume={tmp_path}: {message}")):
+        INTERRUPTED_RUN.check("resume", str(tmp_path))
 
 
 def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_path):

@@ -140,11 +140,23 @@ def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
     return Rule(read)
 
 
+def _check_interrupted(folder: str, option: str) -> None:
+    """Require the folder of a run that can go on; the UserError says what it is instead."""
+    if not os.path.isdir(folder):
+        raise UserError(f"{option}={folder}: there is no such folder; give the folder of an interrupted run")
+    has = {name for name in ("checkpoint.ckpt", "multirun.yaml", "metrics.json") if os.path.isfile(f"{folder}/{name}")}
+    if "checkpoint.ckpt" in has:
+        return
+    if "multirun.yaml" in has:
+        raise UserError(f"{option}={folder}: this is a sweep; type it again as it was, and add resume=sweep")
+    if "metrics.json" in has:
+        raise UserError(f"{option}={folder}: this run has ended, and nothing is left to go on with")
+    raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
+
+
 DURATION = Rule(_check_duration)
 FOLDER = path_rule(os.path.isdir, "such folder; give the folder of a run or of a sweep")
-INTERRUPTED_RUN = path_rule(
-    lambda folder: os.path.isfile(f"{folder}/checkpoint.ckpt"), "checkpoint.ckpt; give the folder of an interrupted run"
-)
+INTERRUPTED_RUN = Rule(_check_interrupted)
 FILE = path_rule(os.path.isfile, "such file; correct the path, or set {option}=null")
 
 

@@ -35,6 +35,7 @@ from brushexp.system.files import replacing, to_bytes, write_json, write_picture
 from brushexp.system.progress import showing
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import interruptible, peak_memory
+from brushexp.system.terminal import IN_LOG, as_shown
 from brushexp_films.carrying import Carrier, Cel, Reel
 from brushexp_films.changes import Flicker
 from brushexp_films.clips import Shown, open_clip, pictures_between
@@ -202,7 +203,12 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
         "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s a picture",
         folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
         *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
+        extra=IN_LOG,
     )  # fmt: skip
+    written = [path for path in (folder / "film.mp4", folder / "film.gif") if path.is_file()]
+    took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
+    for path in written:
+        log.info("%s  %s picture%s%s", as_shown(path), f"{count:,}", "" if count == 1 else "s", took)
     if failure is not None:
         log.warning("%s at picture %d; continue with: brushexp resume=%s", status, count, folder)
         raise failure

@@ -199,9 +199,12 @@ def load_vpype() -> ModuleType:
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Mute the messages of vpype to the root logger."""
+    """Mute the messages of vpype to the root logger, and leave that as it was: vpype sets its level and handlers."""
+    level, handlers = logging.root.level, [*logging.root.handlers]
     logging.disable(logging.INFO)
     try:
         yield
     finally:
+        logging.root.setLevel(level)
+        logging.root.handlers[:] = handlers
         logging.disable(logging.NOTSET)

@@ -10,7 +10,7 @@ from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
-from brushexp_plotters._pens import PenExporter, PenPlan, load_vpype
+from brushexp_plotters._pens import PenExporter, PenPlan, load_vpype, quiet_vpype
 
 Speed = Annotated[float, between(1, 1_000_000)]
 
@@ -78,7 +78,8 @@ class Gcode(PenExporter):
         }
         text = io.StringIO()
         text.name = "painting.gcode"
-        gwrite.callback(output=text, profile="brushexp", default=())(State(document))
+        with quiet_vpype():
+            gwrite.callback(output=text, profile="brushexp", default=())(State(document))
         return {"painting.gcode": text.getvalue()}
 
     def _with_changes(self, plan: PenPlan) -> Any:

@@ -1,10 +1,36 @@
-"""What plotters and milling machines do with the files for them: lines of each tool, in millimetres."""
+"""What is drawn, and what plotters and milling machines do with the files: lines of each tool, in millimetres."""
 
 import re
+from dataclasses import replace
 
+import catalogues
 import numpy as np
+import torch
+from brushexp_plotters._pen_plan import pen_plan
+from brushexp_plotters._pens import PenPlan
 from brushexp_plotters.gcode import Gcode
 from brushexp_plotters.hpgl import Hpgl
+from scenes import random_strokes
+
+from brushexp.plugins.export.base import ExportJob
+from brushexp.strokes.catalogue import Strokes
+
+SIZE = (60, 90)  # not square: on A4 across with margins of 10 mm, 277 / 90 mm per pixel
+
+
+def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
+    return catalogues.job_of(strokes, size, depth=depth, background=torch.ones(3), source="a/catalogue.h5")
+
+
+def inside(n: int, seed: int = 0) -> Strokes:
+    """Strokes that lie wholly on the canvas, opaque, in different colours."""
+    strokes = random_strokes(n, SIZE, seed=seed, bend=0.1)
+    place = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed)) * 0.3 + 0.35
+    return replace(strokes, position=place * torch.tensor([90.0, 60.0]), opacity=torch.ones(n))
+
+
+def plan_by(job: ExportJob, **options) -> PenPlan:
+    return pen_plan(job, Gcode(**options))
 
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:

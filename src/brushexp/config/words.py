@@ -153,6 +153,8 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     kind, optional = types_of_keys().get(key, (None, False))
     if key in chosen_groups():
         check_choice(key, value)
+    if key == "resume" and not value:
+        raise UserError("resume= names no folder; give the folder of an interrupted run")
     if key == "output" and not value:
         raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
     if key == "output" and "${" in value and is_path(value):

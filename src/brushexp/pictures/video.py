@@ -2,12 +2,12 @@
 
 import importlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -21,6 +21,7 @@ LARGEST_SIDE = 4096  # pixels: what players of H.264 take
 # On canvases of this size slower presets save little; with mbtree small films differ from one encoding to the next.
 X264 = {"crf": "19", "preset": "veryfast", "x264-params": "mbtree=0"}
 FAST_START = {"movflags": "faststart"}
+IN_ORDER = {"bf": "0"}  # readers add up wrong lengths of pictures that stay for different times and come out of order
 BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
 GIF_SIDE = 480  # pixels: larger GIFs take many megabytes
 SAME = 6  # levels of 255: a pixel of a GIF that changes by no more than this stays as it is shown
@@ -89,25 +90,31 @@ def _mp4(
 ) -> Iterator[Show]:
     odd = [(0, side % 2) for side in size]  # the colours of H.264 come in squares of two pixels
     with replacing(path) as temporary, av.open(str(temporary), "w", options=FAST_START) as container:
-        stream = container.add_stream("libx264", rate=usual or rate, options=X264)
+        stream = container.add_stream("libx264", rate=usual or rate, options=X264 | (IN_ORDER if usual else {}))
         stream.height, stream.width = (side + side % 2 for side in size)
         stream.pix_fmt = "yuv420p"
         coding = stream.codec_context  # said in the file, because players guess differently where it is not
         coding.colorspace = coding.color_primaries = coding.color_trc = coding.color_range = BT709
         coding.time_base = 1 / rate
         tick = begin
+        stays: dict[int, int] = {}  # how long the picture of a tick does: the encoder forgets it, and so the last one's
+
+        def mux(packets: Iterable[Any]) -> None:
+            for packet in packets:
+                packet.duration = stays.pop(packet.pts)
+                container.mux(packet)
 
         def show(picture: Array, ticks: int) -> None:
             nonlocal tick
             frame = av.VideoFrame.from_ndarray(np.pad(picture, [*odd, (0, 0)], mode="edge"), format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
             for length in [1] * ticks if usual is None else [ticks]:
-                frame.pts, frame.time_base, frame.duration = tick, 1 / rate, length
-                container.mux(stream.encode(frame))
+                frame.pts, frame.time_base, stays[tick] = tick, 1 / rate, length
+                mux(stream.encode(frame))
                 tick += length
 
         yield show
-        container.mux(stream.encode())
+        mux(stream.encode())
 
 
 @contextmanager

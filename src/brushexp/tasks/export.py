@@ -11,6 +11,7 @@ from brushexp.plugins.export.job import export_job, with_renderer
 from brushexp.registry import take_built
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.run_files import note_files
+from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +31,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         seconds = time.monotonic() - begin
         note_files(folder, set(paths) - earlier_files)  # a library in C may have written them
         for path in paths:
-            log.info("%s: %.3g MB (%.1f s)", path, path.stat().st_size / 1e6, seconds)
+            log.info("%s: %.3g MB (%.1f s)", as_shown(path), path.stat().st_size / 1e6, seconds)
     height, width = job.size
     return {"n_strokes": len(job.strokes), "height": height, "width": width, "seconds": time.monotonic() - before}
