@@ -3,6 +3,7 @@
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
     python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges
+    python benchmarks/predictor.py --sheet sheet.jpg             two pictures beside what is laid, without a step
 
 Differences are paired over the pictures, with intervals of Student's t at 95 %. Seconds are CPU seconds of one thread,
 those of the start included.
@@ -10,6 +11,7 @@ those of the start included.
 
 import argparse
 import math
+import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -20,6 +22,7 @@ import brushexp
 
 # isort: split
 import torch
+from PIL import Image
 from scipy.stats import t as student
 from torch import Tensor
 
@@ -30,6 +33,7 @@ from brushexp.strokes.catalogue import Strokes
 
 INITS = ("predicted", "slic", "layers", "random")
 EDGE = 8  # pixels
+CORES = os.cpu_count() or 1
 Row = Sequence[str | int | float]
 
 
@@ -48,7 +52,9 @@ def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[S
 
 def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
     """Paint a picture: PSNR in dB, perceptual distance, and CPU seconds without those of the start."""
-    keys = {"look": "plain", "strokes": n, "init": init, "steps": steps, "threads": 1}
+    keys: dict[str, str | int] = {"look": "plain", "strokes": n, "init": init, "steps": steps, "threads": 1}
+    if init == "predicted" and not steps:
+        keys["painter"] = "predictor"  # which keeps its order; an optimiser begins by its own
     painting = brushexp.paint(name, **keys, **({"resolution": side} if side else {}))
     metrics = painting.metrics
     return metrics["psnr"], metrics["perceptual"], metrics["cpu_seconds"] if steps else 0.0
@@ -84,15 +90,18 @@ def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
         psnr, distance = statistics.mean(row[0] for row in ours), statistics.mean(row[1] for row in ours)
         gain = paired([row[0] for row in ours], [row[0] for row in slic])
         rows.append([n, psnr, f"{distance:.3f}", gain, seconds, wall])
-    head = ["strokes", "dB", "perceptual", "dB over slic", "CPU s", f"s on {torch.get_num_threads()} threads"]
+    head = ["strokes", "dB", "perceptual", "dB over slic", "CPU s", f"s on {CORES} threads"]
     table("No step of the optimiser", head, rows)
 
 
 def wall_of(name: str, side: int, n: int) -> float:
-    """Measure the wall time in which strokes are laid."""
+    """Measure the wall time in which strokes are laid, on all cores."""
+    torch.set_num_threads(CORES)
     start = time.perf_counter()
     begin(name, side, "predicted", n)
-    return time.perf_counter() - start
+    wall = time.perf_counter() - start
+    torch.set_num_threads(1)
+    return wall
 
 
 def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> None:
@@ -142,6 +151,23 @@ def by_place(names: Sequence[str], side: int, n: int) -> None:
     )
 
 
+def sheet(
+    path: Path, names: Sequence[str] = ("coffee", "astronaut"), counts: Sequence[int] = (200, 1000, 2600)
+) -> None:
+    """Save pictures beside their paintings with more and more strokes."""
+    rows = []
+    for name in names:
+        target = target_of(name, 400)[:, :266].contiguous()
+        size = (target.shape[1], target.shape[2])
+        row = [target]
+        for n in counts:
+            strokes = brushexp.create("init", "predicted")(target, n, torch.Generator().manual_seed(0))
+            row.append(brushexp.render(strokes, size, background=target.mean((1, 2))).clamp(0, 1))
+        rows.append(torch.cat(row, 2))
+    picture = (torch.cat(rows, 1) * 255).round().byte().permute(1, 2, 0).numpy()
+    Image.fromarray(picture).save(path, quality=90)
+
+
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -149,13 +175,18 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 = as they are")
     parser.add_argument("--strokes", type=int, nargs="+", default=[200, 1000, 2600, 10000])
     parser.add_argument("--only", default="strokes,steps,seconds,edges")
+    parser.add_argument("--sheet", type=Path, help="file of a picture; then no tables")
     given = parser.parse_args()
+    brushexp.list_plugins()
+    torch.set_num_threads(1)
+    if given.sheet:
+        sheet(given.sheet)
+        return
     if Path(given.pictures).is_dir():
         names = [str(path) for path in pictures_in(given.pictures)]
     else:
         lines = (SHIPPED / "pictures" / f"{given.pictures}.yaml").read_text(encoding="utf-8").splitlines()
         names = [line[2:].split()[0] for line in lines if line.startswith("- ")]
-    brushexp.list_plugins()
     middle = given.strokes[min(2, len(given.strokes) - 1)]
     tables: dict[str, Callable[[], None]] = {
         "strokes": lambda: by_strokes(names, given.side, given.strokes),

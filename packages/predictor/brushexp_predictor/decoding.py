@@ -26,7 +26,7 @@ class Form:
     brushed: bool  # opaque, and with the marks of bristles
 
 
-FORMS = {"any": Form(0.7, 1.2, 1.6, False), "long": Form(1.5, 1.0, 0.7, True)}  # whatever suits; brushwork
+FORMS = {"plain": Form(0.7, 1.2, 1.6, False), "brushed": Form(1.5, 1.0, 0.7, True)}
 
 
 def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:

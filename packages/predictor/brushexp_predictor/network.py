@@ -11,7 +11,7 @@ from brushexp_predictor.decoding import FORMS
 CELL = 8  # pixels of a cell's side, as the network sees it
 NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
 INPUTS = 10  # target, canvas, three times their difference, and 1 within the picture
-REACH = 16  # cells: farther away nothing matters to a cell
+REACH = 14  # cells: farther away nothing matters to a cell
 DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
 
 
@@ -48,7 +48,7 @@ class StrokePredictor(nn.Module):
         blocks: of ConvNeXt, each of which sees two cells farther.
     """
 
-    def __init__(self, form: str = "any", width: int = 64, blocks: int = 6) -> None:
+    def __init__(self, form: str = "plain", width: int = 64, blocks: int = 6) -> None:
         super().__init__()
         self.form = FORMS[form]
         self.look = nn.Conv2d(INPUTS, 32, 6, stride=4, padding=1)

@@ -23,7 +23,8 @@ class Predicted(Initializer):
     no labels, and colours by least squares at the end.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program.
+        checkpoint: trained weights: a .safetensors file, or one that ships: plain, or brushed for
+            look=oil and its like (renderer=textured).
         temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
         color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
     """

@@ -13,7 +13,7 @@ from brushexp_predictor.model import load_predictor
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
 
-PART = 96  # cells: sides of the parts of a picture that the network looks at
+PART = 256  # cells: sides of the parts of a picture that the network looks at
 
 
 @cache

@@ -15,7 +15,8 @@ class Predictor(Painter):
     """A network that sees the picture a few times lays all strokes; see ``init=predicted``.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program.
+        checkpoint: trained weights: a .safetensors file, or one that ships: plain, or brushed for
+            look=oil and its like (renderer=textured).
         temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
         color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
     """

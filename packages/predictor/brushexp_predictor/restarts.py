@@ -43,4 +43,4 @@ def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = 
         with torch.no_grad():
             bottom_up = painter.front_to_back.flip(0)
             strokes = painter.strokes().map(Tensor.detach)[bottom_up]
-        yield sample_of(FORMS["any"], strokes, target)
+        yield sample_of(FORMS["plain"], strokes, target)

@@ -26,7 +26,7 @@ class TrainPredictorTask(Task):
 
     model: str = key("predictor", "what is trained", one_of("predictor"))
     data: list[str] | None = key(None, DATA)
-    form: str = key("any", "of the strokes: any, whatever suits; long, as brushes lay them", one_of("any", "long"))
+    form: str = key("plain", "of the strokes: plain, or brushed: long, opaque, of bristles", one_of("plain", "brushed"))
     start: str | None = key(None, "weights to go on from, shipped or a .safetensors; null = anew")
     batch_size: int = key(8, "pictures of a step", at_least(1))
     epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))

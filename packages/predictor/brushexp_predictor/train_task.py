@@ -30,7 +30,7 @@ class PredictorJob(NetworkJob):
         network = StrokePredictor(cfg.form) if cfg.start is None else load_predictor(cfg.start).requires_grad_()
         network.form = FORMS[cfg.form]
         self.module = PredictorModule(network, cfg.lr, cfg.seed)
-        self.weights = folder / f"{NAME}.safetensors"
+        self.weights = folder / f"{cfg.form}.safetensors"
         self.use = f"brushexp PICTURE init=predicted init.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:

@@ -10,7 +10,7 @@ from brushexp_predictor.decoding import FORMS, strokes_of
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor
 from brushexp_predictor.predicted import Predicted
-from brushexp_predictor.predicting import partly, predict, shipped
+from brushexp_predictor.predicting import PART, partly, predict, shipped
 from brushexp_predictor.pyramid import levels_of
 from torch import Tensor
 
@@ -25,7 +25,7 @@ def psnr(picture: Tensor, target: Tensor) -> float:
 
 
 def drawn(strokes: Strokes, target: Tensor) -> Tensor:
-    return draw(FORMS["any"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+    return draw(FORMS["plain"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_levels_add_detail() -> None:
 
 def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> None:
     network = shipped("plain")
-    side = CELL * (96 + 2 * REACH + 3)
+    side = CELL * (PART + 2 * REACH + 3)
     target, canvas = torch.rand(2, 1, 3, CELL * 20, side, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         whole, parts = network(target, canvas), partly(network)(target, canvas)
@@ -72,7 +72,7 @@ def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> No
 
 
 def test_numbers_of_0_are_level_strokes_in_the_middle_of_their_cells() -> None:
-    form = FORMS["any"]
+    form = FORMS["plain"]
     strokes = strokes_of(form, torch.zeros(1, NUMBERS), torch.full((1, 3), 0.25), torch.tensor([[20.0, 12.0]]), 8.0)
     half = 8 * form.half_length
     expected = torch.tensor([[20 - half, 12.0], [20.0, 12.0], [20 + half, 12.0]])
@@ -88,7 +88,7 @@ def test_the_way_from_numbers_to_strokes_is_differentiable() -> None:
     middle = torch.rand(3, 2, generator=random, dtype=torch.float64)
 
     def values(numbers: Tensor) -> Tensor:
-        strokes = strokes_of(FORMS["long"], numbers, mean, middle, 5.0)
+        strokes = strokes_of(FORMS["brushed"], numbers, mean, middle, 5.0)
         return torch.cat([value.flatten() for _, value in strokes.items()])
 
     assert torch.autograd.gradcheck(values, numbers)
@@ -102,7 +102,7 @@ def test_colors_are_those_of_least_squares() -> None:
     black, background = strokes.map(Tensor.detach), torch.full((3,), 0.5)
 
     def laid(given: Strokes) -> Tensor:
-        return draw(FORMS["any"], given, (24, 24), background)
+        return draw(FORMS["plain"], given, (24, 24), background)
 
     def painted(color: Tensor) -> Tensor:
         return laid(Strokes(**dict(black.items()) | {"color": color}))  # type: ignore[arg-type]
@@ -152,6 +152,6 @@ def test_a_flat_picture_is_painted_flat() -> None:
 
 def test_a_network_that_is_not_trained_lays_strokes_in_range() -> None:
     torch.manual_seed(0)
-    *_, strokes = predict(StrokePredictor("long"), torch.rand(3, 33, 47), 60)
+    *_, strokes = predict(StrokePredictor("brushed"), torch.rand(3, 33, 47), 60)
     assert len(strokes) == 60
     check_strokes(strokes)

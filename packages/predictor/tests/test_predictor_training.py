@@ -74,7 +74,7 @@ def test_steps_of_the_optimiser_lower_the_error() -> None:
         return float((drawn(moved) - target).square().mean())
 
     def drawn(strokes: Strokes) -> Tensor:
-        return draw(FORMS["any"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+        return draw(FORMS["plain"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
 
     assert error(20) < 0.5 * error(0)
 
