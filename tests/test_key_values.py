@@ -43,7 +43,7 @@ NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "vie
     ("compare", "departures", "verdicts"), f"runs={FILES}"
 )
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
-NEEDED["recover"] = "image=coffee"
+NEEDED["recover"] = NEEDED["sample"] = "image=coffee"
 NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # it is only looked for
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"

@@ -33,7 +33,7 @@ from brushexp.testing.families import request_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
 NAMES = [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)]
-QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}}
+QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}, "predictor": {"temperature": 1.0}}
 
 
 class Counting(Painter):

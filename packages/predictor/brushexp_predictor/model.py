@@ -15,6 +15,6 @@ PREDICTORS = CheckpointFormat(
 def load_predictor(checkpoint: str = NAME) -> StrokePredictor:
     """Load a trained network: a .safetensors file, or the name of one that comes with the program."""
     options = PREDICTORS.read_recipe(PREDICTORS.path_of(checkpoint))["options"]
-    network = StrokePredictor(options["form"])
+    network = StrokePredictor(options.get("form", "plain"))
     PREDICTORS.restore(network, NAME, checkpoint, {})
     return network.requires_grad_(False)

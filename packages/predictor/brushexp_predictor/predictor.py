@@ -31,10 +31,9 @@ class Predictor(Painter):
         from brushexp_predictor.colors import best_colors  # noqa: PLC0415  (``--help`` needs no compiled kernels)
         from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
 
-        network = shipped(self.checkpoint)
+        network, step = shipped(self.checkpoint), 0
         for strokes in predict(network, request.target.cpu(), request.n, request.generator, self.temperature):
-            yield PaintState(strokes, len(strokes), request.n + 1)
-        strokes = best_colors(
-            strokes.map(lambda value: value.to(request.target.device)), request.target, request.draw, self.color_rounds
-        )
-        yield PaintState(strokes, request.n, request.n)
+            step += 1
+            yield PaintState(strokes, step, step + 1)
+        here = strokes.map(lambda value: value.to(request.target.device))
+        yield PaintState(best_colors(here, request.target, request.draw, self.color_rounds), step + 1, step + 1)
