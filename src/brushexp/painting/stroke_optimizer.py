@@ -77,8 +77,7 @@ class StrokeOptimizer(PaintingModule):
         schedule = Schedule([stage.steps for stage in components.stages])
         super().__init__(components, Picture(target, focus, background, components.blend), schedule)
         self.strict_loading = False  # frozen networks are not in the checkpoint
-        self.catalogue = catalogue
-        self.moving = catalogue  # what the optimiser sees in a step: all strokes, or some as their own catalogue
+        self.catalogue = self.moving = catalogue  # moving is what a step changes: all, or some as a catalogue of theirs
         self.coarse = coarse
         self.generator = torch.Generator().manual_seed(seed)
         self.budget = budget or len(catalogue)
@@ -168,10 +167,9 @@ class StrokeOptimizer(PaintingModule):
         picture, schedule = self.picture, self.schedule
         if not self.components.density.due(schedule.step, schedule.steps):
             return
-        numbers = (self.budget, schedule.step, schedule.steps)
-        pictures = (self.latest(), picture.target, picture.focus)
-        update = self.components.density.revise(DensificationState(*pictures, self.strokes(), *numbers, self._judged))
-        if update is not None:
+        seen = (self.latest(), picture.target, picture.focus, self.strokes())
+        state = DensificationState(*seen, self.budget, schedule.step, schedule.steps, self._judged)
+        if (update := self.components.density.revise(state)) is not None:
             self._revise(update.keep, update.new, optimizer)
 
     def _judged(self) -> Tensor:
@@ -220,10 +218,9 @@ class StrokeOptimizer(PaintingModule):
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
-        if len(self.catalogue) > self.budget:  # the run has ended before its density policy took them away
-            keep = torch.zeros(len(self.catalogue), dtype=torch.bool, device=self.device)
-            keep[self._judged().topk(self.budget).indices] = True
-            self._revise(keep, Strokes.none(self.catalogue.scale))
+        if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
+            ranks = self._judged().argsort(stable=True).argsort()
+            self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from torch import Tensor
 
-from brushexp.bounds import at_least, between
+from brushexp.bounds import at_least
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density.base import DensificationState
@@ -58,7 +58,6 @@ class Traced(Rounds):
     """
 
     price: Annotated[float, at_least(0)] = 0.1
-    surplus: Annotated[float, between(0, 3)] = 0.4
 
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
