@@ -10,7 +10,6 @@ those of the start included.
 """
 
 import argparse
-import math
 import os
 import statistics
 import time
@@ -23,12 +22,12 @@ import brushexp
 # isort: split
 import torch
 from PIL import Image
-from scipy.stats import t as student
 from torch import Tensor
 
-from brushexp.config.compose import SHIPPED
-from brushexp.pictures.folders import pictures_in
+from brushexp.cli.many_pictures import all_pictures
+from brushexp.config.vocabulary import SHIPPED
 from brushexp.pictures.load import load_picture
+from brushexp.results.paired import interval
 from brushexp.strokes.catalogue import Strokes
 
 INITS = ("predicted", "slic", "layers", "random")
@@ -71,12 +70,8 @@ def table(title: str, head: Row, rows: Sequence[Row]) -> None:
 
 def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
     """Write the mean difference with its interval."""
-    differences = [one - other for one, other in zip(ours, theirs, strict=True)]
-    if len(differences) < 2:
-        return f"{differences[0]:+.2f}"
-    half = student.ppf(0.975, len(differences) - 1) * statistics.stdev(differences) / math.sqrt(len(differences))
-    mean = statistics.mean(differences)
-    return f"{mean:+.2f} [{mean - half:+.2f}, {mean + half:+.2f}]"
+    mean, low, high = interval(one - other for one, other in zip(ours, theirs, strict=True))
+    return f"{mean:+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
@@ -171,7 +166,7 @@ def sheet(
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", default="thesis12", help="thesis12, or a folder")
+    parser.add_argument("--pictures", default="thesis12", help="a set, or a folder")
     parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 = as they are")
     parser.add_argument("--strokes", type=int, nargs="+", default=[200, 1000, 2600, 10000])
     parser.add_argument("--only", default="strokes,steps,seconds,edges")
@@ -182,11 +177,7 @@ def main() -> None:
     if given.sheet:
         sheet(given.sheet)
         return
-    if Path(given.pictures).is_dir():
-        names = [str(path) for path in pictures_in(given.pictures)]
-    else:
-        lines = (SHIPPED / "pictures" / f"{given.pictures}.yaml").read_text(encoding="utf-8").splitlines()
-        names = [line[2:].split()[0] for line in lines if line.startswith("- ")]
+    names = all_pictures([given.pictures], [SHIPPED])
     middle = given.strokes[min(2, len(given.strokes) - 1)]
     tables: dict[str, Callable[[], None]] = {
         "strokes": lambda: by_strokes(names, given.side, given.strokes),

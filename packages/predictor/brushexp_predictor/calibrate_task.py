@@ -17,8 +17,8 @@ from brushexp_predictor.conformal import Scalings, write_scalings
 from brushexp_predictor.coverage import KINDS, Report, coverage_of, examine, fit, join, scaled
 from brushexp_predictor.doubts import SHARE
 from brushexp_predictor.known import FITTED, TESTED, known_painting
-from brushexp_predictor.model import PREDICTORS
-from brushexp_predictor.predicting import shipped
+from brushexp_predictor.model import PREDICTORS, load_predictor
+from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.restarts import restart
 from brushexp_predictor.sampling import Sample, paint_samples
 
@@ -30,12 +30,13 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the intervals, and tables of what they hold before and after, into the run's folder."""
     weights = PREDICTORS.path_of(cfg.checkpoint)
+    network = load_predictor(cfg.checkpoint)
     of_samples, of_restarts, spreads = [], [], []
     total = cfg.paintings + cfg.tested
     with showing("sampling known paintings") as show:
         for number in range(total):
             show(number / total, f"painting {number + 1} of {total}")
-            one, other, spread = _examine(cfg, number)
+            one, other, spread = _examine(cfg, network, number)
             of_samples.append(one)
             of_restarts.append(other)
             spreads.append(spread)
@@ -61,14 +62,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     }
 
 
-def _examine(cfg: DictConfig, number: int) -> tuple[Report, Report | None, float]:
+def _examine(cfg: DictConfig, network: StrokePredictor, number: int) -> tuple[Report, Report | None, float]:
     """Sample one painting; what was found, the same of restarts, and by how many dB its samples differ."""
     is_test = number >= cfg.paintings
     known = known_painting(2 * cfg.seed + is_test, number, TESTED if is_test else FITTED, cfg.side)
     begin = time.process_time()
-    samples = list(
-        paint_samples(shipped(cfg.checkpoint), known.picture, known.told, cfg.samples, number, cfg.temperature)
-    )
+    samples = list(paint_samples(network, known.picture, known.told, cfg.samples, number, cfg.temperature))
     seconds = time.process_time() - begin
     psnr = [sample.psnr for sample in samples]
     restarts = list(restart(known.picture, known.told, seconds, number)) if cfg.restarts else []

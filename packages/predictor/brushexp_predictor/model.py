@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+from brushexp.errors import UserError
 from brushexp.system.checkpoint import CheckpointFormat
+from brushexp_predictor.decoding import FORMS
 from brushexp_predictor.network import StrokePredictor
 
 NAME = "plain"
@@ -14,7 +16,10 @@ PREDICTORS = CheckpointFormat(
 
 def load_predictor(checkpoint: str = NAME) -> StrokePredictor:
     """Load a trained network: a .safetensors file, or the name of one that comes with the program."""
-    options = PREDICTORS.read_recipe(PREDICTORS.path_of(checkpoint))["options"]
-    network = StrokePredictor(options.get("form", "plain"))
+    path = PREDICTORS.path_of(checkpoint)
+    form = PREDICTORS.read_recipe(path)["options"].get("form", NAME)
+    if form not in FORMS:
+        raise UserError(f"{path.with_suffix('.json')} has no form of strokes that this brushexp knows; train it again")
+    network = StrokePredictor(form)
     PREDICTORS.restore(network, NAME, checkpoint, {})
     return network.requires_grad_(False)

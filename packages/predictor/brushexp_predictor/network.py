@@ -36,7 +36,7 @@ class Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         spread = self.spread(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
         normal = layer_norm(spread, self.norm.normalized_shape, self.norm.weight, self.norm.bias)
-        return x + self.scale * self.narrow(gelu(self.widen(normal), approximate="tanh"))
+        return torch.addcmul(x, self.scale, self.narrow(gelu(self.widen(normal), approximate="tanh")))
 
 
 class StrokePredictor(nn.Module):

@@ -10,6 +10,7 @@ from brushexp.bounds import between
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.colors import ROUNDS
 
 
 @register("init", "predicted")
@@ -31,11 +32,12 @@ class Predicted(Initializer):
 
     checkpoint: str = "plain"
     temperature: Annotated[float, between(0, 10)] = 0.0
-    color_rounds: Annotated[int, between(0, 100)] = 2
+    color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        from brushexp_predictor.predicting import in_best_colors, predict, shipped  # noqa: PLC0415  (for ``--help``)
+        from brushexp_predictor.model import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.predicting import in_best_colors, predict  # noqa: PLC0415
 
-        network = shipped(self.checkpoint)
+        network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
         return in_best_colors(network, strokes, target, self.color_rounds)

@@ -1,7 +1,6 @@
 """Pictures of any size are looked at in parts, and painted with exactly as many strokes as asked."""
 
 from collections.abc import Iterator
-from functools import cache
 
 import torch
 from torch import Tensor
@@ -9,17 +8,10 @@ from torch import Tensor
 from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.colors import best_colors
 from brushexp_predictor.drawing import draw
-from brushexp_predictor.model import load_predictor
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
 
 PART = 256  # cells: sides of the parts of a picture that the network looks at
-
-
-@cache
-def shipped(checkpoint: str) -> StrokePredictor:
-    """Load a network once."""
-    return load_predictor(checkpoint)
 
 
 @torch.no_grad()

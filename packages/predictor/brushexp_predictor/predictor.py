@@ -7,6 +7,7 @@ from typing import Annotated
 from brushexp.bounds import between
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
+from brushexp_predictor.colors import ROUNDS, best_colors
 
 
 @register("painter", "predictor")
@@ -25,13 +26,13 @@ class Predictor(Painter):
 
     checkpoint: str = "plain"
     temperature: Annotated[float, between(0, 10)] = 0.0
-    color_rounds: Annotated[int, between(0, 100)] = 2
+    color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
-        from brushexp_predictor.colors import best_colors  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.predicting import predict, shipped  # noqa: PLC0415
+        from brushexp_predictor.model import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.predicting import predict  # noqa: PLC0415
 
-        network, step = shipped(self.checkpoint), 0
+        network, step = load_predictor(self.checkpoint), 0
         for strokes in predict(network, request.target.cpu(), request.n, request.generator, self.temperature):
             step += 1
             yield PaintState(strokes, step, step + 1)

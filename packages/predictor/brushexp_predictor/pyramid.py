@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -26,19 +27,36 @@ class Level(NamedTuple):
     rows: int
     columns: int
     keep: int  # strokes that are laid
-    side: float  # mean side of a cell, in mean distances between strokes
+
+
+class Cells(NamedTuple):
+    """What is known of cells: those of a lattice, (B, rows, columns, ...), or K of one picture, (K, ...)."""
+
+    numbers: Tensor  # (..., 11) as the network says them, or a sample of them
+    deviations: Tensor  # (..., 11) logarithms
+    worth: Tensor  # (...) log-odds of the share of the error that a stroke removes, as the network expects
+    errors: Tensor  # (...) mean squared error before
+    means: Tensor  # (..., 3) colour of the target
+    gains: Tensor  # (...) what a stroke is expected to remove, weighed by the focus
 
 
 @dataclass(frozen=True)
 class Laid:
     """What is on the canvas of one picture after a level."""
 
-    strokes: Strokes  # the lowest first, in pixels
-    canvas: Tensor  # (3, h, w), no larger than what the next level sees
-    cells: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
-    errors: Tensor  # (K,) mean squared errors that those cells had before
-    worth: Tensor  # (K,) log-odds of the share of that which the strokes remove, as the network expects
-    deviations: Tensor  # (K, 11) logarithms of those of the numbers of the strokes
+    form: Form
+    strokes: Strokes  # the lowest first, in pixels of the target
+    background: Tensor  # (3,)
+    size: tuple[int, int]  # of the canvas: no larger than what the next level sees
+    zoom: float  # pixels of the canvas in one of the target
+    places: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
+    cells: Cells  # these
+
+    @cached_property
+    def canvas(self) -> Tensor:
+        """Draw the strokes, (3, h, w)."""
+        strokes = self.strokes.moved(zoom=self.zoom) if self.zoom < 1 else self.strokes
+        return draw(self.form, strokes, self.size, self.background)
 
 
 def levels_of(size: tuple[int, int], n: int) -> list[Level]:
@@ -47,7 +65,7 @@ def levels_of(size: tuple[int, int], n: int) -> list[Level]:
     for side, share in zip(SIZES, SHARES, strict=True):
         rows, columns = (max(1, round(length / (side * pitch))) for length in size)
         keep = min(rest, rows * columns, max(1, round(share * n)))
-        levels += [Level(rows, columns, keep, side)] if keep else []
+        levels += [Level(rows, columns, keep)] if keep else []
         rest -= keep
     while rest:  # cells of a strip that is narrower than they are may be fewer than strokes
         levels.append(levels[-1]._replace(keep=min(rest, levels[-1].rows * levels[-1].columns)))
@@ -66,44 +84,50 @@ def lay(
 ) -> Iterator[list[Laid]]:
     """Lay the strokes of targets (3, H, W) by the same levels; for each level what is then on each canvas.
 
-    ``focus`` (H, W) weighs the pixels where it is decided which cells get a stroke.
-
-    Gradients of a level's canvas flow into the strokes of that level and those before it, but through no canvas that
-    the network sees.
+    ``focus`` (H, W) weighs the pixels where it is decided which cells get a stroke. Gradients of a level's canvas flow
+    into the strokes of that level and those before it, but through no canvas that the network sees.
     """
-    backgrounds = [target.mean((1, 2)) for target in targets]
-    done: list[Laid] = []
-    for number, level in enumerate(levels):
+    done = [nothing_on(target, form, levels[0]) for target in targets]
+    for level, following in zip(levels, [*levels[1:], None], strict=True):
         shape = (CELL * level.rows, CELL * level.columns)
         seen = torch.stack([resized(target, shape) for target in targets])
-        if done:
-            canvas = torch.stack([resized(laid.canvas.detach(), shape) for laid in done])
-        else:
-            canvas = torch.stack(backgrounds)[:, :, None, None].expand_as(seen)
+        canvas = torch.stack([resized(laid.canvas.detach(), shape) for laid in done])
         numbers, deviations, worth = network(seen, canvas)
         if temperature:
             noise = torch.randn(numbers.shape, generator=generator, dtype=numbers.dtype)
             numbers = numbers + temperature * deviations.exp() * noise
-        means = avg_pool2d(seen, CELL).permute(0, 2, 3, 1)
         errors = errors_of(seen, canvas)
         gains = errors * worth.detach().sigmoid()
         if focus is not None:
             gains = gains * adaptive_avg_pool2d(focus[None], (level.rows, level.columns))
-        following = levels[number + 1] if number + 1 < len(levels) else None
-        before, done = done, []
-        for k, target in enumerate(targets):
-            cells = gains[k].flatten().topk(level.keep).indices.sort().values
-            said, mean = numbers[k].flatten(0, 1)[cells], means[k].flatten(0, 1)[cells]
-            new = level_strokes(form, level, said, mean, cells, target)
-            strokes = Strokes.join(before[k].strokes, new) if number else new
-            zoom, small = 1.0, (target.shape[1], target.shape[2])
-            if following is not None:
-                zoom = min(1.0, CELL * math.sqrt(following.rows * following.columns / target[0].numel()))
-                small = (max(1, round(small[0] * zoom)), max(1, round(small[1] * zoom)))
-            drawn = draw(form, strokes.moved(zoom=zoom) if zoom < 1 else strokes, small, backgrounds[k])
-            each = (errors[k].flatten(), worth[k].flatten(), deviations[k].flatten(0, 1))
-            done.append(Laid(strokes, drawn, cells, *(values[cells] for values in each)))
+        means = avg_pool2d(seen, CELL).permute(0, 2, 3, 1)
+        cells = Cells(numbers, deviations, worth, errors, means, gains)
+        done = [
+            with_level(laid, target, level, following, Cells(*(values[k].flatten(0, 1) for values in cells)))
+            for k, (laid, target) in enumerate(zip(done, targets, strict=True))
+        ]
         yield done
+
+
+def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
+    """Begin with a canvas in the mean colour of the target (3, H, W)."""
+    none = target.new_empty(0)
+    return Laid(form, Strokes.none(target), target.mean((1, 2)), *view_of(target, first), none, Cells(*6 * [none]))
+
+
+def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
+    """Lay the strokes of a level, where they are expected to gain most."""
+    places = cells.gains.topk(level.keep).indices.sort().values
+    own = Cells(*(values[places] for values in cells))
+    strokes = Strokes.join(laid.strokes, level_strokes(laid.form, level, own, places, target))
+    return Laid(laid.form, strokes, laid.background, *view_of(target, following), places, own)
+
+
+def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float]:
+    """Return size and zoom of the canvas that a level sees; those of the target after the last level."""
+    height, width = target.shape[1:]
+    zoom = 1.0 if level is None else min(1.0, CELL * math.sqrt(level.rows * level.columns / (height * width)))
+    return (max(1, round(height * zoom)), max(1, round(width * zoom))), zoom
 
 
 def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
@@ -111,12 +135,12 @@ def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
 
 
-def level_strokes(form: Form, level: Level, numbers: Tensor, mean: Tensor, cells: Tensor, target: Tensor) -> Strokes:
-    """Make the strokes of some cells of a level, large ones below small ones."""
+def level_strokes(form: Form, level: Level, cells: Cells, places: Tensor, target: Tensor) -> Strokes:
+    """Make the strokes of cells at some places of a level, large ones below small ones."""
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
-    row, column = cells // level.columns, cells % level.columns
+    row, column = places // level.columns, places % level.columns
     middle = torch.stack([(column + 0.5) * width, (row + 0.5) * height], 1).to(target)
-    strokes = strokes_of(form, numbers, mean, middle, math.sqrt(height * width))
+    strokes = strokes_of(form, cells.numbers, cells.means, middle, math.sqrt(height * width))
     return strokes[areas_of(strokes.map(Tensor.detach)).argsort(descending=True)]
 
 

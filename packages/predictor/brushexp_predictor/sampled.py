@@ -19,9 +19,8 @@ from brushexp_predictor.conformal import Scaling, Scalings, read_scalings
 from brushexp_predictor.coverage import KINDS, tell_at
 from brushexp_predictor.doubts import Doubt, doubt_of
 from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_painting
-from brushexp_predictor.model import NAME, PREDICTORS
+from brushexp_predictor.model import NAME, PREDICTORS, load_predictor
 from brushexp_predictor.places import lattice
-from brushexp_predictor.predicting import shipped
 from brushexp_predictor.sampling import TEMPERATURE, Sample, paint_samples
 
 Array = NDArray[Any]
@@ -83,7 +82,9 @@ def sample_brushwork(
     held = hold(image) if is_picture(image) else None
     picture = load_picture(str(image) if held is None else held.name, resolution)
     scalings = scalings_for(str(checkpoint), None if intervals is None else str(intervals), temperature)
-    network = shipped(str(checkpoint))
+    if scalings is None:
+        log.warning("intervals are as narrow as samples say, too narrow: fit them with brushexp calibrate keep=true")
+    network = load_predictor(str(checkpoint))
     n = strokes or default_strokes(picture)
     with showing("painting samples") as show:
         painted = []
@@ -99,13 +100,10 @@ def default_strokes(picture: Tensor) -> int:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; None, and a warning, if none are beside them and none are named."""
+    """Read the intervals fitted for weights; None if none are beside them and none are named."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else Path(intervals)
     if intervals is None and not path.is_file():
-        log.warning(
-            "intervals are as narrow as the samples say, too narrow: fit them with brushexp calibrate keep=true"
-        )
         return None
     needs = {"hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": temperature}
     return read_scalings(path, needs, {of: list(kinds) for of, kinds in KINDS.items()})

@@ -8,12 +8,12 @@ from torch import Tensor
 
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.colors import ROUNDS
 from brushexp_predictor.decoding import Form
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.predicting import in_best_colors, predict
 
-ROUNDS = 2  # of the search for the best colours
 TEMPERATURE = 1.0  # strokes vary as much as the network says
 
 

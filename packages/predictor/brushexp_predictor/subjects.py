@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.api.parts import render
-from brushexp.pictures.folders import pictures_in
+from brushexp.pictures.folders import pictures_of
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp_predictor.pyramid import resized
@@ -36,8 +36,7 @@ def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
     """Load pictures (3, H, W), and those in folders; None for those that packages ship."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
-    files = [file for name in names for file in (map(str, pictures_in(name)) if Path(name).is_dir() else [name])]
-    return {Path(file).name: load_picture(file, None) for file in files}
+    return {Path(file).name: load_picture(file, None) for file in pictures_of(names)}
 
 
 def _photographs() -> list[str]:

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
@@ -17,7 +17,6 @@ from torch import Tensor, optim
 
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.decoding import Form
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, StrokePredictor
 from brushexp_predictor.pyramid import Laid, Level, errors_of, lay, levels_of, resized
@@ -111,16 +110,15 @@ class PredictorModule(NetworkModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         sampled = self.progress > VARIED and batch_idx % 2 == 1
         generator = torch.Generator().manual_seed(hash((self.seed, self.global_step)) % 2**62)
-        look = (self.network, self.network.form, batch.targets, batch.levels)
-        done = list(lay(*look, generator, float(sampled)))
-        self.seen += sum(len(laid.strokes) for laid in done[-1])
-        loss, self.terms = torch.zeros(()), {}
-        for number, (weight, laid) in enumerate(zip(WEIGHTS, done, strict=True)):
-            error = mean_of(log_error, laid, batch.targets)
-            expected = mean_of(partial(worth_error, level=batch.levels[number]), laid, batch.targets)
+        painting = lay(self.network, self.network.form, batch.targets, batch.levels, generator, float(sampled))
+        loss = torch.zeros(())
+        for weight, level, done in zip(WEIGHTS, batch.levels, painting, strict=True):
+            error = mean_of(log_error, done, batch.targets)
+            expected = mean_of(partial(worth_error, level=level), done, batch.targets)
             loss = loss + weight * error + WORTH * expected
             if sampled:
-                loss = loss - weight * BONUS * torch.cat([each.deviations for each in laid]).mean()
+                loss = loss - weight * BONUS * torch.cat([laid.cells.deviations for laid in done]).mean()
+        self.seen += sum(len(laid.strokes) for laid in done)
         self.terms = {"loss/error": error.detach(), "loss/worth": expected.detach()}
         return loss
 
@@ -128,12 +126,9 @@ class PredictorModule(NetworkModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         *_, done = lay(self.network, self.network.form, batch.targets, batch.levels)
         for steps in REFINED:
-            values = [
-                psnr_after(self.network.form, laid, target, steps)
-                for laid, target in zip(done, batch.targets, strict=True)
-            ]
-            name, mean = f"psnr_{steps}", sum(values) / len(values)
-            self.figures[name] = (batch_idx * self.figures.get(name, 0.0) * (batch_idx > 0) + mean) / (batch_idx + 1)
+            psnr = [psnr_after(laid, target, steps) for laid, target in zip(done, batch.targets, strict=True)]
+            before = batch_idx * self.figures.get(f"psnr_{steps}", 0.0)
+            self.figures[f"psnr_{steps}"] = (before + sum(psnr) / len(psnr)) / (batch_idx + 1)
         self.validated = self.global_step
         if batch_idx + 1 == VALIDATED:
             self.log_dict({f"validation/{name}": value for name, value in self.figures.items()}, batch_size=1)
@@ -142,7 +137,7 @@ class PredictorModule(NetworkModule):
         return f"{-10 * float(self.terms['loss/error']) / math.log(10):.2f} dB" if self.terms else ""
 
 
-def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: list[Laid], targets: list[Tensor]) -> Tensor:
+def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: Sequence[Laid], targets: Sequence[Tensor]) -> Tensor:
     """Average what is measured of each canvas of a level."""
     return torch.stack([measure(laid, target) for laid, target in zip(done, targets, strict=True)]).mean()
 
@@ -156,18 +151,19 @@ def log_error(laid: Laid, target: Tensor) -> Tensor:
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
     """Compare what share of a cell's error its stroke removed with what the network expected."""
     shape = (CELL * level.rows, CELL * level.columns)
-    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None])[0].flatten()[laid.cells]
-    removed = (1 - (after + FLOOR) / (laid.errors + FLOOR)).clamp(0, 1)
-    weight = laid.errors + FLOOR
-    return (weight * (laid.worth.sigmoid() - removed).square()).sum() / weight.sum()
+    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None])[0].flatten()[
+        laid.places
+    ]
+    weight = laid.cells.errors + FLOOR
+    removed = (1 - (after + FLOOR) / weight).clamp(0, 1)
+    return (weight * (laid.cells.worth.sigmoid() - removed).square()).sum() / weight.sum()
 
 
-def psnr_after(form: Form, laid: Laid, target: Tensor, steps: int) -> float:
-    """Compute the PSNR of a painting in dB, after so many steps of the optimiser."""
-    size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
+def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
+    """Compute the PSNR in dB of what is laid on the whole canvas, after so many steps of the optimiser."""
 
     def drawn(strokes: Strokes) -> Tensor:
-        return draw(form, strokes, size, background)
+        return draw(laid.form, strokes, laid.size, laid.background)
 
-    strokes = refined(laid.strokes, target, drawn, steps) if steps else laid.strokes
-    return psnr_of(float((drawn(strokes).clamp(0, 1) - target).square().mean()))
+    canvas = drawn(refined(laid.strokes, target, drawn, steps)) if steps else laid.canvas
+    return psnr_of(float((canvas.clamp(0, 1) - target).square().mean()))

@@ -8,9 +8,10 @@ import torch
 from brushexp_predictor.colors import best_colors
 from brushexp_predictor.decoding import FORMS, strokes_of
 from brushexp_predictor.drawing import draw
+from brushexp_predictor.model import load_predictor
 from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor
 from brushexp_predictor.predicted import Predicted
-from brushexp_predictor.predicting import PART, partly, predict, shipped
+from brushexp_predictor.predicting import PART, partly, predict
 from brushexp_predictor.pyramid import levels_of
 from torch import Tensor
 
@@ -65,12 +66,12 @@ def test_brushwork_is_laid_as_well_as_when_the_weights_shipped() -> None:
 
 def test_levels_add_detail() -> None:
     target = load_picture("coffee", 160)
-    stages = [psnr(drawn(strokes, target), target) for strokes in predict(shipped("plain"), target, 300)]
+    stages = [psnr(drawn(strokes, target), target) for strokes in predict(load_predictor("plain"), target, 300)]
     assert stages == sorted(stages)
 
 
 def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> None:
-    network = shipped("plain")
+    network = load_predictor("plain")
     side = CELL * (PART + 2 * REACH + 3)
     target, canvas = torch.rand(2, 1, 3, CELL * 20, side, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():

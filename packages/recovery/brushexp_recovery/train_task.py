@@ -6,7 +6,7 @@ import torch
 from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
-from brushexp.pictures.folders import pictures_in
+from brushexp.pictures.folders import pictures_of
 from brushexp.system.progress import showing
 from brushexp_recovery.judging import fit_beliefs, fit_judges
 from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel, load_model
@@ -31,7 +31,7 @@ class RecoveryJob(NetworkJob):
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg = cfg
-        self.pictures_painted = pictures_of(cfg.subjects)
+        self.pictures_painted = pictures_of(PICTURES if cfg.subjects is None else cfg.subjects)
         self.data = RecoveryData(
             Path(cfg.sets), self.pictures_painted, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters
         )
@@ -74,11 +74,3 @@ def recipe_of(checkpoint: str) -> dict[str, object]:
     """Return what identifies weights, and how they were trained."""
     recipe = RECOVERIES.read_recipe(RECOVERIES.path_of(checkpoint))
     return {"hash": recipe["hash"], **recipe["training"]}
-
-
-def pictures_of(names: list[str] | None) -> list[str]:
-    """List the pictures to paint; a folder stands for those in it."""
-    found: list[str] = []
-    for name in PICTURES if names is None else names:
-        found += [str(path) for path in pictures_in(name)] if Path(name).is_dir() else [name]
-    return found

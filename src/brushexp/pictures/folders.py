@@ -3,6 +3,7 @@
 import glob
 import os
 from collections import Counter
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -38,6 +39,11 @@ def pictures_in(image: str) -> list[str]:
         others = "; ".join(left_out(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
         raise UserError(f"image={image}: no picture is there; {others}")
     return paths
+
+
+def pictures_of(names: Iterable[str]) -> list[str]:
+    """List pictures; a folder or a pattern stands for those in it."""
+    return [picture for name in names for picture in (pictures_in(name) if is_several(name) else [name])]
 
 
 def left_out(image: str) -> list[str]:
