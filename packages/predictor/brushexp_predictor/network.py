@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import gelu, layer_norm
+from torch.nn.functional import conv2d, gelu, layer_norm
 
 from brushexp_predictor.decoding import FORMS
 
 CELL = 8  # pixels of a cell's side, as the network sees it
 NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
-INPUTS = 10  # target, canvas, three times their difference, and 1 within the picture
+INPUTS = 10  # target and canvas, less a half, three times their difference, and 1 within the picture
 REACH = 14  # cells: farther away nothing matters to a cell
 DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
 
@@ -36,7 +36,7 @@ class Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         spread = self.spread(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
         normal = layer_norm(spread, self.norm.normalized_shape, self.norm.weight, self.norm.bias)
-        return torch.addcmul(x, self.scale, self.narrow(gelu(self.widen(normal), approximate="tanh")))
+        return torch.addcmul(x, self.scale, self.narrow(gelu(self.widen(normal))))
 
 
 class StrokePredictor(nn.Module):
@@ -61,10 +61,15 @@ class StrokePredictor(nn.Module):
 
     def forward(self, target: Tensor, canvas: Tensor) -> Told:
         """Look at pictures (B, 3, `CELL` H, `CELL` W)."""
-        inside = torch.ones_like(target[:, :1])
-        seen = torch.cat([target - 0.5, canvas - 0.5, 3 * (target - canvas), inside], 1)
-        seen = seen.contiguous(memory_format=torch.channels_last)
-        features = gelu(self.gather(gelu(self.look(seen), approximate="tanh")), approximate="tanh")
+        seen = torch.cat([target, canvas, torch.ones_like(target[:, :1])], 1)
+        looked = conv2d(seen, self._look_weight(), self.look.bias, self.look.stride, self.look.padding)
+        features = gelu(self.gather(gelu(looked).contiguous(memory_format=torch.channels_last)))
         told = self.tell(self.blocks(features.permute(0, 2, 3, 1)))
         deviations = DEVIATION + SPREAD * torch.tanh(told[..., NUMBERS : 2 * NUMBERS] / SPREAD)
         return Told(told[..., :NUMBERS], deviations, told[..., -1])
+
+    def _look_weight(self) -> Tensor:
+        """Fold the weights of `INPUTS` into those of target, canvas and 1: half of the work, for the same sums."""
+        target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
+        middle = 0.5 * (target + canvas).sum(1, keepdim=True)
+        return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)
