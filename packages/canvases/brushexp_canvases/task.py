@@ -47,7 +47,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     if todo:
         n = min(cfg.workers or cores(), len(todo))
         try:
-            with workers(n, cfg.cluster) as client, counting("painting tiles", 2 * len(todo)) as show:
+            with workers(n, cfg.cluster) as client, counting("painting and drawing tiles", 2 * len(todo)) as show:
                 memory = paint_all(client, canvas, store.grid, todo, show)
         except KeyboardInterrupt:
             log.warning("tiles that are painted stay in %s; type the same command to go on", path)

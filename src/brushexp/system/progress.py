@@ -55,7 +55,8 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 
     def count(now: int) -> None:
         speed = (now - done) / max(time.monotonic() - start, 1e-9)
-        show(now / total, f"{now} of {total} at {speed:.0f}/s")
+        pace = f"{speed:.0f}/s" if speed >= 1 else f"{60 * speed:.1f}/min"
+        show(now / total, f"{now} of {total} at {pace}")
 
     with showing(what, done / total) as show:
         yield count
