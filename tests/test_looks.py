@@ -10,7 +10,7 @@ from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import folders_of, presets_of
-from brushexp.config.looks import FACTORS
+from brushexp.config.looks import SCALED
 from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
 from brushexp.config.vocabulary import SHIPPED
@@ -130,7 +130,7 @@ def test_a_look_composes_with_everything_and_quality_scales_it(look):
     check(cfg)
     assert (fine.steps, typed.steps) == (2 * cfg.steps, 3)
     assert fine.pixels_per_stroke == cfg.pixels_per_stroke / 4
-    assert set(FACTORS) <= set(cfg)
+    assert set(SCALED) <= set(cfg)
 
 
 @pytest.mark.filterwarnings("ignore:.*in eval mode")

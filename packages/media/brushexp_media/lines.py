@@ -1,8 +1,6 @@
-"""Lines that a draughtsman would draw around things, and forms that a painter would paint flat."""
+"""Lines that a draughtsman would draw around things."""
 
 import numpy as np
-import torch
-from torch import Tensor
 
 Array = np.ndarray
 SIGMA = 0.0022  # deviation of the smaller Gaussian, in longer sides: as fine as a pen
@@ -32,13 +30,3 @@ def edge_lines(picture: Array, scale: float = 1.0) -> Array:
     difference = (around - gaussian_filter(luma, sigma)) / (around + DARKEST)
     lines: Array = np.tanh(STRENGTH * (difference - LEAST)).clip(0, 1)
     return lines
-
-
-def flattened(picture: Tensor, weight: float) -> Tensor:
-    """Flatten forms of a picture (3, H, W) and keep their edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
-    from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
-
-    if not weight:
-        return picture
-    flat = denoise_tv_chambolle(picture.double().numpy(), weight=weight, channel_axis=0, max_num_iter=100)
-    return torch.from_numpy(flat).float().clamp(0, 1)

@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import between
+from brushexp.pictures.abstraction import flattened
 from brushexp.pictures.color import recolor, to_lab, to_rgb
 from brushexp.pictures.load import PICTURE, load_picture
 from brushexp.plugins.palette.base import Palette
 from brushexp.registry import register
-from brushexp_media.lines import edge_lines, flattened
+from brushexp_media.lines import edge_lines
 
 Array = np.ndarray
 

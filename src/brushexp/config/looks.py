@@ -19,14 +19,23 @@ from brushexp.registry import FAMILIES, plugins
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
-FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
+SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
+FEWER = 40  # times as few strokes with abstraction=1
+CLOSER = 50  # times as much weight of the focus with abstraction=1
+LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
 
-def scale(key: str, value: int | float, *, _root_: DictConfig) -> int | float:
-    """Multiply the value of a look for a key by a power of the factor of ``quality=``."""
-    factor, power = FACTORS[key]
-    product = value * _root_[factor] ** power
-    return round(product) if isinstance(value, int) and power > 0 else product
+def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
+    """Adapt the value of a look for a key to ``detail``, ``effort`` and ``abstraction``; whole numbers stay whole."""
+    fewer = FEWER**_root_.abstraction
+    scaled: dict[str, int | float] = {
+        "steps": round(value * _root_.effort),
+        "pixels_per_stroke": value * fewer / _root_.detail,
+        "max_strokes": round(value * _root_.detail / fewer),
+        "focus_strength": value * CLOSER**_root_.abstraction,
+        "layers": round(value + LAYERS * _root_.abstraction),
+    }
+    return scaled[key]
 
 
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
@@ -41,17 +50,23 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
             raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
         for family, plugin, options in take_out(values, schema.groups):
             check_options(path, family, plugin, options)
+            if family == "init" and "layers" in options:
+                options.layers = as_scaled("layers", options.layers)
             tuned.setdefault(family, set()).add(plugin)
             ConfigStore.instance().store(
                 group=f"{LOOK_OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
             )
-        for key in FACTORS:
-            value = values.get(key, getattr(schema, key))
-            values[key] = f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
+        for key in SCALED:
+            values[key] = as_scaled(key, values.get(key, getattr(schema, key)))
         ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
     for loss in tuned.pop("loss", ()):
         make_tunable(loss)
     return set(tuned)
+
+
+def as_scaled(key: str, value: object) -> object:
+    """Let `scale` adapt a number of a look."""
+    return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
 
 
 def look_names() -> list[str]:

@@ -138,6 +138,9 @@ class PaintTask(Task):
     resolution: int | None = key(None, "resample to this longer side in pixels; null = as it is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one for every pixels_per_stroke pixels", at_least(1))
     detail: float = key(1, "multiplies the look's number of strokes (set by quality=)", above(0))
+    abstraction: float = key(
+        0, "0 to 1: fewer, larger strokes and flatter forms, while faces keep what the focus keeps", between(0, 1)
+    )
     pixels_per_stroke: float = key(100, "area of the picture for each stroke, in pixels", at_least(1))
     max_strokes: int | None = key(None, "limit of the strokes by pixels_per_stroke; null = no limit", at_least(1))
     effort: float = key(1, "multiplies the look's number of steps (set by quality=)", at_least(0))

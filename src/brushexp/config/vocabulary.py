@@ -11,6 +11,7 @@ TASK_POINTS = "brushexp.tasks"  # entry-point group: name of a task -> its class
 WORDS = {  # what a painter types -> what it means
     "finer": "detail=2",
     "bolder": "detail=0.25",
+    "abstract": "abstraction=0.7",
     **{f"{key}={no}": "frames=0" for key in ("timelapse", "film") for no in ("none", "null", "no", "false")},
 }
 KEYS = {  # names that others have for a key of ours

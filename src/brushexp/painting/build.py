@@ -9,6 +9,7 @@ from brushexp.painting.components import STYLE, Components, build_components, fi
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
@@ -57,6 +58,7 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     focus, attended = compute_focus(cfg, target)
     if attended is not None:
         pictures["focus"] = attended.expand(3, -1, -1)
+    target = simplified(target, cfg.abstraction, attended)
     parts = build_components(cfg)
     if cfg.style.image is not None:
         target, pictures["style"] = match_colors(target, parts)
