@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
 BEND = 2.0  # half lengths from the chord to the control point, at most
 TONE = 0.5  # greatest difference from the mean colour of the cell
-WINDOW = 3.2  # cells: steps of the optimiser are shares of it, and the strokes lie nearly where they should
+WINDOW = 2.2  # cells: steps of the optimiser are shares of it, and the strokes lie nearly where they should
 FIRST_OPACITY = 3.0  # log-odds, where the network says 0
 
 

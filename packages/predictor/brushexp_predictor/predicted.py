@@ -8,6 +8,7 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.order.area import Area
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.colors import ROUNDS
@@ -40,4 +41,5 @@ class Predicted(Initializer):
 
         network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
+        strokes = strokes[Area().depth(strokes, None).argsort(stable=True)]  # the colours suit the order of the start
         return in_best_colors(network, strokes, target, self.color_rounds)

@@ -15,7 +15,7 @@ from brushexp_predictor.decoding import Form, areas_of, strokes_of
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, Told
 
-SIZES = (6.0, 3.0, 1.5, 0.75, 0.5)  # sides of the cells of the levels, in mean distances between strokes
+SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes
 SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
 
 Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
