@@ -123,6 +123,17 @@ def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
         expand_arguments(["-m", f"{group}={value}"])
 
 
+@pytest.mark.parametrize(("words", "cure"), [
+    ("finer bolder", "finer and bolder are both detail=; type one of them, or both as a sweep: -m detail=2,0.25"),
+    ("oil moon watercolor", "oil and watercolor are both look=; type one of them, or both as a sweep: -m look=oil,wat"),
+])  # fmt: skip
+def test_two_words_of_a_kind_are_no_order(words, cure):
+    with pytest.raises(UserError) as refused:
+        expand_arguments(words.split())
+    assert cure in str(refused.value)
+    assert expand_arguments(["oil", "look=ink", "finer", "fine", "oil"])[:2] == ["look=oil", "look=ink"]
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_every_task_begins_with_what_it_needs_and_no_more(task):
     check(composed(task))

@@ -23,6 +23,7 @@ MISTAKES = {
     "outputs/x/catalogue.h5": "look at it with brushexp view outputs/x/catalogue.h5, or write it anew with brushexp ex",
     "nonsense": "--help lists the keys",
     "watercolur": "is no file, no task and no key=value; did you mean watercolour",
+    "docs/image/": "docs/image/ is no file, no task and no key=value; did you mean docs/images/?",
     "WaterColor": "did you mean watercolour",
     "overwrite": "overwrite is a key; type overwrite=..., without spaces",
     "-o": "-o is no flag; --help lists the keys, which have no dashes",

@@ -18,7 +18,7 @@ from brushexp.errors import UserError
 from brushexp.pictures import kinds
 from brushexp.pictures.decode import decode_image, picture_size, read_picture
 from brushexp.pictures.folders import left_out, pictures_in
-from brushexp.pictures.limits import check_pixels, halvings, size_of_jxl
+from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
 
 HEIGHT, WIDTH = 6, 8
@@ -230,7 +230,9 @@ def smooth(height: int, width: int) -> np.ndarray:
     return np.dstack([255 * rows / height, 255 * columns / width, np.full_like(rows, 99)]).astype(np.uint8)
 
 
-@pytest.mark.parametrize("kind", ["JPEG", "MPO", "JPEG2000", "strips", "tiles", "memory", "lzw", "planes"])
+@pytest.mark.parametrize(
+    "kind", ["JPEG", "MPO", "JPEG2000", "PNG", "WEBP", "strips", "tiles", "memory", "lzw", "planes"]
+)
 def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, monkeypatch, kind):
     for module in ("limits", "tiff", "load", "jp2"):
         monkeypatch.setattr(f"brushexp.pictures.{module}.MAX_PIXELS", 20_000)
@@ -238,9 +240,9 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     monkeypatch.setattr("brushexp.pictures.limits.MOST_PIXELS", 500_000)
     picture, path = smooth(403, 601), tmp_path / "large.tif"
     options = {"strips": {"compression": "zlib", "rowsperstrip": 7}, "tiles": {"compression": "zlib", "tile": (48, 32)}}
-    if kind in ("JPEG", "MPO", "JPEG2000"):
+    if kind.isupper():
         path = tmp_path / "large"
-        Image.fromarray(picture).save(path, kind, **({"quality": 95} if kind == "JPEG" else {}))
+        Image.fromarray(picture).save(path, kind, quality=95)
     elif kind == "lzw":
         Image.fromarray(picture).save(path, compression="tiff_lzw")
     elif kind == "planes":
@@ -257,7 +259,8 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     assert np.abs(found - expected).mean() < 2
     assert picture_size(path) == (403, 601)
     PICTURE.check("image", str(path))
-    monkeypatch.setattr("brushexp.pictures.limits.MOST_PIXELS", 200_000)
+    for name in ("MOST_PIXELS", "MOST_WHOLE"):
+        monkeypatch.setattr(f"brushexp.pictures.limits.{name}", 200_000)
     os.utime(path, ns=(1, 1))  # sizes of files that stay as they are, are known
     assert "make it smaller" in refusal(path, 60)
 
@@ -267,10 +270,13 @@ def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
     assert halvings(11648, 8736, 6000, 3) == 0
     assert halvings(30000, 30000, 10000, 3) == 2, "900 megapixels at once are too many"
     assert halvings(9000, 9000, 16, 3) == 0, "no picture of up to 100 megapixels changes"
-    for kind in ("PNG", "WEBP"):
-        with pytest.raises(UserError, match="at most 100 megapixels"):
-            check_pixels(10_001, 10_000, kind, 64)
+    for kind, most in (("GIF", 100), ("JXL", 100), ("PNG", 200), ("WEBP", 200)):
+        with pytest.raises(UserError, match=f"at most {most} megapixels are read: make it smaller"):
+            check_pixels(most * 1000 + 1, 1000, kind, 64)
     check_pixels(31_000, 31_000, "JPEG", 64)
+    check_whole(20_000, 10_000)
+    with pytest.raises(UserError, match="at most 100 megapixels, or as"):
+        check_whole(10_001, 10_000, is_deep=True)
 
 
 @pytest.mark.parametrize(("start", "message"), [

@@ -23,7 +23,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, add_task
-from brushexp.config.vocabulary import is_path
+from brushexp.config.vocabulary import is_path, meaning_of
 from brushexp.config.words import RESUME_SWEEP, expand_positional, expand_shorthand, types_of_keys
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -69,6 +69,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
     beside = dict(word.split("=", 1) for word in overrides if "=" in word)
     words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
+    refuse_two_of_a_kind(arguments, words)
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
     whole = add_task(in_place(joined(words, TASKS[task])))
     ours = {*whole} - flags
@@ -84,6 +85,19 @@ def refuse_flags(words: Sequence[str]) -> None:
             cure = f"type {name}={value or '...'}, without dashes" if equal or name in types_of_keys() else ""
             cure = f"type ./{word} for the file of this name" if is_path(word) else cure
             raise UserError(f"{word} is no flag; {cure or '--help lists the keys, which have no dashes'}")
+
+
+def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
+    """Refuse (UserError) two words alone that are values of one key: finer and bolder, oil and ink."""
+    said: dict[str, tuple[str, str]] = {}
+    for word, setting in zip(typed, meant, strict=True):
+        key, _, value = setting.partition("=")
+        if word == setting or meaning_of(word) != setting:
+            continue
+        other, first = said.setdefault(key, (word, value))
+        if first != value:
+            cure = f"type one of them, or both as a sweep: -m {key}={first},{value}"
+            raise UserError(f"{other} and {word} are both {key}=; {cure}")
 
 
 def joined(words: Sequence[str], schema: type[Task]) -> list[str]:

@@ -15,6 +15,7 @@ resume=sweep          hydra.sweeper.resume=true
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from difflib import get_close_matches
 from enum import Enum
@@ -108,8 +109,18 @@ def unknown_word(word: str) -> str:
     near = [MEMBERS[plain_name(word)]] if MEMBERS.get(plain_name(word)) in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
     near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
+    near += nearest_folders(word)
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
+
+
+def nearest_folders(word: str) -> list[str]:
+    """List the two folders whose paths are most like a word; none if no one is."""
+    parent, name = os.path.split(word.rstrip(os.sep))
+    with suppress(OSError):
+        beside = [entry.name for entry in os.scandir(os.path.expanduser(parent) or ".") if entry.is_dir()]
+        return [os.path.join(parent, near, "") for near in get_close_matches(name, beside, 2)]
+    return []
 
 
 def setting_in(word: str) -> str | None:

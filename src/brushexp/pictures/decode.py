@@ -55,7 +55,7 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
     It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits are kept; PNG of 16 bits other than plain grey,
     CMYK, and TIFF that Pillow alone can unpack keep 8. Whatever a file says of its colours is heeded: an ICC profile
     (in 8 bits, unless it is broken), numbers of ITU-T H.273, gamma and corners, a camera's Adobe RGB; and
-    of its pixels, which become square. A JPEG, TIFF or JPEG 2000 of more than 100 megapixels is read smaller, with
+    of its pixels, which become square. Of more than 100 megapixels, a picture is read smaller, with
     ``side`` pixels or more on its longer side. What is noteworthy, that the file is cut short, moves or has more pages,
     is logged once. UserError, with the ``key`` that the user types before the path, if the picture cannot be read, is
     too large, or has floats outside [0, 1].
@@ -243,7 +243,7 @@ def draft(picture: ImageFile, side: int | None) -> None:
         if times > 1:
             picture.draft(picture.mode, (width // times, height // times))
     else:
-        check_whole(width, height)
+        check_whole(width, height, picture.mode.startswith("I"))
 
 
 def decode_image(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:

@@ -8,6 +8,7 @@ MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
 MOST_PIXELS = 10 * MAX_PIXELS  # of a file that is read at a part of its size
 MOST_WHOLE = 2 * MAX_PIXELS  # of 8 bits that are decoded at once, to be shrunk
 IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that decode a part of their pixels
+AT_ONCE = ("PNG", "WEBP", "BMP", "PPM", "TGA", "AVIF", "HEIF")  # formats that decode all of them, 8 bits each
 EXAMPLE = 4096  # pixels of a side that is proposed
 
 
@@ -15,8 +16,9 @@ def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
     """Refuse (UserError) a picture of a format that is larger than can be read with ``side`` pixels, None: with all."""
     if width * height <= MAX_PIXELS:
         return
-    if kind not in IN_PARTS or width * height > MOST_PIXELS:
-        most = f"at most {MAX_PIXELS // 10**6} megapixels are read"
+    largest = MOST_PIXELS if kind in IN_PARTS else MOST_WHOLE if kind in AT_ONCE else MAX_PIXELS
+    if width * height > largest:
+        most = f"at most {largest // 10**6} megapixels are read"
         raise UserError(f"has {width} x {height} pixels; {most}: make it smaller and give that file")
     if side is None:
         raise UserError(too_large(width, height))
@@ -28,11 +30,12 @@ def too_large(width: int, height: int) -> str:
     return f"has {width} x {height} pixels; {most}: add resolution={EXAMPLE} to read it smaller"
 
 
-def check_whole(width: int, height: int) -> None:
-    """Refuse (UserError) a picture that is too large to be decoded at once, and cannot be otherwise."""
-    if width * height > MOST_WHOLE:
+def check_whole(width: int, height: int, is_deep: bool = False) -> None:
+    """Refuse (UserError) a picture too large to be decoded at once, of more than 8 bits if ``is_deep``."""
+    most = MAX_PIXELS if is_deep else MOST_WHOLE
+    if width * height > most:
         size = f"has {width} x {height} pixels, so compressed that all are needed at once"
-        raise UserError(f"{size}; save it with at most {MOST_WHOLE // 10**6} megapixels, or as a deflate TIFF in tiles")
+        raise UserError(f"{size}; save it with at most {most // 10**6} megapixels, or as a deflate TIFF in tiles")
 
 
 def halvings(width: int, height: int, side: int, most: int) -> int:
