@@ -23,6 +23,7 @@ INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and s
   brushexp photo.jpg watercolour                  another look: look=watercolour
   brushexp photo.jpg finer                        smaller strokes; bolder: larger ones; fine, best: with more time
   brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
+  brushexp photo.jpg brush=stroke.png             with a brush of your own: a scanned stroke, or a .gbr of GIMP
   brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
   brushexp experiment=loss_by_init                a named study
   brushexp photos/                                every picture of a folder, some at a time (jobs=2: two): one page

@@ -63,6 +63,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     A UserError says which word is no ``key=value``, or has an impossible value.
     """
+    arguments = with_own_brush(arguments)
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
@@ -75,6 +76,15 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     ours = {*whole} - flags
     plain = as_sweep(whole, typed.multirun)
     return [expand_shorthand(word, typed.multirun) if word in ours else word for word in plain]
+
+
+def with_own_brush(words: list[str]) -> list[str]:
+    """Write ``brush=FILE`` as the renderer whose marks are files; ``renderer=textured`` beside it says the same."""
+    if not any(word.startswith("brush=") for word in words):
+        return words
+    files = ["renderer.files=" + word.removeprefix("brush=") for word in words if word.startswith("brush=")]
+    others = [word for word in words if word != "renderer=textured" and not word.startswith("brush=")]
+    return [*others, "renderer=brush", *files]
 
 
 def refuse_flags(words: Sequence[str]) -> None:

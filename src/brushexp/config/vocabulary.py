@@ -33,7 +33,7 @@ PRINT = "brushexp export FOLDER to=png to.png.size_cm=60x40 to.png.dpi=300, with
 INSTEAD = {  # names that others have for what is said here with other keys, and what to type
     **dict.fromkeys(("dpi", "ppi", "cm", "inch", "inches", "print", "print_size", "paper_size"), PRINT),
     **dict.fromkeys(
-        ("brush_size", "brush_width", "stroke_size", "stroke_width", "brush", "thickness"),
+        ("brush_size", "brush_width", "stroke_size", "stroke_width", "thickness"),
         "strokes=300 for few large ones, or detail=2 for smaller ones",
     ),
     **dict.fromkeys(("speed", "fast"), "quality=draft, or seconds=10"),
