@@ -123,7 +123,8 @@ def test_a_painting_with_files_is_the_same_again_and_differs_from_that_of_the_dr
 def test_brush_is_a_word_of_the_command_line(folder):
     Image.fromarray((255 * framed(wedge())).astype(np.uint8)).save("a, b.png")
     words = expand_arguments(["coffee", "renderer=textured", "brush=a, b.png"])
-    assert words == ["image=coffee", "renderer=brush", 'renderer.files=["a, b.png"]']
+    assert words == ["image=coffee", "renderer=brush", f'renderer.files=["{folder}/a, b.png"]']
+    assert expand_arguments(["brush=x.gbr,y.gbr"])[-1] == "renderer.files=[x.gbr,y.gbr]"
 
 
 @pytest.mark.parametrize(("name", "data", "message"), [

@@ -79,12 +79,17 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
 
 def with_own_brush(words: list[str]) -> list[str]:
-    """Write ``brush=FILE`` as the renderer whose marks are files; ``renderer=textured`` beside it says the same."""
-    if not any(word.startswith("brush=") for word in words):
+    """Write ``brush=FILE`` as the renderer whose marks are files; ``renderer=textured`` beside it says the same.
+
+    Paths are in full: the painting can then be drawn again from any folder.
+    """
+    typed = [word.removeprefix("brush=") for word in words if word.startswith("brush=")]
+    if not typed:
         return words
-    files = ["renderer.files=" + word.removeprefix("brush=") for word in words if word.startswith("brush=")]
+    files = typed[-1:] if is_path(typed[-1]) else typed[-1].split(",")
+    paths = ",".join(os.path.abspath(os.path.expanduser(file)) if is_path(file) else file for file in files)
     others = [word for word in words if word != "renderer=textured" and not word.startswith("brush=")]
-    return [*others, "renderer=brush", *files]
+    return [*others, "renderer=brush", f"renderer.files={paths}"]
 
 
 def refuse_flags(words: Sequence[str]) -> None:

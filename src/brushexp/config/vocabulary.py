@@ -71,6 +71,7 @@ MEMBERS = {  # names that others have for a member of a family, a look or a qual
     **dict.fromkeys(("eps", "ai", "vector", "dxf"), "svg"),
     **dict.fromkeys(("nc", "ngc", "cnc", "plotter"), "gcode"),
     "plt": "hpgl",
+    **dict.fromkeys(("psd", "kra", "xcf", "layers", "openraster"), "ora"),
 }
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
 
