@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import torch
-from scenes import straight
+from hypothesis import strategies as st
+from scenes import random_strokes, straight
 from torch import Tensor
 
 from brushexp.plugins.blend.base import Canvas
 from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.catalogue import FIELDS
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
@@ -26,6 +29,16 @@ DEGENERATE = {
     "folded": replace(straight((4, 8), (9, 8)), control=torch.tensor([[1.9, 0.0]])),
     "almost folded": replace(straight((4, 8), (9, 8)), control=torch.tensor([[1.9, 0.01]])),
 }
+
+SCENES = st.fixed_dictionaries(
+    {
+        "n": st.integers(0, 40),
+        "size": st.tuples(st.integers(1, 30), st.integers(1, 45)),
+        "seed": st.integers(0, 10_000),
+        "bend": st.sampled_from([0.0, 0.05, 0.15, 1.0, 3.0]),
+        "thick": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+    }
+)
 
 
 def paint(renderer, blend, strokes, size, *, order=None, target=None) -> Canvas:
@@ -55,3 +68,71 @@ def assert_agree(
     for name in fields:
         error, scale = (gradient[name] - slope[name]).norm(), slope[name].norm()
         assert error <= slack * scale + 1e-5 * weight.norm(), f"{name}: off by {error:.2g}, its gradient is {scale:.2g}"
+
+
+def check_random_scene(renderer, blend, n, size, seed, bend, thick, fields=tuple(FIELDS)):
+    # Where two points of a curve are equally near, a taper or a texture jumps; only gently bent ones have none nearby.
+    textured = isinstance(renderer, Textured)
+    bend = min(bend, 0.15) if textured or getattr(renderer, "taper", 0) else bend
+    strokes = random_strokes(n, size, seed=seed, bend=bend, width=(0.0, thick))
+    order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
+    # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
+    # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
+    loose = {"slack": 3e-3, "exactness": 5e-4} if textured else {}
+    assert_agree(renderer, blend, strokes, size, fields, order=order, **loose)
+
+
+def check_accuracy(renderer, blend):
+    strokes, target, order = random_strokes(30, (20, 33)), torch.rand(3, 20, 33), torch.randperm(30)
+    strokes.position[3] = 500
+    accuracy = paint(renderer, blend, strokes, (20, 33), order=order, target=target).accuracy
+    exact = paint(renderer, DENSE, strokes.map(lambda v: v.double()), (20, 33), order=order, target=target).accuracy
+    assert exact[3].isnan(), "nothing of this stroke is on the canvas"
+    torch.testing.assert_close(accuracy.double(), exact, atol=1e-4, rtol=0, equal_nan=True)
+    stroke = straight((4, 4), (12, 4), color=(1.0, 0.5, 0.0))
+    accuracy = paint(Analytic(), blend, stroke, (8, 16), target=torch.zeros(3, 8, 16)).accuracy
+    torch.testing.assert_close(accuracy, torch.tensor([1 - (1.0 + 0.25)]))
+
+
+@torch.no_grad()
+def check_importance(renderer, blend):
+    """Also return what the blend was given."""
+    size, strokes = (20, 29), random_strokes(25, (20, 29), bend=0.05)
+    order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
+    layers = renderer(strokes)
+    estimate = blend.importance(layers, order, size, BACKGROUND, target, weight)
+
+    def error(chosen):
+        image = DENSE(layers, chosen, size, BACKGROUND).image
+        return (weight * (image - target).square()).double().sum()
+
+    grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
+    torch.testing.assert_close(estimate.double(), grown, atol=2e-3, rtol=1e-3)
+    assert estimate.abs().max() > 0.1
+    return layers, order, size, BACKGROUND, target, weight
+
+
+def check_skipping(renderer, blend_of, strokes, size):
+    exact = paint(renderer, DENSE, strokes, size).image
+    for opaque in (1e-4, 0.1):
+        image = paint(renderer, blend_of(opaque=opaque), strokes, size).image
+        assert (image - exact).abs().max() <= opaque + 1e-4
+
+
+def check_degenerate(renderer, blend, name):
+    size, stroke, weight = (16, 19), DEGENERATE[name], torch.randn(3, 16, 19)
+    image, gradient = paint_with_gradient(renderer, blend, stroke, size, weight)
+    exact, slope = paint_with_gradient(renderer, DENSE, stroke.map(lambda v: v.double()), size, weight)
+    # At the tip of a fold the curve all but stands still: where on it the nearest point lies is not known so well.
+    assert ((image - exact).abs() > 1e-4).float().mean() <= (0.05 if name == "almost folded" else 0)
+    for gradients in (gradient, slope):
+        assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in gradients.values())
+    if name in ("zero width", "transparent", "off the canvas", "far off the canvas"):
+        torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, *size))
+    elif isinstance(renderer, Analytic) and "folded" not in name:
+        assert_agree(renderer, blend, stroke, size)
+
+
+def check_edges(blend):
+    for soft in (0.5, 6.0):
+        assert_agree(Analytic(soft=soft), blend, random_strokes(30, (20, 33)), (20, 33))

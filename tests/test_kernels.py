@@ -7,8 +7,20 @@ import pytest
 import torch
 from dabs import DabRenderer
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
+from kernels import (
+    BACKGROUND,
+    DEGENERATE,
+    DENSE,
+    SCENES,
+    check_accuracy,
+    check_degenerate,
+    check_edges,
+    check_importance,
+    check_random_scene,
+    check_skipping,
+    paint,
+    paint_with_gradient,
+)  # fmt: skip
 from scenes import random_strokes, straight
 from torch import nn
 
@@ -59,51 +71,21 @@ PAIRS += [("windows", "tiled in torch")]
 
 @pytest.mark.parametrize(("kind", "blend"), PAIRS)
 @settings(max_examples=12, deadline=None)
-@given(
-    n=st.integers(0, 40), size=st.tuples(st.integers(1, 30), st.integers(1, 45)), seed=st.integers(0, 10_000),
-    bend=st.sampled_from([0.0, 0.05, 0.15, 1.0, 3.0]), thick=st.sampled_from([0.0, 0.05, 0.3, 1.0]),
-)  # fmt: skip
-def test_blends_agree_on_random_scenes(kind, blend, n, size, seed, bend, thick):
-    # Where two points of a curve are equally near, a taper or a texture jumps; only gently bent ones have none nearby.
-    bend = bend if kind in ("plain", "windows", "dabs") else min(bend, 0.15)
-    strokes = random_strokes(n, size, seed=seed, bend=bend, width=(0.0, thick))
-    order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
-    fields = FIELDS if blend != "topk" or thick > 0 else ()  # topk drops empty layers, and with them their gradient
-    # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
-    # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
-    loose = {"slack": 3e-3, "exactness": 5e-4} if kind == "textured" else {}
-    assert_agree(KINDS[kind], BLENDS[blend], strokes, size, fields, order=order, **loose)
+@given(scene=SCENES)
+def test_blends_agree_on_random_scenes(kind, blend, scene):
+    # topk drops empty layers, and with them their gradient
+    fields = FIELDS if blend != "topk" or scene["thick"] > 0 else ()
+    check_random_scene(KINDS[kind], BLENDS[blend], **scene, fields=fields)
 
 
 @pytest.mark.parametrize(("kind", "blend"), PAIRS)
 def test_accuracy_is_measured_in_the_same_pass(kind, blend):
-    strokes, target, order = random_strokes(30, (20, 33)), torch.rand(3, 20, 33), torch.randperm(30)
-    strokes.position[3] = 500
-    accuracy = paint(KINDS[kind], BLENDS[blend], strokes, (20, 33), order=order, target=target).accuracy
-    exact = paint(KINDS[kind], DENSE, strokes.map(lambda v: v.double()), (20, 33), order=order, target=target).accuracy
-    assert exact[3].isnan(), "nothing of this stroke is on the canvas"
-    torch.testing.assert_close(accuracy.double(), exact, atol=1e-4, rtol=0, equal_nan=True)
-    stroke = straight((4, 4), (12, 4), color=(1.0, 0.5, 0.0))
-    accuracy = paint(Analytic(), BLENDS[blend], stroke, (8, 16), target=torch.zeros(3, 8, 16)).accuracy
-    torch.testing.assert_close(accuracy, torch.tensor([1 - (1.0 + 0.25)]))
+    check_accuracy(KINDS[kind], BLENDS[blend])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_importance_is_what_the_error_grows_by_without_a_stroke(kind):
-    size, strokes = (20, 29), random_strokes(25, (20, 29), bend=0.05)
-    order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
-    with torch.no_grad():
-        layers = KINDS[kind](strokes)
-        estimate = TILED.importance(layers, order, size, BACKGROUND, target, weight)
-
-        def error(chosen):
-            image = DENSE(layers, chosen, size, BACKGROUND).image
-            return (weight * (image - target).square()).double().sum()
-
-        grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
-    torch.testing.assert_close(estimate.double(), grown, atol=2e-3, rtol=1e-3)
-    assert estimate.abs().max() > 0.1
-    arguments = layers, order, size, BACKGROUND, target, weight
+    arguments = check_importance(KINDS[kind], TILED)
     for blend in (BLENDS["tiled in torch"], DENSE, TopK(k=4)):
         assert blend.importance(*arguments) is None, "a blend without a kernel leaves importance to others"
 
@@ -111,10 +93,7 @@ def test_importance_is_what_the_error_grows_by_without_a_stroke(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_skipped_cannot_be_seen_and_threads_do_not_change_a_bit(kind):
     strokes, size, weight, results = random_strokes(200, (32, 32)), (32, 32), torch.randn(3, 32, 32), []
-    exact = paint(KINDS[kind], DENSE, strokes, size).image
-    for opaque in (1e-4, 0.1):
-        image = paint(KINDS[kind], Tiled(opaque=opaque), strokes, size).image
-        assert (image - exact).abs().max() <= opaque + 1e-4
+    check_skipping(KINDS[kind], Tiled, strokes, size)
     for threads in (1, 2):
         torch.set_num_threads(threads)
         image, gradient = paint_with_gradient(KINDS[kind], Tiled(), strokes, size, weight)
@@ -137,22 +116,11 @@ def test_topk_keeps_the_uppermost_strokes_that_are_there():
 @pytest.mark.parametrize("kind", ["plain", "textured"])
 @pytest.mark.parametrize("name", DEGENERATE)
 def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(blend, kind, name):
-    size, stroke, weight = (16, 19), DEGENERATE[name], torch.randn(3, 16, 19)
-    image, gradient = paint_with_gradient(KINDS[kind], BLENDS[blend], stroke, size, weight)
-    exact, slope = paint_with_gradient(KINDS[kind], DENSE, stroke.map(lambda v: v.double()), size, weight)
-    # At the tip of a fold the curve all but stands still: where on it the nearest point lies is not known so well.
-    assert ((image - exact).abs() > 1e-4).float().mean() <= (0.05 if name == "almost folded" else 0)
-    for gradients in (gradient, slope):
-        assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in gradients.values())
-    if name in ("zero width", "transparent", "off the canvas", "far off the canvas"):
-        torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, *size))
-    elif kind == "plain" and "folded" not in name:
-        assert_agree(KINDS[kind], BLENDS[blend], stroke, size)
+    check_degenerate(KINDS[kind], BLENDS[blend], name)
 
 
 def test_edges_of_any_width_agree_and_a_point_is_a_disc_with_a_soft_edge():
-    for soft in (0.5, 6.0):
-        assert_agree(Analytic(soft=soft), TILED, random_strokes(30, (20, 33)), (20, 33))
+    check_edges(TILED)
     image = paint(Analytic(soft=1.0), Tiled(), straight((8, 8), (8, 8), width=6.0), (16, 16)).image[1]
     y, x = torch.meshgrid(torch.arange(16) + 0.5, torch.arange(16) + 0.5, indexing="ij")
     z = (3 - ((x - 8) ** 2 + (y - 8) ** 2).sqrt() + 0.5).clamp(0, 1)

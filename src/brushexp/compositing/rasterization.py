@@ -1,6 +1,6 @@
 """Paint a picture by compiled kernels, differentiable in all that the layers hand to them."""
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -12,14 +12,29 @@ from brushexp.compositing.tile_lists import AREA, RUN, WORKERS, Array, F, tile_l
 from brushexp.system.runtime import share
 
 
-class Rasterization:
-    """Settings and lists of one pass, arguments as of `Blend`; `paint` leaves behind what `gradient` needs.
+class Rasterizer(Protocol):
+    """One pass of some kernels over the layers that it was made for; `paint` leaves behind what `gradient` needs.
 
-    A tile is finished when it lets no more than the fraction ``opaque`` of light through. ``errors`` (N, 2) are sums of
-    alpha |color - target|^2 and of alpha; `paint` sets them if it is given a target.
+    ``errors`` (N, 2) are sums of alpha |color - target|^2 and of alpha; `paint` sets them if it is given a target.
     """
 
-    errors: Array
+    errors: Tensor
+
+    def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
+        """Paint a picture (C, H, W); ``keep`` what is needed if `gradient` or `importance` will follow."""
+
+    def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
+        """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""
+
+    def importance(self, target: Tensor, weight: Tensor) -> Tensor:
+        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
+
+
+class Rasterization(Rasterizer):
+    """Settings and lists of one pass of Numba's kernels, arguments as of `Blend`.
+
+    A tile is finished when it lets no more than the fraction ``opaque`` of light through.
+    """
 
     def __init__(
         self, inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
@@ -43,14 +58,13 @@ class Rasterization:
         self._workers = min(WORKERS, -(-(len(lists.first) - 1) // RUN))
         self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
-    def paint(self, target: Array | None, *, keep: bool) -> Array:
-        """Paint a picture (C, H, W); ``keep`` nearest points if `gradient` or `importance` will follow."""
+    def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
         pairs = len(self.lists.stroke)
         near = np.empty((pairs if keep and self.kernel.curved else 0, AREA), np.uint16)
         self._trace = np.zeros(len(self.lists.first) - 1, np.int64), np.zeros(pairs, np.bool_), near
         image = np.empty((self.channels, *self.size), F)
         errors = np.empty((0 if target is None else pairs, 2), F)
-        goal = np.zeros((self.channels, 0, 0), F) if target is None else target
+        goal = np.zeros((self.channels, 0, 0), F) if target is None else target.contiguous().numpy()
         share(
             self._forward,
             self._workers,
@@ -63,20 +77,21 @@ class Rasterization:
             errors,
         )
         if target is not None:
-            self.errors = self._sums(errors)
-        return image
+            self.errors = torch.from_numpy(self._sums(errors))
+        return torch.from_numpy(image)
 
-    def gradient(self, grad_image: Array) -> tuple[Array, ...]:
-        """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""
-        pairs = self._run_back(grad_image, self.kernel.columns or self._strokes[0].shape[1])
+    def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
+        picture = grad_image.contiguous().numpy()
+        pairs = self._run_back(picture, self.kernel.columns or self._strokes[0].shape[1])
         if self.kernel.gather is None:
-            return (self._sums(pairs),)
-        return tuple(self.kernel.gather(pairs, self._trace[1], self.lists.row, self.order, grad_image, *self._strokes))
+            return (torch.from_numpy(self._sums(pairs)),)
+        rows = self._trace[1], self.lists.row, self.order
+        return tuple(map(torch.from_numpy, self.kernel.gather(pairs, *rows, picture, *self._strokes)))
 
-    def importance(self, target: Array, weight: Array) -> Array:
-        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
+    def importance(self, target: Tensor, weight: Tensor) -> Tensor:
         error = self.paint(None, keep=True) - target
-        return self._sums(self._run_back(np.concatenate([error, weight[None]]), 1, weighs=True))[:, 0]
+        sums = self._sums(self._run_back(torch.cat([error, weight[None]]).numpy(), 1, weighs=True))
+        return torch.from_numpy(sums[:, 0])
 
     def _run_back(self, picture: Array, columns: int, *, weighs: bool = False) -> Array:
         pairs = np.empty((len(self.lists.stroke), columns), F)
@@ -94,13 +109,12 @@ class Painted(torch.autograd.Function):
     """The kernels as one differentiable operation from the tensors of N strokes to the picture (C, H, W)."""
 
     @staticmethod
-    def forward(ctx: Any, rasterization: Rasterization, target: Array | None, *tensors: Tensor) -> Tensor:
-        ctx.rasterization = rasterization
+    def forward(ctx: Any, rasterizer: Rasterizer, target: Tensor | None, *tensors: Tensor) -> Tensor:
+        ctx.rasterizer = rasterizer
         ctx.save_for_backward(*tensors)  # so that a change in place is noticed
-        return torch.from_numpy(rasterization.paint(target, keep=any(ctx.needs_input_grad)))
+        return rasterizer.paint(target, keep=any(ctx.needs_input_grad))
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         assert ctx.saved_tensors
-        gradients = ctx.rasterization.gradient(grad.contiguous().numpy())
-        return None, None, *map(torch.from_numpy, gradients)
+        return None, None, *ctx.rasterizer.gradient(grad)

@@ -127,7 +127,7 @@ class PatchCache:
 def sum_of_squares(first: Tensor, second: Tensor) -> float:
     """Sum the squared differences of two pictures."""
     rows = zip(first.split(COMPARED_ROWS, 1), second.split(COMPARED_ROWS, 1), strict=True)
-    return sum(float((a - b).square().sum(dtype=torch.float64)) for a, b in rows)
+    return float(torch.stack([(a - b).square().sum(dtype=torch.float64) for a, b in rows]).sum())
 
 
 @torch.no_grad()
@@ -141,14 +141,15 @@ def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
 def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
     """Mark the pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
     left_top, right_bottom = boxes_of(strokes, edge)
-    size = torch.tensor([region.width, region.height])
-    shift = torch.tensor([region.left, region.top])
-    low = (left_top.cpu() - shift).floor().long().clamp_min(0)
-    high = torch.minimum((right_bottom.cpu() - shift).ceil().long(), size)
+    device = left_top.device
+    size = torch.tensor([region.width, region.height], device=device)
+    shift = torch.tensor([region.left, region.top], device=device)
+    low = (left_top - shift).floor().long().clamp_min(0)
+    high = torch.minimum((right_bottom - shift).ceil().long(), size)
     inside = (low < high).all(1)
     low, high = low[inside], high[inside]
     # Each box adds 1 at two of its corners and -1 at the others; sums over rows and columns count the boxes of a pixel.
-    steps = torch.zeros(region.height + 1, region.width + 1, dtype=torch.int32)
+    steps = torch.zeros(region.height + 1, region.width + 1, dtype=torch.int32, device=device)
     for x, y, sign in ((low, low, 1), (high, low, -1), (low, high, -1), (high, high, 1)):
-        steps.index_put_((y[:, 1], x[:, 0]), torch.tensor(sign, dtype=torch.int32), accumulate=True)
-    return steps.cumsum(0).cumsum(1)[:-1, :-1].gt(0).to(strokes.position.device)
+        steps.index_put_((y[:, 1], x[:, 0]), steps.new_tensor(sign), accumulate=True)
+    return steps.cumsum(0).cumsum(1)[:-1, :-1].gt(0)

@@ -192,7 +192,8 @@ class StrokeOptimizer(PaintingModule):
         is_finite = False
         try:
             yield
-            broken = next((name for name, term in self.terms.items() if not term.isfinite()), None)
+            finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
+            broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
             is_finite = broken is None and self.moving.is_finite()
             if not is_finite:
                 what = first_broken(self, before, broken)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -135,16 +134,19 @@ class Strokes:
 
 def check_strokes(strokes: Strokes) -> None:
     """Refuse strokes of a wrong shape, not finite, or outside ``FIELDS``: a UserError names field and first stroke."""
+    wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
         if tuple(value.shape) != field.shape(len(strokes)):
             raise UserError(f"{name} has shape {tuple(value.shape)}; {field.shape(len(strokes))} is needed")
-        wrong = ~(value.isfinite() & (value >= field.low) & (value <= field.high))
-        if wrong.any():
-            index = int(wrong.reshape(len(strokes), -1).any(1).nonzero()[0])
-            number = value[index].detach().reshape(-1).tolist()
-            cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
-            raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
+        wrong[name] = ~(value.isfinite() & (value >= field.low) & (value <= field.high))
+    found = torch.stack([numbers.any() for numbers in wrong.values()]).tolist()  # a GPU is waited for once
+    for name in [name for name, is_wrong in zip(wrong, found, strict=True) if is_wrong]:
+        field = FIELDS[name]
+        index = int(wrong[name].reshape(len(strokes), -1).any(1).nonzero()[0])
+        number = getattr(strokes, name)[index].detach().reshape(-1).tolist()
+        cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
+        raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
     brush = strokes.brush
     if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(((brush < 0) | (brush >= MOST)).any()):
         raise UserError(
@@ -205,7 +207,8 @@ class Catalogue(nn.Module):
 
     def is_finite(self) -> bool:
         """Test whether all parameters are finite, by their sums, which is quicker than `isfinite`."""
-        return all(math.isfinite(value.detach().sum(dtype=torch.float64)) for value in self.parameters())
+        sums = [value.detach().sum(dtype=torch.float64) for value in self.parameters()]
+        return not sums or bool(torch.stack(sums).isfinite().all())  # a GPU is waited for once
 
     @torch.no_grad()
     def keep_in_range(self) -> None:

@@ -1,8 +1,10 @@
 """Blend, tile by tile, the strokes that touch the tile and can be seen; this is the default."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import entry_points
 from typing import Annotated
 
 import torch
@@ -10,14 +12,19 @@ from torch import Tensor
 
 from brushexp.bounds import between, one_of
 from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import Canvas, KernelInput, Layers, Size, accuracy_of
-from brushexp.compositing.rasterization import Painted, Rasterization
+from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
+from brushexp.compositing.rasterization import Painted, Rasterization, Rasterizer
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
 
 log = logging.getLogger(__name__)
+KERNELS = "brushexp.kernels"  # entry-point group: kernel -> function as `Rasterization`, None for what it cannot draw
+CURES = {
+    "numba": "draws in float32 on the CPU, not all layers",
+    "triton": "draws in float32 on CUDA devices, where Triton is there, plain and textured strokes only",
+}
 
 
 @register("blend", "tiled")
@@ -28,47 +35,57 @@ class Tiled(Blend):
     Args:
         opaque: strokes are skipped where no pixel of the tile lets more than this fraction of light through; the
             picture changes by at most as much. 0 looks at every stroke.
-        kernel: numba (compiled, float32, CPU), torch (anything, slower), or auto: numba where it can.
+        kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (anything, slower), or auto:
+            the compiled one of the device where there is one.
     """
 
     cost = "1"
     exact = "but for `opaque`"
-    runs_on = "CPU in float32; anything else in PyTorch, slower"
+    runs_on = "CPU and, with Triton, CUDA in float32; anything else in PyTorch, slower"
 
     opaque: Annotated[float, between(0, 0.99)] = 5e-5
-    kernel: Annotated[str, one_of("auto", "numba", "torch")] = "auto"
+    kernel: Annotated[str, one_of("auto", "numba", "triton", "torch")] = "auto"
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         background, target = match_dtype(layers, background, target)
-        inputs = self._kernel_input(layers)
-        if inputs is None:
+        rasterizer, tensors = self._rasterizer(layers, front_to_back, size, background)
+        if rasterizer is None:
             return paint_tiles(layers, front_to_back, size, background, target, over)
-        rasterization = Rasterization(inputs, layers, front_to_back, size, background, self.opaque)
-        goal = None if target is None else target.contiguous().numpy()
-        image = Painted.apply(rasterization, goal, inputs.strokes, *inputs.data[: inputs.learnt])
+        image = Painted.apply(rasterizer, target, *tensors)
         if target is None:
             return Canvas(image)
-        return Canvas(image, accuracy_of(*torch.from_numpy(rasterization.errors).unbind(1)))
+        return Canvas(image, accuracy_of(*rasterizer.errors.unbind(1)))
 
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        inputs = self._kernel_input(layers)
-        if inputs is None:
-            return None
-        rasterization = Rasterization(inputs, layers, front_to_back, size, background, self.opaque)
-        return torch.from_numpy(rasterization.importance(target.numpy(), weight.numpy()))
+        rasterizer, _ = self._rasterizer(layers, front_to_back, size, background)
+        return None if rasterizer is None else rasterizer.importance(target, weight)
 
-    def _kernel_input(self, layers: Layers) -> KernelInput | None:
-        able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
-        inputs = layers.compiled() if able and self.kernel != "torch" else None
-        if inputs is None and self.kernel == "numba":
-            raise UserError("blend.kernel=numba draws in float32 on the CPU, not all layers; use blend.kernel=auto")
-        if inputs is None and self.kernel == "auto" and layers.color.device.type == "cpu":
+    def _rasterizer(
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
+    ) -> tuple[Rasterizer | None, tuple[Tensor, ...]]:
+        """Choose kernels, and list the tensors that they are differentiable in; None if PyTorch is to draw."""
+        device, single = layers.color.device.type, layers.color.dtype == torch.float32
+        kernel = {"cpu": "numba", "cuda": "triton"}.get(device, "torch") if self.kernel == "auto" else self.kernel
+        draw = _drawer(kernel) if single and (kernel != "numba" or device == "cpu") else None
+        inputs = layers.compiled() if draw else None
+        if draw and inputs and (rasterizer := draw(inputs, layers, front_to_back, size, background, self.opaque)):
+            return rasterizer, (inputs.strokes, *inputs.data[: inputs.learnt])
+        if self.kernel in CURES:
+            raise UserError(f"blend.kernel={kernel} {CURES[kernel]}; use blend.kernel=auto")
+        if self.kernel == "auto" and device == "cpu":
             tell_slow(layers.color.dtype)
-        return inputs
+        return None, ()
+
+
+@cache
+def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
+    """Find what makes the rasterizer of a kernel, ours or one that a package publishes."""
+    points = entry_points(group=KERNELS, name=kernel)
+    return Rasterization if kernel == "numba" else next((point.load() for point in points), None)
 
 
 @cache

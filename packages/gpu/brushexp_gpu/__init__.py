@@ -1,0 +1,32 @@
+"""The kernels of the blend `tiled` for GPUs, in Triton, which every build of PyTorch for CUDA brings."""
+
+import os
+import shutil
+from importlib.util import find_spec
+
+import torch
+from torch import Tensor
+
+from brushexp.compositing import profile, textured_profile
+from brushexp.compositing.layers import KernelInput, Layers, Size
+from brushexp.compositing.rasterization import Rasterizer
+
+
+def rasterize(
+    inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
+) -> Rasterizer | None:
+    """Make the rasterizer of plain and of textured strokes; None for others, and where no kernel of Triton runs."""
+    known = inputs.kernel in (profile.KERNEL, textured_profile.KERNEL)
+    if not known or find_spec("triton") is None or not _runs_on(inputs.strokes.device):
+        return None
+    from brushexp_gpu.rasterization import TritonRasterization  # noqa: PLC0415  (without a GPU nobody waits for it)
+
+    return TritonRasterization(inputs, layers, front_to_back, size, background, opaque)
+
+
+def _runs_on(device: torch.device) -> bool:
+    """Whether kernels run there: Triton starts them by code in C, or interprets them if TRITON_INTERPRET is 1."""
+    import triton  # noqa: PLC0415
+
+    compiles = any((os.environ.get("CC"), shutil.which("gcc"), shutil.which("clang")))
+    return triton.knobs.runtime.interpret or (device.type == "cuda" and compiles)

@@ -1,0 +1,97 @@
+"""Which strokes touch which tile: the kernels; see `lists`."""
+# mypy: allow-untyped-defs
+
+import math
+
+import triton.language as tl
+from triton import jit
+
+from brushexp_gpu.curves import PARTS, TILE
+from brushexp_gpu.launch import inline
+
+HALF = tl.constexpr(0.5 * (TILE.value - 1))  # from the middle of a tile to its outermost pixel centres
+HALF_DIAGONAL = tl.constexpr(math.sqrt(0.5) * (TILE.value - 1) * 1.001)
+STEP = tl.constexpr(40.0)  # pixels of a curve for which there are PARTS points
+MOST = tl.constexpr(16.0)  # times PARTS points of a curve at most
+
+
+@inline
+def _box(start, control, end, reach, tiles):
+    """First and last tile along an axis, and whether there is one.
+
+    A quadratic curve lies within its chord's and its middle's box, widened by an eighth of its bend.
+    """
+    middle, slack = (start + 2.0 * control + end) / 4.0, reach + tl.abs(start - 2.0 * control + end) / 8.0
+    low = tl.minimum(tl.minimum(start, end), middle) - slack
+    high = tl.maximum(tl.maximum(start, end), middle) + slack
+    most = (tiles * TILE).to(tl.float32)
+    first, last = tl.maximum(low, 0.0), tl.minimum(high, most - 1.0)
+    return first, last, (high > 0.0) & (low < most)
+
+
+@jit(do_not_specialize=["n", "rows", "columns"])
+def box_kernel(curve, reach, order, boxes, n, rows, columns, BLOCK: tl.constexpr):
+    """Write the tile rectangle of each stroke, by depth: ``boxes`` (4, n) are left, top, columns, and all its tiles."""
+    k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    here = k < n
+    i = tl.load(order + k, here, 0)
+    r, at = tl.load(reach + i, here, 0.0), curve + 6 * i
+    left, right, meets_x = _box(
+        tl.load(at, here, 0.0), tl.load(at + 2, here, 0.0), tl.load(at + 4, here, 0.0), r, columns
+    )
+    top, bottom, meets_y = _box(
+        tl.load(at + 1, here, 0.0), tl.load(at + 3, here, 0.0), tl.load(at + 5, here, 0.0), r, rows
+    )
+    meets = (r > 0.0) & meets_x & meets_y & here
+    left, top = tl.where(meets, left, 0.0).to(tl.int32) // TILE, tl.where(meets, top, 0.0).to(tl.int32) // TILE
+    wide = tl.where(meets, right, 0.0).to(tl.int32) // TILE - left + 1
+    high = tl.where(meets, bottom, 0.0).to(tl.int32) // TILE - top + 1
+    tl.store(boxes + k, left, here)
+    tl.store(boxes + n + k, top, here)
+    tl.store(boxes + 2 * n + k, wide, here)
+    tl.store(boxes + 3 * n + k, tl.where(meets, wide * high, 0), here)
+
+
+@jit(do_not_specialize=["n", "pairs", "tiles", "columns"])
+def find_kernel(
+    curve, reach, order, boxes, space, owner, tile, stroke, part, n, pairs, tiles, columns, BLOCK: tl.constexpr
+):
+    """Write of each pair of a stroke and a tile in its box which ``tile`` and ``stroke`` it is, and a curve's ``part``.
+
+    Points of a curve decide: its ends, and at most 2.5 px apart. The tile is ``tiles``, none, if none of them comes so
+    near to the square of its pixel centres that the curve could come within reach. A part is the first of PARTS and,
+    times 256, the one after the last between which all points lie that come within reach of the tile.
+    """
+    pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    here = pair < pairs
+    k = tl.load(owner + pair, here, 0)
+    i, offset = tl.load(order + k, here, 0), (pair - tl.load(space + k, here, 0)).to(tl.int32)
+    wide = tl.load(boxes + 2 * n + k, here, 1)
+    tx, ty = tl.load(boxes + k, here, 0) + offset % wide, tl.load(boxes + n + k, here, 0) + offset // wide
+    x, y, at = (tx.to(tl.float32) + 0.5) * TILE, (ty.to(tl.float32) + 0.5) * TILE, curve + 6 * i
+    sx, sy = tl.load(at, here, 0.0), tl.load(at + 1, here, 0.0)
+    cx, cy = tl.load(at + 2, here, 0.0), tl.load(at + 3, here, 0.0)
+    ex, ey, r = tl.load(at + 4, here, 0.0), tl.load(at + 5, here, 0.0), tl.load(reach + i, here, 0.0)
+    fx, fy, bx, by = 2.0 * (cx - sx), 2.0 * (cy - sy), sx - 2.0 * cx + ex, sy - 2.0 * cy + ey
+    mx, my = sx - x, sy - y
+    fastest = tl.sqrt(tl.maximum(fx * fx + fy * fy, (fx + 2 * bx) * (fx + 2 * bx) + (fy + 2 * by) * (fy + 2 * by)))
+    # The offset from the nearest point is square to the curve, or that point is an end.
+    points = PARTS * (1 + tl.minimum(fastest / STEP, MOST - 1.0).to(tl.int32))
+    step = 0.51 / (points - 1).to(tl.float32)
+    beyond = r * r + fastest * fastest * step * step + 2.0 * r * tl.sqrt(bx * bx + by * by) * step * step + 0.01
+    near = tl.full((BLOCK,), float("inf"), tl.float32)
+    for m in range(0, tl.max(points)):
+        t = tl.minimum(m / (points - 1).to(tl.float32), 1.0)
+        dx = tl.maximum(tl.abs((bx * t + fx) * t + mx) - HALF, 0.0)
+        dy = tl.maximum(tl.abs((by * t + fy) * t + my) - HALF, 0.0)
+        near = tl.minimum(near, dx * dx + dy * dy)
+    low, high = tl.full((BLOCK,), PARTS, tl.int32), tl.zeros((BLOCK,), tl.int32)
+    far = r + HALF_DIAGONAL + fastest * 0.5 * 1.01 / PARTS
+    for m in tl.static_range(PARTS):
+        t = (m + 0.5) / PARTS
+        dx, dy = (bx * t + fx) * t + mx, (by * t + fy) * t + my
+        within = dx * dx + dy * dy < far * far
+        low, high = tl.where(within, tl.minimum(low, m), low), tl.where(within, m + 1, high)
+    tl.store(tile + pair, tl.where(near <= beyond, ty * columns + tx, tiles), here)
+    tl.store(stroke + pair, i, here)
+    tl.store(part + pair, tl.where(low < high, low + 256 * high, 256 * PARTS), here)

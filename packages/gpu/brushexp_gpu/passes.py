@@ -1,0 +1,279 @@
+"""The passes over tiles: one program lays the strokes of some tiles over each other, in chunks of their lists.
+
+The way there leaves behind, of each pair of a tile and a stroke, the nearest points and the light above, and of each
+chunk its colour and the light that it lets through, as if it lay alone. `behind_pass` makes of these what lies behind
+each chunk, without a division by light that is all but gone; so the way back visits all chunks side by side. What a
+stroke receives from a tile goes to a row of its own, and `sum_rows` adds rows always in the same order: no atomics.
+
+Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` are the numbers of `KernelInput`; ``first``
+(tiles + 1,), ``stroke``, ``slot`` and ``part`` (pairs,) and ``chunks`` (tiles + 1,) are those of `Lists`; ``used``
+(tiles,) is how many chunks of each tile were painted. Channels are C, CP with those that fill them up to a power of 2.
+"""
+# mypy: allow-untyped-defs
+
+import triton.language as tl
+from triton import jit
+
+from brushexp_gpu.curves import AREA, PARTS, TILE, find_nearest, load_curve, pixels, sum_pixels
+from brushexp_gpu.launch import inline
+from brushexp_gpu.plain import plain_cover, plain_pull
+from brushexp_gpu.textured import look_up, textured_pull
+
+SIZES = ["tiles", "columns", "height", "width", "numbers"]  # of no size is there a kernel of its own
+
+
+@inline
+def _places(tile, columns, height, width, here):
+    """Where pixels of tiles are in a plane (TILES, AREA), whether they are there, and corners of tiles (TILES,)."""
+    q = tl.arange(0, AREA)[None, :]
+    top, left = tile // columns * TILE, tile % columns * TILE
+    row, column = top[:, None] + q // TILE, left[:, None] + q % TILE
+    there = (row < height) & (column < width) & here[:, None]
+    return row.to(tl.int64) * width + column, there, left.to(tl.float32), top.to(tl.float32)
+
+
+@inline
+def _load_planes(picture, place, there, height, width, C: tl.constexpr, CP: tl.constexpr):
+    """Pixels (CP, TILES, AREA) of the first C planes of a picture; 0 beyond its edge."""
+    c = tl.arange(0, CP)[:, None, None]
+    offset = c.to(tl.int64) * height * width + place[None]
+    return tl.load(picture + offset, there[None] & (c < C), 0.0)
+
+
+@inline
+def _store_planes(picture, color, place, there, height, width, C: tl.constexpr, CP: tl.constexpr):
+    c = tl.arange(0, CP)[:, None, None]
+    tl.store(picture + c.to(tl.int64) * height * width + place[None], color, there[None] & (c < C))
+
+
+@inline
+def _load_colors(colors, i, here, C: tl.constexpr, CP: tl.constexpr):
+    c = tl.arange(0, CP)[:, None, None]
+    return tl.load(colors + i[None, :, None] + c, here[None, :, None] & (c < C), 0.0)  # (CP, TILES, 1)
+
+
+@inline
+def _load_bare(background, C: tl.constexpr, CP: tl.constexpr):
+    c = tl.arange(0, CP)
+    return tl.load(background + c, c < C, 0.0)[:, None, None]
+
+
+@inline
+def _load_number(strokes, at, k: tl.constexpr, here):
+    return tl.load(strokes + at + k, here, 0.0)[:, None]
+
+
+@inline
+def _seek(part, j, sx, sy, fx, fy, bx, by, here):
+    """Nearest points (TILES, AREA) on the parts of curves that the lists name."""
+    bounds = tl.load(part + j, here, 0)[:, None]
+    low, high = (bounds & 255).to(tl.float32) / PARTS, (bounds >> 8).to(tl.float32) / PARTS
+    x, y = pixels()
+    return find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y)
+
+
+@inline
+def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, sharp, taper, here, TEXTURED: tl.constexpr):
+    """Coverage before opacity, its slopes in a texture, and tone and its slopes, all (TILES, AREA); 0 if not here."""
+    x, y = pixels()
+    if TEXTURED:
+        scale = _load_number(strokes, at, 8, here)
+        cover, cover_u, cover_v, tone, tone_u, tone_v = look_up(
+            t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, here
+        )
+        cover, cover_u, cover_v = cover / 255.0, cover_u / 255.0, cover_v / 255.0
+    else:
+        cover = plain_cover(t, sx, sy, fx, fy, bx, by, x, y, _load_number(strokes, at, 6, here), sharp, taper)
+        tone = tl.zeros_like(cover)
+        cover_u, cover_v, tone_u, tone_v = tone, tone, tone, tone
+    return tl.where(here[:, None], cover, 0.0), cover_u, cover_v, tone, tone_u, tone_v
+
+
+@inline
+def _judge(errors, pair, shown, goal, there, alpha, here, C: tl.constexpr, CP: tl.constexpr):
+    """Write the sums of alpha |color - target|^2 and of alpha."""
+    d = tl.where(there[None] & (tl.arange(0, CP)[:, None, None] < C), shown - goal, 0.0)
+    tl.store(errors + 2 * pair, sum_pixels(alpha * tl.sum(d * d, axis=0)), here)
+    tl.store(errors + 2 * pair + 1, sum_pixels(tl.where(there, alpha, 0.0)), here)
+
+
+@inline
+def _store_state(states, chunk, own, clear, here, C: tl.constexpr, CP: tl.constexpr):
+    """Write the colour (CP, TILES, AREA) of chunks, and the light that they let through."""
+    q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
+    at = states + (chunk * (C + 1) * AREA)[:, None] + q
+    tl.store(at[None] + c * AREA, own, here[None, :, None] & (c < C))
+    tl.store(at + C * AREA, clear, here[:, None])
+
+
+@jit(do_not_specialize=SIZES)
+def forward_pass(
+    strokes, begin, cells, frames, sharp, taper, stroke, slot, part, first, chunks, background, opaque, target, image,
+    used, near, above, states, errors, tiles, columns, height, width, numbers,
+    C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
+    JUDGE: tl.constexpr, KEEP: tl.constexpr,
+):  # fmt: skip
+    """Paint ``image`` (C, H, W), and write ``used``.
+
+    A tile is finished after a chunk that lets no more light than ``opaque`` through at any pixel; but if it should
+    JUDGE by a ``target`` (C, H, W), it looks at every stroke, and writes by slot ``errors`` (pairs, 2), the sums of
+    alpha |color - target|^2 and of alpha. If it should KEEP what the way back needs, it writes ``near`` and ``above``
+    (pairs, AREA) and ``states`` (chunks, C + 1, AREA), of which the last is the light.
+    """
+    tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
+    inside = tile < tiles
+    at = tl.load(first + tile, inside, 0)
+    count = (tl.load(first + tile + 1, inside, 0) - at).to(tl.int32)
+    chunk = tl.load(chunks + tile, inside, 0)
+    place, there, ox, oy = _places(tile, columns, height, width, inside)
+    q = tl.arange(0, AREA)[None, :]
+    color, light = tl.zeros((CP, TILES, AREA), tl.float32), tl.full((TILES, AREA), 1.0, tl.float32)
+    done = tl.zeros((TILES,), tl.int32)
+    begun, longest = 0, tl.max(count)
+    while begun < longest:
+        own, clear = tl.zeros((CP, TILES, AREA), tl.float32), tl.full((TILES, AREA), 1.0, tl.float32)
+        for k in range(begun, tl.minimum(begun + CHUNK, longest)):
+            here = k < count
+            i = tl.load(stroke + at + k, here, 0)
+            row = i * numbers
+            sx, sy, fx, fy, bx, by = load_curve(strokes, row, ox, oy, here)
+            t = _seek(part, at + k, sx, sy, fx, fy, bx, by, here)
+            cover, _, _, tone, _, _ = _look(
+                t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, sharp, taper, here, TEXTURED
+            )
+            alpha = cover * _load_number(strokes, row, 7, here)
+            paint = _load_colors(strokes + 8 + TEXTURED, row, here, C, CP)
+            shown = paint * (1.0 - tl.abs(tone))[None] + tl.maximum(tone, 0.0)[None]
+            if KEEP:
+                pair = (at + k)[:, None] * AREA + q
+                tl.store(near + pair, t, here[:, None])
+                tl.store(above + pair, light * clear, here[:, None])
+            if JUDGE:
+                goal = _load_planes(target, place, there, height, width, C, CP)
+                _judge(errors, tl.load(slot + at + k, here, 0), shown, goal, there, alpha, here, C, CP)
+            own += shown * (clear * alpha)[None]
+            clear -= clear * alpha
+        if KEEP:
+            _store_state(states, chunk + begun // CHUNK, own, clear, begun < count, C, CP)
+        color += own * light[None]
+        light *= clear
+        done += (begun < count).to(tl.int32)
+        if not JUDGE:
+            count = tl.where(tl.max(light, axis=1) >= opaque, count, 0)
+        begun += CHUNK
+        longest = tl.max(count)
+    color += _load_bare(background, C, CP) * light[None]
+    _store_planes(image, color, place, there, height, width, C, CP)
+    tl.store(used + tile, done, inside)
+
+
+@jit(do_not_specialize=SIZES)
+def behind_pass(states, chunks, used, background, tiles, C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr):
+    """Replace the colour of each chunk in ``states`` by that of all that lies behind it, the bare canvas too."""
+    tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
+    inside = tile < tiles
+    chunk, count = tl.load(chunks + tile, inside, 0), tl.load(used + tile, inside, 0)
+    q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
+    behind = tl.zeros((CP, TILES, AREA), tl.float32) + _load_bare(background, C, CP)
+    for back in range(0, tl.max(count)):
+        here = back < count
+        row = (chunk + count - 1 - back) * (C + 1)
+        own = row[None, :, None] * AREA + c * AREA + q[None]
+        mask = here[None, :, None] & (c < C)
+        color = tl.load(states + own, mask, 0.0)
+        clear = tl.load(states + (row + C)[:, None] * AREA + q, here[:, None], 1.0)
+        tl.store(states + own, behind, mask)
+        behind = color + behind * clear[None]
+
+
+@inline
+def _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
+    """Numbers of a program's chunks (TILES,) and their tiles, whether they were painted, and their pairs."""
+    chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
+    inside = chunk < tl.load(chunks + tiles)
+    tile = tl.load(chunk_tile + chunk, inside, 0)
+    number = (chunk - tl.load(chunks + tile, inside, 0)).to(tl.int32)
+    inside = inside & (number < tl.load(used + tile, inside, 0))
+    at = tl.load(first + tile, inside, 0)
+    count = (tl.load(first + tile + 1, inside, 0) - at).to(tl.int32) - number * CHUNK
+    return chunk.to(tl.int64), tile, inside, at + number * CHUNK, tl.where(inside, tl.minimum(count, CHUNK), 0)
+
+
+@jit(do_not_specialize=SIZES)
+def backward_pass(
+    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, used, near, above, states,
+    picture, pairs, tiles, columns, height, width, numbers,
+    C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
+    WEIGHS: tl.constexpr,
+):  # fmt: skip
+    """Visit the strokes of chunks back to front, each of which belongs to ``chunk_tile``, after `behind_pass`.
+
+    ``picture`` is the gradient of the image (C, H, W), and what is written, by slot, is that of the strokes' numbers,
+    ``pairs`` (pairs, numbers). If it WEIGHS, ``picture`` is image less target, and the weight of each pixel
+    (C + 1, H, W), and ``pairs`` (pairs, 1) is what the weighted squared error would grow by without a stroke.
+    """
+    chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK, TILES)
+    place, there, ox, oy = _places(tile, columns, height, width, inside)
+    q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
+    given = _load_planes(picture, place, there, height, width, C, CP)
+    state = (chunk * (C + 1) * AREA)[None, :, None] + c * AREA + q[None]
+    behind = tl.load(states + state, inside[None, :, None] & (c < C), 0.0)
+    if WEIGHS:
+        weight = tl.load(picture + C * height.to(tl.int64) * width + place, there, 0.0)
+    else:
+        behind = tl.sum(behind * given, axis=0)  # of what is behind, only this is needed
+    for back in range(0, tl.max(count)):
+        k = count - 1 - back
+        here = k >= 0
+        i = tl.load(stroke + at + k, here, 0)
+        row, pair = i * numbers, (at + k)[:, None] * AREA + q
+        t, light = tl.load(near + pair, here[:, None], 0.0), tl.load(above + pair, here[:, None], 0.0)
+        sx, sy, fx, fy, bx, by = load_curve(strokes, row, ox, oy, here)
+        cover, cover_u, cover_v, tone, tone_u, tone_v = _look(
+            t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, sharp, taper, here, TEXTURED
+        )
+        opacity, paint = _load_number(strokes, row, 7, here), _load_colors(strokes + 8 + TEXTURED, row, here, C, CP)
+        alpha, pure, white = cover * opacity, 1.0 - tl.abs(tone), tl.maximum(tone, 0.0)
+        out = pairs + tl.load(slot + at + k, here, 0) * (1 if WEIGHS else numbers)
+        if WEIGHS:
+            d = tl.where(c < C, (behind - paint * pure[None] - white[None]) * alpha[None], 0.0)
+            grown = tl.sum(d * (light[None] * d + 2.0 * given), axis=0)
+            tl.store(out, sum_pixels(weight * light * grown), here)
+            behind -= d
+        else:
+            plain, every = tl.sum(paint * given, axis=0), tl.sum(given, axis=0)
+            shown = pure * plain + white * every
+            ga = light * (shown - behind)
+            _pull_color(out, cover, ga, given, light * alpha * pure, here, C, CP, TEXTURED)
+            x, y = pixels()
+            half = _load_number(strokes, row, 6, here)
+            if TEXTURED:
+                gs = light * alpha * tl.where(tone > 0.0, every - plain, plain)
+                gu, gv = ga * opacity * cover_u + gs * tone_u, ga * opacity * cover_v + gs * tone_v
+                scale = _load_number(strokes, row, 8, here)
+                textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here)
+            else:
+                plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, taper, here)
+            behind += alpha * (shown - behind)
+
+
+@inline
+def _pull_color(out, cover, ga, given, seen, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr):
+    """Write the gradient of opacity and colour from that of alpha ``ga``, and how much of the colour is ``seen``."""
+    tl.store(out + 7, sum_pixels(ga * cover), here)
+    c = tl.arange(0, CP)[:, None]
+    tl.store(out[None] + 8 + TEXTURED + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
+
+
+@jit(do_not_specialize=["numbers"])
+def sum_rows(pairs, space, order, sums, numbers, WIDTH: tl.constexpr, ROWS: tl.constexpr):
+    """Sum the rows ``pairs`` (., numbers) of one stroke, from ``space`` on, in double precision: ``sums`` (N, .)."""
+    k = tl.program_id(0)
+    begin, end = tl.load(space + k), tl.load(space + k + 1)
+    row, column = tl.arange(0, ROWS)[:, None], tl.arange(0, WIDTH)[None, :]
+    total = tl.zeros((WIDTH,), tl.float64)
+    for j in range(begin, end, ROWS):
+        mask = (j + row < end) & (column < numbers)
+        total += tl.sum(tl.load(pairs + (j + row) * numbers + column, mask, 0.0).to(tl.float64), axis=0)
+    column = tl.arange(0, WIDTH)
+    tl.store(sums + tl.load(order + k) * numbers + column, total.to(tl.float32), column < numbers)

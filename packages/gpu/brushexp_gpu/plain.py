@@ -1,0 +1,61 @@
+"""Strokes of one colour: `brushexp.compositing.profile` for the kernels of this package."""
+# mypy: allow-untyped-defs
+
+import triton.language as tl
+
+from brushexp.compositing import profile
+from brushexp_gpu.curves import LEAST_SLOPE, clip, store_moments, sum_pixels
+from brushexp_gpu.launch import inline
+
+LEAST_BEND = tl.constexpr(float(profile.LEAST_BEND))
+
+
+@inline
+def _rise(x):
+    z = clip(x, -0.5, 0.5)
+    return z * (1.5 - 2.0 * z * z)
+
+
+@inline
+def _slope(x):
+    """A sixth of the derivative of `_rise`."""
+    z = clip(x + 0.5, 0.0, 1.0)
+    return z * (1.0 - z)
+
+
+@inline
+def _offset(t, sx, sy, fx, fy, bx, by, x, y):
+    """From pixels to the points at parameters ``t``."""
+    return (bx * t + 2.0 * fx) * t + (sx - x), (by * t + 2.0 * fy) * t + (sy - y)
+
+
+@inline
+def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, taper):
+    """How far pixels are covered, before opacity; ``half`` (TILES, 1) is the half width."""
+    rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
+    d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
+    ht = half - half * taper * u * u
+    cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
+    return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may leave less, or more of what is not there
+
+
+@inline
+def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, taper, here):
+    """Write the gradient of curve and half width to ``out`` + 0 to 6, from that of alpha ``ga``."""
+    rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
+    d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
+    thin = 1.0 - taper * u * u
+    inner, outer = _slope((half * thin - d) * sharp), _slope((half * thin + d) * sharp)
+    gh, gd = ga * (inner + outer), ga * (outer - inner) / tl.maximum(d, 1e-6)  # both slopes agree at d = 0
+    scale = 6.0 * opacity * sharp
+    tl.store(out + 6, sum_pixels(scale * gh * thin), here)
+    gx, gy = scale * gd * rx, scale * gd * ry  # to the point of the curve
+    # The thickness depends on t, and t on the control points.
+    dx, dy = bx * t + fx, by * t + fy
+    size = bx * bx + by * by + 3.0 * tl.abs(bx * fx + by * fy) + 2.0 * (fx * fx + fy * fy)
+    bend = 2.0 * (dx * dx + dy * dy) + bx * rx + by * ry
+    gt = 4.0 * scale * gh * half * taper * u / tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
+    gt = tl.where((t > 0.0) & (t < 1.0), gt, 0.0)  # held at an end, t does not move
+    gx, gy, vx, vy = gx + gt * dx, gy + gt * dy, gt * rx, gt * ry  # and to half of the velocity there
+    ux, uy = t * gx, t * gy
+    store_moments(out, gx, 2.0 * ux + vx, t * (ux + vx), gy, 2.0 * uy + vy, t * (uy + vy), here)

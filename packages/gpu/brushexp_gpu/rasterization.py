@@ -1,0 +1,89 @@
+"""Paint a picture by Triton's kernels, as `brushexp.compositing.rasterization` does by Numba's."""
+
+import torch
+import triton
+from torch import Tensor
+
+from brushexp.compositing.layers import KernelInput, Layers, Size
+from brushexp.compositing.textured_profile import KERNEL as TEXTURED
+from brushexp.compositing.tile_lists import AREA
+from brushexp_gpu.launch import launch
+from brushexp_gpu.lists import CHUNK, tile_lists
+from brushexp_gpu.passes import backward_pass, behind_pass, forward_pass, sum_rows
+
+TILES = 64 if triton.knobs.runtime.interpret else 1  # side by side in a program; a warp each
+ROWS = 64  # pairs of a stroke that are summed at once
+
+
+class TritonRasterization:
+    """Settings and lists of one pass; see `brushexp.compositing.rasterization.Rasterization`."""
+
+    errors: Tensor
+
+    def __init__(
+        self, inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
+    ) -> None:
+        self.lists = tile_lists(layers.curve.detach(), layers.reach.detach(), front_to_back, size)
+        self.size, self.opaque, self.order, self.background = size, opaque, front_to_back, background.contiguous()
+        self._strokes, self._textured = inputs.strokes.detach().contiguous(), inputs.kernel is TEXTURED
+        nothing, zero = background.new_empty(0), 0.0
+        sharp, taper = (zero, zero) if self._textured else (float(part) for part in inputs.data)
+        looks = inputs.data if self._textured else (nothing, nothing, nothing)
+        self._numbers = self._strokes, *(part.contiguous() for part in looks), sharp, taper
+        self._kind = {"C": len(background), "CP": triton.next_power_of_2(len(background)), "TILES": TILES}
+
+    def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
+        """Paint a picture (C, H, W); ``keep`` what is needed if `gradient` or `importance` will follow."""
+        lists, like, tiles = self.lists, self._strokes, len(self.lists.first) - 1
+        channels, room = len(self.background), len(lists.stroke)
+        image, used = like.new_empty((channels, *self.size)), torch.empty_like(lists.first[1:], dtype=torch.int32)
+        near, above = like.new_empty((2, room if keep else 0, AREA))
+        states = like.new_empty((lists.chunk_room if keep else 0, channels + 1, AREA))
+        errors = like.new_zeros((0 if target is None else room, 2))
+        goal = image if target is None else target.contiguous()
+        launch(
+            forward_pass, self._programs(tiles), *self._numbers, lists.stroke, lists.slot, lists.part, lists.first,
+            lists.chunks, self.background, self.opaque, goal, image, used, near, above, states, errors, *self._sizes(),
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep, num_warps=1,
+        )  # fmt: skip
+        if keep:
+            ends = states, lists.chunks, used, self.background, tiles
+            launch(behind_pass, self._programs(tiles), *ends, **self._kind, num_warps=1)
+        self._trace = used, near, above, states
+        if target is not None:
+            self.errors = self._sums(errors)
+        return image
+
+    def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
+        """Compute gradients of the strokes' numbers from that (C, H, W) of the picture."""
+        return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
+
+    def importance(self, target: Tensor, weight: Tensor) -> Tensor:
+        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
+        error = self.paint(None, keep=True) - target
+        return self._sums(self._run_back(torch.cat([error, weight[None]]), 1, weighs=True))[:, 0]
+
+    def _run_back(self, picture: Tensor, columns: int, *, weighs: bool = False) -> Tensor:
+        lists = self.lists
+        pairs = picture.new_zeros((len(lists.stroke), columns))
+        launch(
+            backward_pass, self._programs(lists.chunk_room), *self._numbers, lists.stroke, lists.slot, lists.first,
+            lists.chunks, lists.chunk_tile(), *self._trace, picture.contiguous(), pairs, *self._sizes(),
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, WEIGHS=weighs, num_warps=1,
+        )  # fmt: skip
+        return pairs
+
+    def _sums(self, pairs: Tensor) -> Tensor:
+        """Sum the rows (pairs, C) of each stroke: (N, C)."""
+        columns = pairs.shape[1]
+        sums = pairs.new_zeros((len(self._strokes), columns))
+        width = triton.next_power_of_2(columns)
+        launch(sum_rows, len(self.order), pairs, self.lists.space, self.order, sums, columns, WIDTH=width, ROWS=ROWS)
+        return sums
+
+    def _sizes(self) -> tuple[int, ...]:
+        """Those numbers of which there is no kernel of its own; see `passes.SIZES`."""
+        return len(self.lists.first) - 1, self.lists.shape[1], *self.size, self._strokes.shape[1]
+
+    def _programs(self, parts: int) -> int:
+        return -(-parts // TILES)
