@@ -30,7 +30,8 @@ class TritonRasterization:
         sharp, taper = (zero, zero) if self._textured else (float(part) for part in inputs.data)
         looks = inputs.data if self._textured else (nothing, nothing, nothing)
         self._numbers = self._strokes, *(part.contiguous() for part in looks), sharp, taper
-        self._kind = {"C": len(background), "CP": triton.next_power_of_2(len(background)), "TILES": TILES}
+        channels = len(background)
+        self._kind = {"C": channels, "CP": triton.next_power_of_2(channels), "TILES": TILES, "num_warps": min(TILES, 8)}
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
         """Paint a picture (C, H, W); ``keep`` what is needed if `gradient` or `importance` will follow."""
@@ -44,11 +45,11 @@ class TritonRasterization:
         launch(
             forward_pass, self._programs(tiles), *self._numbers, lists.stroke, lists.slot, lists.part, lists.first,
             lists.chunks, self.background, self.opaque, goal, image, used, near, above, states, errors, *self._sizes(),
-            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep, num_warps=1,
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep,
         )  # fmt: skip
         if keep:
             ends = states, lists.chunks, used, self.background, tiles
-            launch(behind_pass, self._programs(tiles), *ends, **self._kind, num_warps=1)
+            launch(behind_pass, self._programs(tiles), *ends, **self._kind)
         self._trace = used, near, above, states
         if target is not None:
             self.errors = self._sums(errors)
@@ -69,7 +70,7 @@ class TritonRasterization:
         launch(
             backward_pass, self._programs(lists.chunk_room), *self._numbers, lists.stroke, lists.slot, lists.first,
             lists.chunks, lists.chunk_tile(), *self._trace, picture.contiguous(), pairs, *self._sizes(),
-            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, WEIGHS=weighs, num_warps=1,
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, WEIGHS=weighs,
         )  # fmt: skip
         return pairs
 

@@ -36,7 +36,7 @@ class CanvasMemory:
 
     def __post_init__(self) -> None:
         self.cache = PatchCache(self.renderer)
-        self._squares = sum_of_squares(self.picture, self.target)
+        self._squares = float(sum_of_squares(self.picture, self.target))
         self._region: Region | None = None  # the present steps look here
         self._numbers = torch.empty(0)  # strokes that are drawn in the region
         self._fixed = torch.empty(0)  # (h, w), bool: pixels of the region that stay
@@ -85,7 +85,7 @@ class CanvasMemory:
     @torch.no_grad()
     def _paste(self, image: Tensor, region: Region) -> None:
         target, before = region.of(self.target), region.of(self.picture)
-        self._squares += sum_of_squares(image, target) - sum_of_squares(before, target)
+        self._squares += float(sum_of_squares(image, target) - sum_of_squares(before, target))
         before.copy_(image)
 
 
@@ -124,10 +124,10 @@ class PatchCache:
         return Windows(pictures, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
 
-def sum_of_squares(first: Tensor, second: Tensor) -> float:
+def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
     """Sum the squared differences of two pictures."""
     rows = zip(first.split(COMPARED_ROWS, 1), second.split(COMPARED_ROWS, 1), strict=True)
-    return float(torch.stack([(a - b).square().sum(dtype=torch.float64) for a, b in rows]).sum())
+    return torch.stack([(a - b).square().sum(dtype=torch.float64) for a, b in rows]).sum()
 
 
 @torch.no_grad()

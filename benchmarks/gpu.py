@@ -1,0 +1,183 @@
+"""Everything that only a GPU can tell, in one command: tests, time of a step, a painting, and where the time goes.
+
+    python benchmarks/gpu.py kodim03.png    (some minutes; needs the extras gpu and test)
+
+Writes what it found, with the card's name, into the last section of docs/gpu.md. The picture is optional; without it a
+photograph of scikit-image is painted in its size.
+"""
+
+import argparse
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import brushexp  # before torch: it sets how threads wait
+
+# isort: split
+import torch
+from brushexp_colors.pigment import Pigment
+from skimage import data, transform
+from step import BACKGROUND, scene
+from torch.profiler import ProfilerActivity, profile
+
+from brushexp.plugins.blend.base import Compositor
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.textured import Textured
+
+ROOT = Path(__file__).parents[1]
+PAGE, HEADING = ROOT / "docs" / "gpu.md", "## Measured\n"
+TESTS = ["tests/test_gpu.py", "packages/gpu/tests"]
+SIDE, STROKES, PSNR = 1024, 10_000, 40
+CARE = (
+    "run this where there is one, with a build of PyTorch for CUDA and pip install -c constraints.txt -e '.[gpu,test]'"
+)
+Step = Callable[[], tuple[torch.Tensor, ...]]
+
+
+def missing() -> str | None:
+    """Say what this machine lacks."""
+    if not torch.cuda.is_available():
+        return f"PyTorch {torch.__version__} finds no CUDA device"
+    return None if find_spec("triton") else "Triton is not installed"
+
+
+def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, count: int = STROKES) -> Step:
+    """Make a function that takes one step of a kind of strokes: forward, mean squared error, backward."""
+    blend: Any = Tiled(kernel=kernel)
+    blend = Compositor(blend, Pigment()) if kind == "pigment" else blend
+    renderer = Textured().requires_grad_(False).eval() if kind == "textured" else Analytic()
+    leaves = scene(count, side).map(lambda value: value.to(device).requires_grad_())
+    target, order, bare = torch.rand(3, side, side, device=device), torch.arange(count, device=device), BACKGROUND
+    renderer, bare = renderer.to(device), bare.to(device)
+
+    def step() -> tuple[torch.Tensor, ...]:
+        for _, value in leaves.items():
+            value.grad = None
+        image = blend(renderer(leaves), order, (side, side), bare).image
+        (image - target).square().mean().backward()
+        return image.detach(), *(value.grad for _, value in leaves.items() if value.grad is not None)
+
+    return step
+
+
+def seconds_of(step: Step, runs: int) -> tuple[float, float]:
+    """Wall time of the first run, compiling included, and the median of others."""
+    times = []
+    for _ in range(runs + 1):
+        start = time.perf_counter()
+        step()
+        torch.cuda.synchronize()
+        times.append(time.perf_counter() - start)
+    return times[0], statistics.median(times[1:])
+
+
+def steps() -> Iterator[str]:
+    """Steps of all kinds, against PyTorch's."""
+    yield "| strokes | Triton ms | PyTorch ms | times | first step s | memory MB | picture, difference | gradient |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for kind in ("plain", "textured", "pigment"):
+        fast, slow = step_of(kind, "triton"), step_of(kind, "torch")
+        torch.cuda.reset_peak_memory_stats()
+        first, seconds = seconds_of(fast, 50)
+        memory = torch.cuda.max_memory_allocated() / 2**20
+        _, other = seconds_of(slow, 3)
+        ours, theirs = fast(), slow()
+        again = all(torch.equal(a, b) for a, b in zip(ours, fast(), strict=True))
+        picture = float((ours[0] - theirs[0]).abs().max())
+        gradient = max(float((a - b).norm() / b.norm()) for a, b in zip(ours[1:], theirs[1:], strict=True))
+        name = kind if again else f"{kind} (NOT the same bits again)"
+        numbers = f"{1e3 * seconds:.2f} | {1e3 * other:.0f} | {other / seconds:.0f} | {first:.1f} | {memory:.0f}"
+        yield f"| {name} | {numbers} | {picture:.1e} | {gradient:.1e} |"
+
+
+def side_by_side() -> Iterator[str]:
+    """The choice of how many tiles a program has."""
+    from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
+
+    chosen, times = rasterization.TILES, []
+    for tiles in (1, 2, 4, 8):
+        rasterization.TILES = tiles
+        _, seconds = seconds_of(step_of("plain", "triton"), 50)
+        times.append(f"{1e3 * seconds:.2f} ms with {tiles}")
+    rasterization.TILES = chosen
+    yield f"Plain steps by tiles side by side in a program, of which {chosen} is chosen: {', '.join(times)}."
+
+
+def painting(picture: Path | None) -> Iterator[str]:
+    """A painting of a picture of Kodak's size, until it is as near as was asked."""
+    source: Any = picture or transform.resize(data.rocket(), (512, 768))
+    for again in ("first", "again"):
+        done = brushexp.paint(source, look="plain", strokes=STROKES, psnr=PSNR, steps=1500, device="cuda")
+        found = done.metrics
+        seconds, taken = float(found["seconds"]), int(found["steps"])
+        name = picture.name if picture else "rocket"
+        yield f"- {name}, 768 x 512, {STROKES} strokes, {again}: {found['psnr']:.2f} dB after {seconds:.2f} s and"
+        yield f"  {taken} steps, {1e3 * seconds / max(taken, 1):.2f} ms a step."
+
+
+def where_time_goes() -> Iterator[str]:
+    """What the device does in ten plain steps."""
+    step = step_of("plain", "triton")
+    step()
+    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as seen:
+        for _ in range(10):
+            step()
+        torch.cuda.synchronize()
+    rows = [event for event in seen.key_averages() if event.self_device_time_total > 0]
+    total = sum(event.self_device_time_total for event in rows)
+    yield f"Ten plain steps keep the device busy for {total / 1e4:.2f} ms each.\n"
+    yield "| on the device | times a step | us a step | share |"
+    yield "|---|---|---|---|"
+    for event in sorted(rows, key=lambda event: -event.self_device_time_total)[:15]:
+        microseconds = event.self_device_time_total / 10
+        share = event.self_device_time_total / total
+        yield f"| `{event.key[:60]}` | {event.count / 10:.1f} | {microseconds:.1f} | {share:.0%} |"
+
+
+def tests() -> Iterator[str]:
+    """The tests that are marked gpu."""
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-m", "gpu", *TESTS]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    print(done.stdout[-4000:], file=sys.stderr)
+    yield f"`pytest -m gpu {' '.join(TESTS)}`: {done.stdout.strip().splitlines()[-1].strip('= ')}"
+
+
+def report(picture: Path | None) -> str:
+    """All of it, as the section of the page."""
+    import triton  # noqa: PLC0415  (it may not be there)
+
+    card, capability = torch.cuda.get_device_name(), "".join(map(str, torch.cuda.get_device_capability()))
+    head = f"{card} (sm_{capability}), torch {torch.__version__}, triton {triton.__version__}; `benchmarks/gpu.py`."
+    size = f"A step at {SIDE} x {SIDE} px with {STROKES} strokes, forward and backward; the goal is 2 ms."
+    parts = [
+        head,
+        *tests(),
+        size,
+        "\n".join(steps()),
+        *side_by_side(),
+        "\n".join(painting(picture)),
+        "\n".join(where_time_goes()),
+    ]
+    return "\n\n".join(parts)
+
+
+def main() -> None:
+    """Write the section, or say what is missing."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("picture", type=Path, nargs="?", help="a picture of 768 x 512 pixels")
+    picture = parser.parse_args().picture
+    if lacks := missing():
+        sys.exit(f"benchmarks/gpu.py: {lacks}; {CARE}")
+    before, _, _ = PAGE.read_text().partition(HEADING)
+    PAGE.write_text(f"{before}{HEADING}\n{report(picture)}\n")
+    print(f"written to {PAGE}")
+
+
+if __name__ == "__main__":
+    main()
