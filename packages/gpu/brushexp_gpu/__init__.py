@@ -2,9 +2,9 @@
 
 import os
 import shutil
+from functools import cache
 from importlib.util import find_spec
 
-import torch
 from torch import Tensor
 
 from brushexp.compositing import profile, textured_profile
@@ -17,16 +17,20 @@ def rasterize(
 ) -> Rasterizer | None:
     """Make the rasterizer of plain and of textured strokes; None for others, and where no kernel of Triton runs."""
     known = inputs.kernel in (profile.KERNEL, textured_profile.KERNEL)
-    if not known or find_spec("triton") is None or not _runs_on(inputs.strokes.device):
+    if not known or not _runs_on(inputs.strokes.device.type):
         return None
     from brushexp_gpu.rasterization import TritonRasterization  # noqa: PLC0415  (without a GPU nobody waits for it)
 
     return TritonRasterization(inputs, layers, front_to_back, size, background, opaque)
 
 
-def _runs_on(device: torch.device) -> bool:
+@cache
+def _runs_on(device: str) -> bool:
     """Whether kernels run there: Triton starts them by code in C, or interprets them if TRITON_INTERPRET is 1."""
+    if find_spec("triton") is None:
+        return False
     import triton  # noqa: PLC0415
 
+    knobs = getattr(triton, "knobs", None)  # none in PyTorch before 2.8, with which nothing was tried
     compiles = any((os.environ.get("CC"), shutil.which("gcc"), shutil.which("clang")))
-    return triton.knobs.runtime.interpret or (device.type == "cuda" and compiles)
+    return knobs is not None and (knobs.runtime.interpret or (device == "cuda" and compiles))

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import torch
 import triton
 
 
@@ -11,6 +12,7 @@ def inline(function: Any) -> Any:
 
 
 def launch(kernel: Any, programs: int, *arguments: Any, **options: Any) -> None:
-    """Start so many programs of a kernel; none is no error."""
+    """Start so many programs of a kernel where its first tensor is; none is no error."""
     if programs:
-        kernel[(programs,)](*arguments, **options)
+        with torch.cuda.device_of(arguments[0]):
+            kernel[(programs,)](*arguments, **options)

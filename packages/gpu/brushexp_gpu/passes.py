@@ -168,8 +168,10 @@ def forward_pass(
 
 
 @jit(do_not_specialize=SIZES)
-def behind_pass(states, chunks, used, background, tiles, C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr):
-    """Replace the colour of each chunk in ``states`` by that of all that lies behind it, the bare canvas too."""
+def behind_pass(
+    states, behinds, chunks, used, background, tiles, C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr
+):
+    """Write ``behinds`` (chunks, C, AREA), the colour of all that lies behind each chunk, the bare canvas too."""
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
     chunk, count = tl.load(chunks + tile, inside, 0), tl.load(used + tile, inside, 0)
@@ -177,13 +179,11 @@ def behind_pass(states, chunks, used, background, tiles, C: tl.constexpr, CP: tl
     behind = tl.zeros((CP, TILES, AREA), tl.float32) + _load_bare(background, C, CP)
     for back in range(0, tl.max(count)):
         here = back < count
-        row = (chunk + count - 1 - back) * (C + 1)
-        own = row[None, :, None] * AREA + c * AREA + q[None]
-        mask = here[None, :, None] & (c < C)
-        color = tl.load(states + own, mask, 0.0)
-        clear = tl.load(states + (row + C)[:, None] * AREA + q, here[:, None], 1.0)
-        tl.store(states + own, behind, mask)
-        behind = color + behind * clear[None]
+        row, mask = chunk + count - 1 - back, here[None, :, None] & (c < C)
+        own = (row * (C + 1) * AREA)[:, None] + q
+        tl.store(behinds + (row * C * AREA)[None, :, None] + c * AREA + q[None], behind, mask)
+        clear = tl.load(states + own + C * AREA, here[:, None], 1.0)
+        behind = tl.load(states + own[None] + c * AREA, mask, 0.0) + behind * clear[None]
 
 
 @inline
@@ -201,7 +201,7 @@ def _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK: tl.constexpr, TI
 
 @jit(do_not_specialize=SIZES)
 def backward_pass(
-    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, used, near, above, states,
+    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, used, near, above, behinds,
     picture, pairs, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     WEIGHS: tl.constexpr,
@@ -216,8 +216,8 @@ def backward_pass(
     place, there, ox, oy = _places(tile, columns, height, width, inside)
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
     given = _load_planes(picture, place, there, height, width, C, CP)
-    state = (chunk * (C + 1) * AREA)[None, :, None] + c * AREA + q[None]
-    behind = tl.load(states + state, inside[None, :, None] & (c < C), 0.0)
+    state = (chunk * C * AREA)[None, :, None] + c * AREA + q[None]
+    behind = tl.load(behinds + state, inside[None, :, None] & (c < C), 0.0)
     if WEIGHS:
         weight = tl.load(picture + C * height.to(tl.int64) * width + place, there, 0.0)
     else:

@@ -39,7 +39,7 @@ class TritonRasterization:
         channels, room = len(self.background), len(lists.stroke)
         image, used = like.new_empty((channels, *self.size)), torch.empty_like(lists.first[1:], dtype=torch.int32)
         near, above = like.new_empty((2, room if keep else 0, AREA))
-        states = like.new_empty((lists.chunk_room if keep else 0, channels + 1, AREA))
+        states, behinds = (like.new_empty((lists.chunk_room if keep else 0, c, AREA)) for c in (channels + 1, channels))
         errors = like.new_zeros((0 if target is None else room, 2))
         goal = image if target is None else target.contiguous()
         launch(
@@ -48,9 +48,9 @@ class TritonRasterization:
             **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep,
         )  # fmt: skip
         if keep:
-            ends = states, lists.chunks, used, self.background, tiles
+            ends = states, behinds, lists.chunks, used, self.background, tiles
             launch(behind_pass, self._programs(tiles), *ends, **self._kind)
-        self._trace = used, near, above, states
+        self._trace = used, near, above, behinds
         if target is not None:
             self.errors = self._sums(errors)
         return image
