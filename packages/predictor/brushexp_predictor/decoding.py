@@ -12,21 +12,21 @@ from brushexp.strokes.catalogue import Strokes
 FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
 BEND = 2.0  # half lengths from the chord to the control point, at most
 TONE = 0.5  # greatest difference from the mean colour of the cell
-WINDOW = 2.2  # cells: steps of the optimiser are shares of it, and the strokes lie nearly where they should
 FIRST_OPACITY = 3.0  # log-odds, where the network says 0
 
 
 @dataclass(frozen=True)
 class Form:
-    """What lengths and widths the strokes of a network can have, in sides of a cell."""
+    """What lengths, widths and windows the strokes of a network have, in sides of a cell."""
 
     half_length: float  # where the network says 0
     width: float
     spread: float  # logarithm of the greatest factor of both
+    window: float  # steps of the optimiser are shares of it: small where strokes lie nearly where they should
     brushed: bool  # opaque, and with the marks of bristles
 
 
-FORMS = {"plain": Form(0.7, 1.2, 1.6, False), "brushed": Form(1.5, 1.0, 0.7, True)}
+FORMS = {"plain": Form(0.7, 1.2, 1.6, 2.2, False), "brushed": Form(1.5, 1.0, 0.7, 9.0, True)}
 
 
 def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
@@ -51,7 +51,7 @@ def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: 
         form.width * cell * torch.exp(form.spread * shape[:, 2]),
         mean + TONE * torch.tanh(numbers[:, 7:10]),
         torch.ones_like(opacity) if form.brushed else opacity,
-        window=WINDOW * cell,
+        window=form.window * cell,
         position=middle + FARTHEST * cell * torch.tanh(place),
     )
 
