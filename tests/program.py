@@ -14,6 +14,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 from urllib.parse import urlsplit
@@ -23,13 +24,15 @@ import brushexp_training
 import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
-THEIRS = ["av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "skimage.data"]
-THEIRS += ["skimage.segmentation.slic_superpixels", "torchmetrics.functional.image"]
+THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "numba"]
+THEIRS += ["PIL.GifImagePlugin", "skimage.data", "skimage.segmentation.slic_superpixels"]
+THEIRS += ["torchmetrics.functional.image"]
 OURS = [
     module.name
     for it in (brushexp, brushexp_training)
     for module in pkgutil.walk_packages(it.__path__, f"{it.__name__}.")
 ]
+OURS += [point.module for group in ("plugins", "tasks") for point in entry_points(group=f"brushexp.{group}")]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*THEIRS, *OURS])
 Kill = tuple[str, int, bool]

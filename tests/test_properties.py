@@ -4,6 +4,7 @@ Where strokes and canvases have dyadic coordinates (multiples of 1/64 pixel) the
 shift of whole tiles, and the picture is the same to the bit.
 """
 
+import os
 from dataclasses import dataclass, replace
 
 import pytest
@@ -105,7 +106,8 @@ def inserted(strokes: Strokes, place: int, other: Strokes) -> Strokes:
     return Strokes.join(strokes[:place], other, strokes[place:])
 
 
-PROFILE = settings(max_examples=15, deadline=None, derandomize=True)
+EXAMPLES = int(os.environ.get("BRUSHEXP_SCENES", "8"))  # hundreds search for more
+PROFILE = settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 over_blends = pytest.mark.parametrize("blend", BLENDS)
 over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
 

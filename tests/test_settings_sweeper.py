@@ -90,7 +90,7 @@ def test_a_renderer_of_the_sweep_is_proposed_for_an_option_that_another_one_has(
     assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, [SHIPPED], words)
 
 
-@pytest.mark.parametrize("launcher", ["basic", "joblib", "processes"])
+@pytest.mark.parametrize("launcher", ["basic", "processes"])
 def test_nothing_of_a_sweep_starts_when_one_of_its_jobs_is_wrong(launcher, tmp_path):
     words = ["-m", f"hydra/launcher={launcher}", "hydra.sweeper.settings=['','loss=brushwork']", "resolution=16"]
     done = run(*words, "steps=0", f"output={tmp_path}/s", cwd=tmp_path)

@@ -50,13 +50,9 @@ def test_a_signal_of_the_cluster_ends_a_fit_and_then_does_what_it_did(number):
 def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
     words, study = [*TINY, *STUDY, "output=s"], tmp_path / "s"
-    for more, message in (
-        (["hydra.sweeper.direction=maximize"], "looks for the worst l1; drop it"),
-        (["strokes=range(5,9999999)"], "job 3 of the sweep .*strokes=9999999.*set strokes to"),
-    ):
-        refused = run(*words, *more, cwd=tmp_path)
-        assert re.search(message, refused.stderr), refused.stderr
-        assert not study.exists()
+    refused = run(*words, "strokes=range(5,9999999)", cwd=tmp_path)
+    assert re.search("job 3 of the sweep .*strokes=9999999.*set strokes to", refused.stderr), refused.stderr
+    assert not study.exists()
     done = run(*words, "hydra.sweeper.n_trials=2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     values = [float(row["l1"]) for row in read_csv(study / "table.csv")]
