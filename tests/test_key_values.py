@@ -2,8 +2,6 @@
 
 import os
 import tempfile
-from contextlib import contextmanager
-from copy import deepcopy
 from dataclasses import fields
 from inspect import signature
 from pathlib import Path
@@ -12,12 +10,11 @@ import pytest
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
 from films import encoded, scene
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import CompactHydraException
-from omegaconf import OmegaConf, read_write
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from PIL import Image
+from typed import typed_into
 
 from brushexp.cli.many_pictures import as_sweep, name_of
 from brushexp.cli.program import expand_arguments
@@ -51,21 +48,6 @@ TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint doe
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
 VALUES = [*NEVER, "-1", "0", "0.5", "null"]
 NUMBERS = (int, float, int | None, float | None)
-PARSER = OverridesParser.create()
-
-
-@contextmanager
-def typed_into(cfg, words):
-    """Set words of the command line in a config as Hydra does, and restore its values."""
-    overrides = PARSER.parse_overrides(expand_arguments(words))
-    before = {override.key_or_group: deepcopy(OmegaConf.select(cfg, override.key_or_group)) for override in overrides}
-    try:
-        ConfigLoaderImpl._apply_overrides_to_config(overrides, cfg)
-        yield cfg
-    finally:
-        with read_write(cfg):
-            for name, value in before.items():
-                OmegaConf.update(cfg, name, value, merge=False)
 
 
 def refusal(cfg, task, words):

@@ -2,13 +2,11 @@
 
 import re
 import shlex
-from copy import deepcopy
 from functools import cache
 
 import pytest
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
+from typed import typed_into
 
 from brushexp.config import compose
 from brushexp.config.check import check
@@ -20,7 +18,6 @@ from brushexp.system.reading import read_text, yaml_of
 PRESETS = {path.stem: path for path in (SHIPPED / "quality").glob("*.yaml")}
 STUDIES = {path.stem: path for path in sorted((SHIPPED / "experiment").glob("*.yaml"))}
 LADDER = ("draft", "normal", "fine", "best")
-GROUPS, PARSER = chosen_groups(), OverridesParser.create()
 
 
 def composed(*words: str, own=()):
@@ -35,16 +32,6 @@ def listed(study: str) -> list[str]:
 @cache
 def chosen(*words: str) -> DictConfig:
     return composed(*words)
-
-
-def with_setting(study: str, setting: str) -> DictConfig:
-    """The config of a job; what those of one study choose alike is composed once, and their values are set in it."""
-    words = shlex.split(setting)
-    groups = [word for word in words if word.partition("=")[0] in GROUPS]
-    cfg = deepcopy(chosen(f"experiment={study}", *groups))
-    values = PARSER.parse_overrides([word for word in words if word not in groups])
-    ConfigLoaderImpl._apply_overrides_to_config(values, cfg)
-    return cfg
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -103,6 +90,9 @@ def test_a_study_composes_and_asks_a_question(study):
 
 @pytest.mark.parametrize("study", [study for study in STUDIES if len(listed(study)) > 1])
 def test_every_setting_of_a_list_is_valid(study):
+    """What several settings choose alike is composed once, and their values are set in it."""
     for setting in listed(study):
-        check(with_setting(study, setting))  # which builds the plugins, too
-    assert with_setting(study, setting) == composed(f"experiment={study}", *shlex.split(setting))
+        words = shlex.split(setting)
+        groups = [word for word in words if word.partition("=")[0] in chosen_groups()]
+        with typed_into(chosen(f"experiment={study}", *groups), [word for word in words if word not in groups]) as cfg:
+            check(cfg)  # which builds the plugins, too
