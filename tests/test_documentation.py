@@ -10,9 +10,9 @@ import nbformat
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from program import ROOT
+from typed import configured
 
 from brushexp.cli.program import expand_arguments
-from brushexp.config.compose import composed
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
@@ -45,10 +45,13 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
     overrides = OverridesParser.create().parse_overrides(
         [word for word in expand_arguments([*flags, *words]) if not word.startswith("-")]
     )
-    composed(
-        [f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line
-         for one in overrides if not one.key_or_group.startswith("hydra.")]
-    )  # fmt: skip
+    plain = [
+        f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line
+        for one in overrides
+        if not one.key_or_group.startswith("hydra.")
+    ]
+    with configured(plain):
+        pass
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

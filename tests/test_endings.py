@@ -207,6 +207,7 @@ def test_every_field_is_watched():
 
 TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", "frames=0", "report=false"]
 TINY += ["checkpoint_every=0", "device=cpu"]
+THIRD_STEP: dict[str, torch.Tensor] = {}  # strokes of a run that ends there, painted once
 PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3), "analytic", "", 0, "")
 
 
@@ -238,9 +239,10 @@ def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, messag
     assert (tmp_path / CHECKPOINT).exists()
     monkeypatch.setattr(MeanSquaredError, "forward", whole)
     before = load_catalogue(tmp_path / "catalogue.h5").strokes
-    run_task(paint, *TINY, "steps=8", "trainer.max_steps=3")
-    for name, value in load_catalogue(tmp_path / "catalogue.h5").strokes.items():
-        torch.testing.assert_close(value, getattr(before, name), atol=1e-5, rtol=1e-5)
+    if not THIRD_STEP:
+        run_task(paint, *TINY, "trainer.max_steps=3")
+        THIRD_STEP.update(load_catalogue(tmp_path / "catalogue.h5").strokes.items())
+    torch.testing.assert_close(dict(before.items()), THIRD_STEP, atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize("full", [CHECKPOINT, "painting.png", "metrics.json"])

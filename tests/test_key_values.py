@@ -53,7 +53,7 @@ NUMBERS = (int, float, int | None, float | None)
 def refusal(cfg, task, words):
     """Return the message about these words; "" if they are valid."""
     try:
-        with typed_into(cfg, words):
+        with typed_into(cfg, expand_arguments(words)):
             check(cfg, words)
     except UserError as error:
         return str(error)

@@ -2,15 +2,12 @@
 
 import re
 import shlex
-from functools import cache
 
 import pytest
-from omegaconf import DictConfig
-from typed import typed_into
+from typed import configured
 
 from brushexp.config import compose
 from brushexp.config.check import check
-from brushexp.config.compose import chosen_groups
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import build
 from brushexp.system.reading import read_text, yaml_of
@@ -27,11 +24,6 @@ def composed(*words: str, own=()):
 def listed(study: str) -> list[str]:
     """Settings of a study, one a job."""
     return yaml_of(read_text(STUDIES[study], "")).get("hydra", {}).get("sweeper", {}).get("settings", [])
-
-
-@cache
-def chosen(*words: str) -> DictConfig:
-    return composed(*words)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -82,7 +74,7 @@ def test_a_study_composes_and_asks_a_question(study):
     assert head[0] == "# @package _global_"
     assert "?" in head[1]
     assert f"experiment={study}" in head[1]
-    for node in chosen(f"experiment={study}").get("loss", {}).values():  # a task without paintings has none
+    for node in composed(f"experiment={study}").get("loss", {}).values():  # a task without paintings has none
         build(node)
     settings = [tuple(sorted(shlex.split(setting))) for setting in listed(study)]
     assert len(set(settings)) == len(settings), "each once"
@@ -90,9 +82,6 @@ def test_a_study_composes_and_asks_a_question(study):
 
 @pytest.mark.parametrize("study", [study for study in STUDIES if len(listed(study)) > 1])
 def test_every_setting_of_a_list_is_valid(study):
-    """What several settings choose alike is composed once, and their values are set in it."""
     for setting in listed(study):
-        words = shlex.split(setting)
-        groups = [word for word in words if word.partition("=")[0] in chosen_groups()]
-        with typed_into(chosen(f"experiment={study}", *groups), [word for word in words if word not in groups]) as cfg:
+        with configured([f"experiment={study}", *shlex.split(setting)]) as cfg:
             check(cfg)  # which builds the plugins, too

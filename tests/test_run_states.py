@@ -241,7 +241,7 @@ def test_nothing_is_lost_and_nothing_lies(way, strokes):
 
 
 SWEEP = ["-m", "look=plain", *SETTINGS, "image=chelsea", "resolution=32", "strokes=12", "frames=3", "timelapse=gif"]
-SWEEP += ["steps=5,6,7", "report=false", "finish_steps=${steps}"]
+SWEEP += ["steps=5,6", "report=false", "finish_steps=${steps}"]
 MOVED = [(f"{job}/{name}", 1, after) for job in (0, 1) for name in OF_PAINTINGS[:-1] for after in (False, True)]
 
 
@@ -272,7 +272,7 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
     for more, message in (
         (
             ["resume=sweep", "seed=3"],
-            r"job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6,7 .*=\$\{steps\}' .*resume=sweep",
+            r"job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6 .*=\$\{steps\}' .*resume=sweep",
         ),
         (["resume=sweep", "output=t"], "output=t holds no sweep"),
     ):
@@ -283,9 +283,9 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
     code, output = ended(tmp_path, *words, "resume=sweep")
     assert code == 0, output
     assert not [*sweep.rglob(TEMPORARY), *sweep.rglob("checkpoint.ckpt")]
-    assert [row["status"] for row in read_csv(sweep / "table.csv")] == 3 * ["completed"]
+    assert [row["status"] for row in read_csv(sweep / "table.csv")] == 2 * ["completed"]
     assert "resume" not in (sweep / "table.csv").read_text()
-    for job in "012":
+    for job in "01":
         for name in ("painting.png", "strokes.svg"):
             assert (sweep / job / name).read_bytes() == (tmp_path / "whole" / job / name).read_bytes()
         load_catalogue(sweep / job / "catalogue.h5")
