@@ -114,8 +114,8 @@ PLANS = {
 }
 
 
-@pytest.mark.parametrize("steps", [11, 14])
-@pytest.mark.parametrize("plan", PLANS)
+# In the middle of an epoch, and at the end of one.
+@pytest.mark.parametrize(("plan", "steps"), [*((plan, 11) for plan in PLANS), ("whole", 14), ("patches", 14)])
 def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 7)
     assert_resumes(PLANS[plan], steps, tmp_path)

@@ -60,7 +60,7 @@ def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
     assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
 
 
-@pytest.mark.parametrize(("typed", "same", "changed"), [
+TYPED = [  # what is typed beside a look, what stays as it was, and what does not
     ("steps=7", "init loss optimizer", {"steps": 7}),
     ("init=slic", "loss optimizer", {"init.width": 0.8}),
     ("init=grid", "init loss optimizer", {}),
@@ -68,14 +68,18 @@ def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
     ("loss=[kl,l1]", "init loss.kl", {"loss.l1.weight": 1.0}),
     ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
     ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
-])  # fmt: skip
-def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine, typed, same, changed):
-    before, after = mine(), mine(typed)
-    check(after, typed.split())
-    for key in same.split():
-        assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
-    for key, value in changed.items():
-        assert OmegaConf.select(after, key) == value
+]  # fmt: skip
+
+
+def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine):
+    before = mine()
+    for typed, same, changed in TYPED:
+        after = mine(typed)
+        check(after, typed.split())
+        for key in same.split():
+            assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
+        for key, value in changed.items():
+            assert OmegaConf.select(after, key) == value
 
 
 @pytest.mark.parametrize(("text", "message"), [
@@ -123,8 +127,8 @@ def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
     assert presets_of(SHIPPED / "look")[look]
-    without = "paper=smooth palette=own"
-    for words in ("init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null", without):
+    without = "renderer=analytic loss=[mse] paper=smooth palette=own"
+    for words in ("init=grid quality=best style.brushwork=null", without):
         check(composed(f"look={look} {words}"))
     cfg, fine, typed = (composed(f"look={look} {words}") for words in ("", "effort=2 detail=4", "effort=9 steps=3"))
     check(cfg)

@@ -162,7 +162,7 @@ def random_curves(n, bend, dtype=torch.float64):
 
 @pytest.mark.parametrize("bend", [0.0, 1.0, 10.0, 30.0])
 def test_no_point_of_the_curve_is_nearer(bend):
-    curves, points = random_curves(200, bend)[:, None], torch.rand(200, 50, 2, dtype=torch.float64) * 40 - 5
+    curves, points = random_curves(60, bend)[:, None], torch.rand(60, 50, 2, dtype=torch.float64) * 40 - 5
     t = closest_parameter(curves, points)
     measured = (point_at(curves, t) - points).norm(dim=-1)
     tried = torch.stack(

@@ -1,7 +1,7 @@
 """Every optimiser paints, can be interrupted and goes on exactly, and lives with strokes that come and go."""
 
 import sys
-from collections.abc import Callable
+from functools import cache
 
 import pytest
 import torch
@@ -9,6 +9,7 @@ from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 from torch import Tensor
 
+from brushexp.config.compose import composed
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -37,13 +38,15 @@ def scene(optimizer: Optimizer, n: int = 20, **parts) -> StrokeOptimizer:
     return painter_of(steps=20, optimizer=optimizer, **parts)
 
 
-@pytest.fixture
-def preset(config) -> Callable[[str], Optimizer]:
-    return lambda name: build(config(f"optimizer={name}").optimizer)
+node_of = cache(lambda name: composed([f"optimizer={name}"]).optimizer)
+
+
+def preset(name: str) -> Optimizer:
+    return build(node_of(name))
 
 
 @every_preset
-def test_a_preset_lowers_the_error_in_twenty_steps(preset, name):
+def test_a_preset_lowers_the_error_in_twenty_steps(name):
     painter = scene(preset(name))
     before = error_of(painter)
     take(painter, 20)
@@ -52,7 +55,7 @@ def test_a_preset_lowers_the_error_in_twenty_steps(preset, name):
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @every_preset
-def test_a_preset_moves_any_number_of_strokes(preset, name, n):
+def test_a_preset_moves_any_number_of_strokes(name, n):
     painter = scene(preset(name), n)
     before = [value.clone() for value in painter.catalogue.parameters()]
     take(painter, 3)
@@ -62,7 +65,7 @@ def test_a_preset_moves_any_number_of_strokes(preset, name, n):
 
 
 @every_preset
-def test_each_stage_lets_an_optimiser_start_afresh(preset, name):
+def test_each_stage_lets_an_optimiser_start_afresh(name):
     painter = scene(preset(name))
     optimizer = take(painter, 3)["optimizer"]
     painter._restart(optimizer)
@@ -71,12 +74,12 @@ def test_each_stage_lets_an_optimiser_start_afresh(preset, name):
 
 
 @every_preset
-def test_an_optimiser_goes_on_exactly_after_an_interruption(preset, name, tmp_path):
+def test_an_optimiser_goes_on_exactly_after_an_interruption(name, tmp_path):
     assert_resumes(lambda: scene(preset(name)), 7, tmp_path)
 
 
 @every_preset
-def test_strokes_may_come_and_go(preset, name):
+def test_strokes_may_come_and_go(name):
     class Swap(Density):
         def due(self, step, steps):
             return step == 5
@@ -93,7 +96,7 @@ def test_strokes_may_come_and_go(preset, name):
     assert set(loop["optimizer"].state) <= set(painter.catalogue.parameters())
 
 
-def test_soap_keeps_no_matrix_as_long_as_the_strokes(preset):
+def test_soap_keeps_no_matrix_as_long_as_the_strokes():
     optimizer = take(scene(preset("soap"), n=300), 3)["optimizer"]
     sizes = [m.shape for state in optimizer.state.values() for m in state["Q"] if len(m)]
     assert sorted(map(tuple, sizes)) == [(2, 2)] * 4 + [(3, 3)], "position, three points and colour"
@@ -127,7 +130,7 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
 
 @pytest.mark.parametrize("missing", [False, True])
 @every_preset
-def test_steps_without_a_slope_move_nothing(preset, name, missing):
+def test_steps_without_a_slope_move_nothing(name, missing):
     """AdamW's decay moves strokes without a slope, as its preset says; by so much a step and no more."""
     chosen, steps = preset(name), 200
     catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)

@@ -93,8 +93,7 @@ FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSqua
 PARTS |= {"losses": {"losses": FEATURES, "order": Accuracy(every=1)}}
 
 
-@pytest.mark.parametrize("coarse", [0.0, 0.2])
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("name", "coarse"), [*((name, 0.0) for name in PARTS), ("SGD", 0.2), ("losses", 0.2)])
 def test_partial_steps_lower_the_error_with_any_optimiser_and_loss_also_after_coarse_ones(name, coarse):
     painter = painter_of(steps=40, sampler=few(), options={"coarse": coarse}, **PARTS[name])
     before = error_of(painter)

@@ -1,5 +1,7 @@
 """The contract of each family, checked for every registered plugin and preset, yours included."""
 
+from itertools import zip_longest
+
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
@@ -20,12 +22,16 @@ NODES: dict[tuple[str, str], DictConfig] = {}
 
 
 def node_of(config, family: str, name: str) -> DictConfig:
-    """The options of a choice, composed once; those of which several may be chosen all together."""
-    if (family, name) not in NODES:
-        several = family in MULTI_SELECT
-        typed = f"{family}=[{','.join(names(family))}]" if several else f"{family}={name}"
-        node = config(f"task={TASK_OF.get(family, 'paint')}", typed)[family]
-        NODES.update({(family, key): value for key, value in node.items()} if several else {(family, name): node})
+    """The options of a choice; a config has one of each family, and all of those of which several may be chosen."""
+    for task in () if NODES else ("paint", *TASK_OF.values()):
+        families = [one for one in FAMILIES if TASK_OF.get(one, "paint") == task]
+        choices = ([f"[{','.join(names(one))}]"] if one in MULTI_SELECT else names(one) for one in families)
+        for row in zip_longest(*choices):
+            chosen = {one: choice for one, choice in zip(families, row, strict=True) if choice}
+            cfg = config(f"task={task}", *(f"{one}={choice}" for one, choice in chosen.items()))
+            for one, choice in chosen.items():
+                nodes = cfg[one].items() if one in MULTI_SELECT else [(choice, cfg[one])]
+                NODES.update({(one, key): value for key, value in nodes})
     return NODES[family, name]
 
 

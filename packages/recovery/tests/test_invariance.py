@@ -10,7 +10,7 @@ from brushexp_recovery.synthesis import Hand, lay_strokes
 from brushexp_recovery.synthesis_canvas import Mixing, compose
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
 
-VIEWS, SMALLER, TURN = 4, 0.8, 2.0
+VIEWS, SMALLER, TURN = 3, 0.8, 2.0
 
 
 def painting() -> np.ndarray:
