@@ -34,6 +34,7 @@ from brushexp.strokes.storage import save_catalogue
 FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
 (FILES / "a.npz").touch()
+Image.new("L", (50, 30), 255).save(FILES / "a.png")
 DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
 RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
@@ -42,6 +43,7 @@ NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "vie
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["recover"] = NEEDED["sample"] = "image=coffee"
 NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # it is only looked for
+NEEDED["repaint"] = f"image={FILES}/a.png catalogue={FILES}/a.h5 region={FILES}/a.png"
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have

@@ -1,7 +1,7 @@
 """Optimise strokes by gradient steps, as a LightningModule."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from typing import Any
@@ -79,6 +79,7 @@ class StrokeOptimizer(PaintingModule):
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue = self.moving = catalogue  # moving is what a step changes: all, or some as a catalogue of theirs
         self.coarse = coarse
+        self.limit: Callable[[Strokes, Strokes | None, Tensor | None], Strokes] = lambda strokes, before, rows: strokes
         self.generator = torch.Generator().manual_seed(seed)
         self.budget = budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
@@ -103,7 +104,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def strokes(self) -> Strokes:
-        return self.catalogue()
+        return self.limit(self.catalogue(), None, None)
 
     def train_dataloader(self) -> Epoch:
         return Epoch(self._views())
@@ -148,11 +149,11 @@ class StrokeOptimizer(PaintingModule):
         if self.schedule.stage and not self.schedule.stage_progress[0]:
             self._restart(plain_optimizer)
         with partial_update(self.catalogue, plain_optimizer, rows, self.visits) as self.moving:
-            with self._only_finite():
+            with self._only_finite() as before:
                 super().optimizer_step(epoch, batch_idx, optimizer, optimizer_closure)
             self.moving.keep_in_range()
             strokes = self.moving()
-            drawable = self.renderer.clamp(strokes)
+            drawable = self.limit(self.renderer.clamp(strokes), before, rows)
             if drawable is not strokes:
                 self.moving.replace(drawable)
         self.moving = self.catalogue
@@ -185,13 +186,13 @@ class StrokeOptimizer(PaintingModule):
         self.visits = torch.cat([self.visits[keep], visits])
 
     @contextmanager
-    def _only_finite(self) -> Iterator[None]:
-        """Undo a step that left strokes that are not finite, and end the fit, or one in which a loss has failed."""
+    def _only_finite(self) -> Iterator[Strokes]:
+        """Undo a step that left strokes that are not finite, or a failed loss, and end the fit; yield those before."""
         with torch.no_grad():
             before = self.moving()
         is_finite = False
         try:
-            yield
+            yield before
             finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
             broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
             is_finite = broken is None and self.moving.is_finite()
@@ -225,7 +226,6 @@ class StrokeOptimizer(PaintingModule):
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""
-        memory = self.picture.memory
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),
@@ -235,7 +235,7 @@ class StrokeOptimizer(PaintingModule):
             "losses": state_of(self.components.losses),
             "evaluations": self.evaluations,
             "visits": self.visits,
-            "picture": None if memory is None else memory.picture,
+            "picture": None if self.picture.memory is None else self.picture.memory.picture,
             "anytime": self.anytime,
             "generator": self.generator.get_state(),
             "torch": torch.get_rng_state(),
@@ -260,9 +260,8 @@ class StrokeOptimizer(PaintingModule):
         torch.set_rng_state(state["torch"])
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        weights = checkpoint["state_dict"]
-        checkpoint["state_dict"] = {key: weights[key] for key in weights if key.startswith("catalogue.")}
-        checkpoint["painter"] = self.state()
+        weights = {k: v for k, v in checkpoint["state_dict"].items() if k.startswith("catalogue.")}
+        checkpoint |= {"state_dict": weights, "painter": self.state()}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.load_state(checkpoint["painter"])

@@ -1,7 +1,7 @@
 """``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from brushexp.painting.build import build_painter
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.closing import is_job, say_where
 from brushexp.runs.resume import restore_run
@@ -36,6 +37,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def paint_picture(
     cfg: DictConfig, folder: Path | None = None, start: float | None = None,
     checkpoint: Path | None = None, callbacks: Sequence[L.Callback] = (),
+    build: Callable[[DictConfig], PaintingModule] = build_painter,
 ) -> Finished:  # fmt: skip
     """Paint from a checked config, in memory or into a run's ``folder``, which then also holds a fit that failed.
 
@@ -43,7 +45,7 @@ def paint_picture(
     """
     trackers, device, metrics = make_trackers(cfg, folder), device_of(cfg.device), metrics_of(cfg)
     L.seed_everything(cfg.seed, verbose=False)
-    painter = build_painter(cfg).to(device)
+    painter = build(cfg).to(device)
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
     plan = painter.resumable
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
