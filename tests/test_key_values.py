@@ -6,6 +6,7 @@ from dataclasses import fields
 from inspect import signature
 from pathlib import Path
 
+import numpy as np
 import pytest
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
@@ -35,6 +36,7 @@ FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
 (FILES / "a.npz").touch()
 Image.new("L", (50, 30), 255).save(FILES / "a.png")
+Image.fromarray((255 * np.eye(30, 50)).astype(np.uint8)).save(FILES / "lines.png")
 DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
 RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
@@ -43,6 +45,7 @@ NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "vie
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["recover"] = NEEDED["sample"] = "image=coffee"
 NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # it is only looked for
+NEEDED["guided"] = f"guides={FILES}/lines.png image={FILES}/a.png"
 NEEDED["repaint"] = f"image={FILES}/a.png catalogue={FILES}/a.h5 region={FILES}/a.png"
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"

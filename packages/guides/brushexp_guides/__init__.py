@@ -1,0 +1,1 @@
+"""Directions of strokes that are drawn by hand: ``guides=lines.png``."""
