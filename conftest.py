@@ -1,5 +1,6 @@
 """Fixtures every test may use."""
 
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -22,6 +23,9 @@ from brushexp.runs.runner import perform
 # The same examples at every run: a failure is one of the change, and not of chance.
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
+
+if not torch.cuda.is_available():  # Triton interprets its kernels then, and decides so when it is first imported
+    os.environ["TRITON_INTERPRET"] = "1"
 
 ROOT = Path(__file__).parent
 prepare(ROOT)  # at import, so that @parametrize can list what is registered

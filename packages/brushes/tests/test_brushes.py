@@ -146,7 +146,7 @@ def test_what_is_no_brush_is_told_with_a_cure(folder, name, data, message):
     with pytest.raises(UserError) as refused:
         BRUSH.check("renderer.files", [name])
     assert message in str(refused.value)
-    assert str(refused.value).startswith("brush=")
+    assert str(refused.value).startswith("renderer.files: brush=")
 
 
 def test_the_strokes_of_the_sheet_are_valid():
