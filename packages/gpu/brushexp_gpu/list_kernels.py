@@ -13,6 +13,7 @@ HALF = tl.constexpr(0.5 * (TILE.value - 1))  # from the middle of a tile to its 
 HALF_DIAGONAL = tl.constexpr(math.sqrt(0.5) * (TILE.value - 1) * 1.001)
 STEP = tl.constexpr(40.0)  # pixels of a curve for which there are PARTS points
 MOST = tl.constexpr(16.0)  # times PARTS points of a curve at most
+HALVINGS = tl.constexpr(32)  # more than pairs can need
 
 
 @inline
@@ -29,9 +30,23 @@ def _box(start, control, end, reach, tiles):
     return first, last, (high > 0.0) & (low < most)
 
 
+@inline
+def _count_at_most(numbers, count, limit, here):
+    """Count of ``count`` ascending numbers those that are at most ``limit``, by halving."""
+    low, high = tl.zeros_like(limit), tl.where(here, count, 0).to(limit.dtype)
+    for _ in range(0, HALVINGS):
+        middle, open = (low + high) // 2, low < high
+        below = open & (tl.load(numbers + middle, open, 0) <= limit)
+        low, high = tl.where(below, middle + 1, low), tl.where(open & ~below, middle, high)
+    return low
+
+
 @jit(do_not_specialize=["n", "rows", "columns"])
-def box_kernel(curve, reach, order, boxes, n, rows, columns, BLOCK: tl.constexpr):
-    """Write the tile rectangle of each stroke, by depth: ``boxes`` (4, n) are left, top, columns, and all its tiles."""
+def box_kernel(curve, reach, order, boxes, sizes, n, rows, columns, BLOCK: tl.constexpr):
+    """Write the tile rectangle of each stroke, by depth: ``boxes`` (3, n) are left, top and columns.
+
+    ``sizes`` (n + 1,) are a 0, and how many tiles each rectangle has.
+    """
     k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = k < n
     i = tl.load(order + k, here, 0)
@@ -49,13 +64,12 @@ def box_kernel(curve, reach, order, boxes, n, rows, columns, BLOCK: tl.constexpr
     tl.store(boxes + k, left, here)
     tl.store(boxes + n + k, top, here)
     tl.store(boxes + 2 * n + k, wide, here)
-    tl.store(boxes + 3 * n + k, tl.where(meets, wide * high, 0), here)
+    tl.store(sizes + k, 0, k == 0)
+    tl.store(sizes + k + 1, tl.where(meets, wide * high, 0), here)
 
 
 @jit(do_not_specialize=["n", "pairs", "tiles", "columns"])
-def find_kernel(
-    curve, reach, order, boxes, space, owner, tile, stroke, part, n, pairs, tiles, columns, BLOCK: tl.constexpr
-):
+def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs, tiles, columns, BLOCK: tl.constexpr):
     """Write of each pair of a stroke and a tile in its box which ``tile`` and ``stroke`` it is, and a curve's ``part``.
 
     Points of a curve decide: its ends, and at most 2.5 px apart. The tile is ``tiles``, none, if none of them comes so
@@ -64,7 +78,7 @@ def find_kernel(
     """
     pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = pair < pairs
-    k = tl.load(owner + pair, here, 0)
+    k = tl.where(here, _count_at_most(space, n + 1, pair.to(tl.int64), here) - 1, 0)
     i, offset = tl.load(order + k, here, 0), (pair - tl.load(space + k, here, 0)).to(tl.int32)
     wide = tl.load(boxes + 2 * n + k, here, 1)
     tx, ty = tl.load(boxes + k, here, 0) + offset % wide, tl.load(boxes + n + k, here, 0) + offset // wide
@@ -95,3 +109,24 @@ def find_kernel(
     tl.store(tile + pair, tl.where(near <= beyond, ty * columns + tx, tiles), here)
     tl.store(stroke + pair, i, here)
     tl.store(part + pair, tl.where(low < high, low + 256 * high, 256 * PARTS), here)
+
+
+@jit(do_not_specialize=["pairs", "tiles"])
+def arrange_kernel(
+    tile, slot, found, near, stroke, part, first, sizes, pairs, tiles, CHUNK: tl.constexpr, BLOCK: tl.constexpr
+):
+    """Write the lists of pairs that are sorted by ``tile``, of which each was the ``slot``-th that `find_kernel` made.
+
+    What it ``found`` and what it wrote of ``near`` parts come into the same order, ``first`` (tiles + 1,) is where each
+    list begins, and ``sizes`` (tiles + 1,) are a 0, and of how many chunks each list is.
+    """
+    at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    here = at < pairs
+    source = tl.load(slot + at, here, 0)
+    tl.store(stroke + at, tl.load(found + source, here, 0), here)
+    tl.store(part + at, tl.load(near + source, here, 0), here)
+    listed = at <= tiles
+    begin, end = _count_at_most(tile, pairs, at - 1, listed), _count_at_most(tile, pairs, at, listed)
+    tl.store(first + at, begin.to(tl.int64), listed)
+    tl.store(sizes + at, 0, at == 0)
+    tl.store(sizes + at + 1, (end - begin + CHUNK - 1) // CHUNK, at < tiles)

@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.compositing.layers import Size
 from brushexp.compositing.tile_lists import TILE
 from brushexp_gpu.launch import launch
-from brushexp_gpu.list_kernels import box_kernel, find_kernel
+from brushexp_gpu.list_kernels import arrange_kernel, box_kernel, find_kernel
 
 CHUNK = 32  # strokes of a tile's list that the way back visits one after the other
 BLOCK = 128  # strokes or pairs of a program
@@ -34,31 +34,23 @@ class Lists:
         """How many chunks there are at most."""
         return len(self.first) - 1 + len(self.stroke) // CHUNK
 
-    def chunk_tile(self) -> Tensor:
-        """Find the tile (chunk_room,) of each chunk; those that there are not have any."""
-        chunk = torch.arange(self.chunk_room, device=self.chunks.device)
-        return (torch.searchsorted(self.chunks, chunk, right=True) - 1).clamp_max(len(self.chunks) - 2)
-
 
 def tile_lists(curve: Tensor, reach: Tensor, front_to_back: Tensor, size: Size) -> Lists:
     """List the strokes that may touch each tile of a canvas; arguments as of `brushexp.compositing.tile_lists`."""
     curve, reach, n = curve.contiguous(), reach.contiguous(), len(front_to_back)
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
-    boxes = torch.empty((4, n), dtype=torch.int32, device=curve.device)
-    launch(box_kernel, -(-n // BLOCK), curve, reach, front_to_back, boxes, n, rows, columns, BLOCK=BLOCK)
-    space = _places(boxes[3])
+    tiles, number = rows * columns, curve.new_empty(0, dtype=torch.int32)
+    boxes, sizes = number.new_empty((3, n)), number.new_empty(n + 1)
+    launch(box_kernel, n // BLOCK + 1, curve, reach, front_to_back, boxes, sizes, n, rows, columns, BLOCK=BLOCK)
+    space = sizes.cumsum(0)
     room = int(space[-1])  # waits for the device
-    owner = torch.repeat_interleave(torch.arange(n, device=curve.device), boxes[3], output_size=room)
-    tile, part = (torch.empty(room, dtype=torch.int32, device=curve.device) for _ in range(2))
-    stroke = torch.empty_like(owner)
-    pairs = curve, reach, front_to_back, boxes, space, owner, tile, stroke, part, n, room, rows * columns, columns
+    tile, near, part = (number.new_empty(room) for _ in range(3))
+    found, stroke = (space.new_empty(room) for _ in range(2))
+    pairs = curve, reach, front_to_back, boxes, space, tile, found, near, n, room, tiles, columns
     launch(find_kernel, -(-room // BLOCK), *pairs, BLOCK=BLOCK)
     tile, slot = torch.sort(tile, stable=True)
-    first = torch.searchsorted(tile, torch.arange(rows * columns + 1, dtype=torch.int32, device=tile.device))
-    chunks = _places((first.diff() + CHUNK - 1) // CHUNK)
-    return Lists(first, stroke[slot], slot, part[slot], space, chunks, (rows, columns))
-
-
-def _places(counts: Tensor) -> Tensor:
-    """Where each begins (n + 1,) if there are so many of each (n,)."""
-    return torch.cat([counts.new_zeros(1, dtype=torch.int64), counts.cumsum(0)])
+    first, sizes = space.new_empty(tiles + 1), number.new_empty(tiles + 1)
+    programs = -(-max(room, tiles + 1) // BLOCK)
+    parts = tile, slot, found, near, stroke, part, first, sizes, room, tiles
+    launch(arrange_kernel, programs, *parts, CHUNK=CHUNK, BLOCK=BLOCK)
+    return Lists(first, stroke, slot, part, space, sizes.cumsum(0), (rows, columns))

@@ -169,12 +169,19 @@ def forward_pass(
 
 @jit(do_not_specialize=SIZES)
 def behind_pass(
-    states, behinds, chunks, used, background, tiles, C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr
-):
-    """Write ``behinds`` (chunks, C, AREA), the colour of all that lies behind each chunk, the bare canvas too."""
+    states, behinds, chunks, chunk_tile, used, background, tiles,
+    C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr,
+):  # fmt: skip
+    """Write ``behinds`` (chunks, C, AREA), the colour of all that lies behind each chunk, the bare canvas too.
+
+    ``chunk_tile`` (chunks,) is the tile of each chunk, and -1 of those that were not painted.
+    """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
     chunk, count = tl.load(chunks + tile, inside, 0), tl.load(used + tile, inside, 0)
+    listed = (tl.load(chunks + tile + 1, inside, 0) - chunk).to(tl.int32)
+    for k in range(0, tl.max(listed)):
+        tl.store(chunk_tile + chunk + k, tl.where(k < count, tile, -1), k < listed)
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
     behind = tl.zeros((CP, TILES, AREA), tl.float32) + _load_bare(background, C, CP)
     for back in range(0, tl.max(count)):
@@ -187,13 +194,12 @@ def behind_pass(
 
 
 @inline
-def _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
+def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
     """Numbers of a program's chunks (TILES,) and their tiles, whether they were painted, and their pairs."""
     chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
-    inside = chunk < tl.load(chunks + tiles)
-    tile = tl.load(chunk_tile + chunk, inside, 0)
+    tile = tl.load(chunk_tile + chunk, chunk < tl.load(chunks + tiles), -1)
+    inside = tile >= 0
     number = (chunk - tl.load(chunks + tile, inside, 0)).to(tl.int32)
-    inside = inside & (number < tl.load(used + tile, inside, 0))
     at = tl.load(first + tile, inside, 0)
     count = (tl.load(first + tile + 1, inside, 0) - at).to(tl.int32) - number * CHUNK
     return chunk.to(tl.int64), tile, inside, at + number * CHUNK, tl.where(inside, tl.minimum(count, CHUNK), 0)
@@ -201,7 +207,7 @@ def _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK: tl.constexpr, TI
 
 @jit(do_not_specialize=SIZES)
 def backward_pass(
-    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, used, near, above, behinds,
+    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, near, above, behinds,
     picture, pairs, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     WEIGHS: tl.constexpr,
@@ -212,7 +218,7 @@ def backward_pass(
     ``pairs`` (pairs, numbers). If it WEIGHS, ``picture`` is image less target, and the weight of each pixel
     (C + 1, H, W), and ``pairs`` (pairs, 1) is what the weighted squared error would grow by without a stroke.
     """
-    chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, used, tiles, CHUNK, TILES)
+    chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = _places(tile, columns, height, width, inside)
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
     given = _load_planes(picture, place, there, height, width, C, CP)

@@ -48,9 +48,10 @@ class TritonRasterization:
             **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep,
         )  # fmt: skip
         if keep:
-            ends = states, behinds, lists.chunks, used, self.background, tiles
+            chunk_tile = used.new_empty(lists.chunk_room)
+            ends = states, behinds, lists.chunks, chunk_tile, used, self.background, tiles
             launch(behind_pass, self._programs(tiles), *ends, **self._kind)
-        self._trace = used, near, above, behinds
+            self._trace = chunk_tile, near, above, behinds
         if target is not None:
             self.errors = self._sums(errors)
         return image
@@ -69,7 +70,7 @@ class TritonRasterization:
         pairs = picture.new_zeros((len(lists.stroke), columns))
         launch(
             backward_pass, self._programs(lists.chunk_room), *self._numbers, lists.stroke, lists.slot, lists.first,
-            lists.chunks, lists.chunk_tile(), *self._trace, picture.contiguous(), pairs, *self._sizes(),
+            lists.chunks, *self._trace, picture.contiguous(), pairs, *self._sizes(),
             **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, WEIGHS=weighs,
         )  # fmt: skip
         return pairs

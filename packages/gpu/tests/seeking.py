@@ -7,7 +7,7 @@ from brushexp_gpu.curves import AREA, load_curve
 from brushexp_gpu.list_kernels import find_kernel
 from brushexp_gpu.passes import _seek
 
-TILES = 512
+TILES = 512 if triton.knobs.runtime.interpret else 1
 
 
 @triton.jit
@@ -27,7 +27,7 @@ def nearest_points(curve, reach, corners):
     order, space = torch.arange(n, device=curve.device), torch.arange(n + 1, device=curve.device)
     boxes = torch.stack([*(corners / 8).int().T, one, one]).contiguous()
     tile, part, stroke = torch.empty_like(one), torch.empty_like(one), torch.empty_like(order)
-    pairs = curve.contiguous(), reach, order, boxes, space, order, tile, stroke, part, n, n, 10**6, 1000
+    pairs = curve.contiguous(), reach, order, boxes, space, tile, stroke, part, n, n, 10**6, 1000
     find_kernel[(-(-n // 128),)](*pairs, BLOCK=128)
     found = torch.empty((n, 64), device=curve.device)
     seek_kernel[(-(-n // TILES),)](curve.contiguous(), part, corners.contiguous(), found, n, TILES=TILES)
