@@ -18,6 +18,7 @@ SECONDS_SPENT = "seconds spent"
 GAIN_EVALUATIONS = 100  # evaluations of the losses between two checks of early_stop
 LAST_STAGE_SHARE = 0.5  # share of the seconds that the last of several stages gets
 RECENT_SHARE = 0.2  # share of a stage's time so far over which its speed is measured
+ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
 RECENT_SECONDS = 0.25  # shortest time over which it is measured
 
 
@@ -56,7 +57,7 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the picture before the last step has ``psnr`` dB by the renderer of the last stage."""
+    """Ends the run when the picture before the last step has ``psnr`` dB, in 8 bits, by the last stage's renderer."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
@@ -64,7 +65,7 @@ class Quality(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
         in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # by the renderer of this stage
-        if schedule.is_last_stage and in_full and psnr_of(painter.picture.error) >= self.psnr:
+        if schedule.is_last_stage and in_full and psnr_of(painter.picture.error + ROUNDING) >= self.psnr:
             painter.stop = PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
 
