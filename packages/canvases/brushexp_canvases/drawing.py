@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +14,16 @@ from brushexp.painting.finished import bare_job
 from brushexp.pictures.load import background_color
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Compositor
+from brushexp.plugins.export.job import ExportJob
 from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import take_built
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.laying import reaching
-from brushexp_canvases.pyramid import region_of
-from brushexp_canvases.store import SQUARES, CanvasStore
+from brushexp_canvases.pyramid import grey_of, region_of
+from brushexp_canvases.store import HEIGHT, SQUARES, CanvasStore
 from brushexp_canvases.tile import Canvas
 
+THICK = 0.25  # pitches of height that are white; thicker paint is white as well
 SEAM = 4  # pixels on each side of a border between tiles whose errors are those of the seam
 EDGE = 2  # pixels around a part that its light depends on
 
@@ -34,23 +37,39 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
     pixels = draw_region(store, cfg, region)
     target = store.read("target", region)
     store.write("painting", region, pixels)
+    if HEIGHT in store.root:
+        store.write(HEIGHT, region, draw_heights(store, cfg, region))
     store.put_squares(tile, errors_of(pixels, target, _near_borders(store.grid, tile, region)))
 
 
 def draw_region(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
     """Draw a part of a painted canvas, (3, h, w) uint8, with its light."""
+    return _drawn(store, cfg, region, lambda job: job.picture().transpose(2, 0, 1))
+
+
+def draw_heights(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
+    """Draw the height of the paint of a part, (3, h, w) uint8: white is `THICK` of the distance between strokes."""
+    white = THICK * cfg.pixels_per_stroke**0.5
+    return _drawn(store, cfg, region, lambda job: grey_of(job.height() / white))
+
+
+def _drawn(store: CanvasStore, cfg: DictConfig, region: Region, draw: Callable[[ExportJob], np.ndarray]) -> np.ndarray:
     wide = region.widened(EDGE, store.grid.size)
+    inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
+    return np.ascontiguousarray(region_of(draw(job_of(store, cfg, wide)), inner))
+
+
+def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
+    """Make the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
-    seen = reaching(strokes, wide, EDGE)
+    seen = reaching(strokes, region, EDGE)
     renderer = build_stages(cfg)[-1].renderer
     compositor = Compositor(take_built(cfg.blend), take_built(cfg.color))
-    job = bare_job(cfg, renderer, compositor, (wide.height, wide.width))
+    job = bare_job(cfg, renderer, compositor, (region.height, region.width))
     background = background_color(cfg.background, torch.ones(3, 1, 1))
-    strokes = strokes[seen].moved(shift=(-wide.left, -wide.top))
-    job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
-    inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
-    return np.ascontiguousarray(region_of(job.picture().transpose(2, 0, 1), inner))
+    strokes = strokes[seen].moved(shift=(-region.left, -region.top))
+    return replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> dict[str, float]:

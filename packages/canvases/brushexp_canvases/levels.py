@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,18 +12,30 @@ import numpy as np
 
 from brushexp.plugins.export.base import ExportJob
 from brushexp.system.files import to_bytes
-from brushexp_canvases.pyramid import Level, halve
+from brushexp_canvases.pyramid import Level, grey_of, halve
 
 
 @contextmanager
-def levels_of(job: ExportJob) -> Iterator[list[Level]]:
-    """Paint the levels of a painting, which are on disk as long as ``with`` lasts."""
+def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
+    """Paint the levels of a ``painting`` and, under a lamp, of its ``height``; on disk as long as ``with`` lasts.
+
+    Heights are grey, the thickest paint white.
+    """
     with TemporaryDirectory(prefix="brushexp-") as folder:
 
-        def make(number: int, shape: tuple[int, int, int]) -> Any:
-            return np.memmap(Path(folder, str(number)), np.uint8, "w+", shape=shape)
+        def levels(name: str, parts: Iterable[tuple[int, np.ndarray]]) -> list[Level]:
+            def make(number: int, shape: tuple[int, int, int]) -> Any:
+                return np.memmap(Path(folder, f"{name}{number}"), np.uint8, "w+", shape=shape)
 
-        whole = make(0, (3, *job.size))
-        for top, band in job.bands():
-            whole[:, top : top + band.shape[1]] = to_bytes(band).transpose(2, 0, 1)
-        yield halve(whole, make)
+            whole = make(0, (3, *job.size))
+            for top, part in parts:
+                whole[:, top : top + part.shape[1]] = part
+            return halve(whole, make)
+
+        pictures = {
+            "painting": levels("painting", ((top, to_bytes(band).transpose(2, 0, 1)) for top, band in job.bands()))
+        }
+        if job.light.depth:
+            height = job.height()
+            pictures["height"] = levels("height", [(0, grey_of(height / max(float(height.max()), 1e-6)))])
+        yield pictures

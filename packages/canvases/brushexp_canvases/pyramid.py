@@ -148,6 +148,11 @@ def region_of(picture: np.ndarray, region: Region) -> np.ndarray:
     return picture[:, rows, region.left : region.left + region.width]
 
 
+def grey_of(shares: np.ndarray) -> np.ndarray:
+    """Make a grey picture (3, h, w) uint8 of numbers (h, w), of which 0 is black and 1 or more white."""
+    return np.broadcast_to((255 * shares.clip(0, 1) + 0.5).astype(np.uint8), (3, *shares.shape))
+
+
 def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> list[Path]:
     """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
 

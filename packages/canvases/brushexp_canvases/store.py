@@ -20,6 +20,7 @@ FORMAT = "brushexp canvas 1"
 NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # of a stroke in its row: fields, brush and depth
 UNPAINTED = -1  # strokes of a tile that is not painted
 PICTURES = ("target", "painting")
+HEIGHT = "height"  # of the paint, a third picture where it has relief: grey, black is the bare canvas
 SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # squared errors of a tile near its borders, and of all of it
 
 
@@ -43,11 +44,13 @@ class CanvasStore:
         self.grid = Grid((size[0], size[1]), side, margin)
 
     @staticmethod
-    def create(path: Path, grid: Grid, capacity: int, record: dict[str, Any]) -> CanvasStore:
+    def create(
+        path: Path, grid: Grid, capacity: int, record: dict[str, Any], pictures: Iterable[str] = PICTURES
+    ) -> CanvasStore:
         """Make an empty canvas, for ``capacity`` strokes of a tile at most; ``record`` says what it is."""
         root = _open(path, "w")
         chunk = (3, grid.side, grid.side)
-        for name in PICTURES:
+        for name in pictures:
             levels = root.create_group(name)
             _array(levels, "0", (3, *grid.size), chunk, "uint8", 255 if name == "painting" else 0)
         rows, columns = grid.shape
@@ -59,7 +62,7 @@ class CanvasStore:
         return CanvasStore(path)
 
     def read(self, name: str, region: Region) -> np.ndarray:
-        """Read a part (3, h, w) uint8 of the ``target`` or the ``painting``."""
+        """Read a part (3, h, w) uint8 of the ``target``, the ``painting``, or the `HEIGHT`."""
         part: np.ndarray = self.root[f"{name}/0"][_slices(region)]
         return part
 

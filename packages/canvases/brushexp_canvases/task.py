@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,18 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.system.files import write_json, write_picture
 from brushexp.system.progress import counting, with_progress
 from brushexp.system.runtime import cores, peak_memory
+from brushexp_canvases.drawing import job_of
 from brushexp_canvases.grid import Grid
 from brushexp_canvases.jobs import paint_all, workers
 from brushexp_canvases.page import write_page
+from brushexp_canvases.page.strokes import JobOf, write_strokes
 from brushexp_canvases.pyramid import Level, add_levels, write_dzi, write_iiif
 from brushexp_canvases.source import Source, open_source
-from brushexp_canvases.store import CanvasStore
+from brushexp_canvases.store import HEIGHT, PICTURES, CanvasStore
 from brushexp_canvases.tile import Canvas
 
 log = logging.getLogger(__name__)
+LAYERS = ("painting", "target", "height")  # of the page, the first under the curtain
 OF_THE_RUN = (  # keys that say where and how the tiles are painted, and not what they will look like
     *("canvas", "workers", "cluster", "pyramid", "output", "overwrite", "threads", "trainer", "logger", "callbacks"),
     *("report", "frames", "frame_side", "timelapse", "timelapse_seconds", "checkpoint_every", "objective", "metric"),
@@ -53,10 +57,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             log.warning("tiles that are painted stay in %s; type the same command to go on", path)
             raise
     seconds = time.monotonic() - before
-    levels = {name: add_levels(store.root[name], name) for name in ("painting", "target")}
+    levels = {name: add_levels(store.root[name], name) for name in LAYERS if name in store.root}
     n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6
     lead = f"{n_strokes:,} strokes on {store.grid.size[1]:,} × {store.grid.size[0]:,} pixels"
-    write_looks(cfg.pyramid, folder, levels, Path(cfg.image).name, lead)
+    write_looks(cfg.pyramid, folder, levels, Path(cfg.image).name, lead, partial(job_of, store, canvas.config))
     write_picture(folder / "painting.png", smallest(levels["painting"]).transpose(1, 2, 0))
     errors = store.errors()
     metrics: dict[str, Any] = {
@@ -83,7 +87,8 @@ def begin(path: Path, cfg: DictConfig) -> CanvasStore:
     capacity = 1 + round(grid.side**2 / cfg.pixels_per_stroke)
     record = {"settings": settings_that_count(cfg), "size": list(source.size), "background": cfg.background}
     unfinished = path.with_name(f"{path.name}.part")
-    store = CanvasStore.create(unfinished, grid, capacity, record)
+    pictures = (*PICTURES, HEIGHT) if cfg.light.depth else PICTURES
+    store = CanvasStore.create(unfinished, grid, capacity, record, pictures)
     mean = copy_into(store, source)
     if cfg.background == "mean":
         store.root.attrs["record"] = {**record, "background": "#" + bytes(mean.round().astype(np.uint8)).hex()}
@@ -118,12 +123,15 @@ def check_same(store: CanvasStore, cfg: DictConfig) -> None:
             )
 
 
-def write_looks(kind: str, folder: Path, levels: dict[str, list[Level]], title: str, lead: str) -> None:
+def write_looks(
+    kind: str, folder: Path, levels: dict[str, list[Level]], title: str, lead: str, strokes_of: JobOf
+) -> None:
     """Write what a viewer shows: Deep Zoom with a page, or the documents of IIIF."""
     if kind == "dzi":
         for name, pictures in levels.items():
             write_dzi(folder, name, pictures)
-        write_page(folder, levels["painting"][0].size, list(levels), title, lead)
+        size = levels["painting"][0].size
+        write_page(folder, size, list(levels), title, lead, write_strokes(folder, size, strokes_of))
     elif kind == "iiif":
         write_iiif(folder / "iiif", levels, title)
 

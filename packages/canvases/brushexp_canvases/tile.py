@@ -44,7 +44,12 @@ class Canvas:
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
         load_plugins(Path(self.plugins))
         use_threads(self.threads)
-        return CanvasStore(Path(self.path)), OmegaConf.create(self.settings)
+        return CanvasStore(Path(self.path)), self.config
+
+    @property
+    def config(self) -> DictConfig:
+        """The settings as they are read elsewhere."""
+        return OmegaConf.create(self.settings)
 
 
 class AllButFirst(Sampler):

@@ -2,13 +2,15 @@
 
 import itertools
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from brushexp_canvases.drawing import draw_region, draw_tile
+from brushexp_canvases.drawing import THICK, draw_region, draw_tile, job_of
 from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.page.strokes import write_strokes
 from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
 from brushexp_canvases.task import begin, check_same, settings_that_count
 from brushexp_canvases.tile import Canvas, paint_tile
@@ -118,6 +120,14 @@ def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasSto
     assert np.abs(part.astype(int) - whole[:, 10:40, 20:60]).max() <= 1
 
 
+def test_the_page_gets_all_strokes(done: tuple[CanvasStore, Canvas], tmp_path: Path) -> None:
+    store, canvas = done
+    told = write_strokes(tmp_path, store.grid.size, partial(job_of, store, canvas.config))
+    text = (tmp_path / "strokes_files" / "0_0.js").read_text()
+    assert f'"count":{store.counts.sum()},' in text
+    assert told["exact"]
+
+
 def test_the_same_bits_in_any_order_within_a_round(
     done: tuple[CanvasStore, Canvas], picture: Path, tmp_path: Path
 ) -> None:
@@ -178,6 +188,15 @@ def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
 def test_what_a_canvas_cannot_do_is_refused(picture: Path, tmp_path: Path, options: dict, message: str) -> None:
     with pytest.raises(UserError, match=message):
         config_of(picture, tmp_path / "d.zarr", **options)
+
+
+def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path: Path) -> None:
+    store, canvas = painted(picture, tmp_path / "e.zarr", steps=0, **{"light.depth": 1})
+    everything = Region(0, 0, *store.grid.size)
+    height = job_of(store, canvas.config, everything).height()
+    found = store.read("height", everything)[0].astype(float)
+    assert height.std() > 0.05
+    assert np.abs(found - (255 * height / (THICK * 48**0.5)).clip(0, 255)).mean() < 6  # widths are those near a tile
 
 
 def test_one_small_tile_is_a_canvas(tmp_path: Path) -> None:

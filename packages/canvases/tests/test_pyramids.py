@@ -20,10 +20,10 @@ from brushexp.strokes.prior import sample_prior
 from brushexp.strokes.saved import Saved
 
 
-def job_of(height: int, width: int) -> ExportJob:
+def job_of(height: int, width: int, renderer: str = "analytic") -> ExportJob:
     strokes = sample_prior(40).moved(zoom=2.0)
     depth = torch.arange(40, dtype=torch.int32)
-    return export_job(Saved(strokes, depth, (height, width), torch.ones(3), renderer="analytic"))
+    return export_job(Saved(strokes, depth, (height, width), torch.ones(3), renderer=renderer))
 
 
 def levels_of(picture: np.ndarray) -> list[Level]:

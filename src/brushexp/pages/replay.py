@@ -1,6 +1,7 @@
 """Pack strokes into few bytes each, from which the canvas of a page draws them again."""
 
 import base64
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,54 +12,75 @@ from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
-from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.saved import config_of
 
 MAX_STROKES = 200_000  # browsers can still draw a page of so many
 STEPS = 65_535  # levels of 16 bits above 0
 FARTHEST = 4.0  # canvas sides: farther control points are moved there
 CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
+Columns = Mapping[
+    str, tuple[np.ndarray, float, float]
+]  # (N, ...) values, the lowest and the highest that they may have
 EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper, by default
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
-    """Pack what ``strokes.js`` needs of a painting and its strokes' measures; None for more than ``MAX_STROKES``.
+    """Pack strokes, see `pack_strokes`, with their measures and textures; None for more than ``MAX_STROKES``.
 
-    ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
-    number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
-    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width, ``direction`` is -1 for
-    none, ``layer`` the third of the strokes by area. Textured strokes also have half width (``thick``) and opacity
-    (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is flipped.
+    ``direction`` is -1 for none, ``layer`` the third of the strokes by area.
     """
-    count, saved, (height, width) = len(job.strokes), job.saved, job.size
-    if count > MAX_STROKES:
+    if len(job.strokes) > MAX_STROKES:
         return None
-    textured = _textured(job)
-    far = FARTHEST * max(height, width)
-    points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
-    half, length = (measures.width / 2).clip(0, far), measures.length.clip(0, 2 * far)
-    thirds = np.quantile(measures.area, [1 / 3, 2 / 3])
-    values = {  # (N, ...), lowest and highest value
-        "points": (points, points.min(), points.max()),
-        "half": (half, 0, half.max()),
+    far = FARTHEST * max(job.size)
+    length, thirds = measures.length.clip(0, 2 * far), np.quantile(measures.area, [1 / 3, 2 / 3])
+    about = {
         "length": (length, 0, length.max()),
         "direction": (np.nan_to_num(np.degrees(measures.orientation), nan=-1), -1, 180),
-        "paint": (saved.strokes.color.numpy(), 0, 1),
-        "opacity": (saved.strokes.opacity.numpy(), 0, 1),
         "visible": (measures.visible, 0, 1),
         "layer": (np.searchsorted(thirds, measures.area), 0, STEPS),
     }
+    textured = textured_of(job)
+    looks = None if textured is None else np.unique(textured.look.numpy())
+    texture = None if textured is None or looks is None else pack_textures(textured.sheets, looks)
+    return pack_strokes(job, about, looks) | {"texture": texture}
+
+
+def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
+    """Pack what ``strokes.js`` needs of a painting, but for the textures, with columns of what else is known ``about``.
+
+    ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
+    number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
+    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Textured strokes also
+    have half width (``thick``) and opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats
+    of its loop, and whether it is flipped; textures are counted as in ``looks``, sorted, None for all of them.
+    """
+    count, saved, (height, width) = len(job.strokes), job.saved, job.size
+    textured = textured_of(job)
+    far = FARTHEST * max(height, width)
+    points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
+    half = half_width_of(saved.strokes).numpy().clip(0, far)
+    values: dict[str, tuple[np.ndarray, float, float]] = {  # (N, ...), lowest and highest value
+        "points": (points, points.min(initial=0), points.max(initial=0)),
+        "half": (half, 0, half.max(initial=0)),
+        "paint": (saved.strokes.color.numpy(), 0, 1),
+        "opacity": (saved.strokes.opacity.numpy(), 0, 1),
+    } | dict(about or {})
     if textured is not None:
         thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
-        looks, look = np.unique(textured.look.numpy(), return_inverse=True)
+        look = textured.look.numpy() if looks is None else np.searchsorted(looks, textured.look.numpy())
         chosen = np.stack([look, textured.repeats.numpy(), textured.flip.numpy() < 0], axis=1)
-        values |= {"thick": (thick, 0, thick.max()), "strength": (strength, 0, 1), "texture_of": (chosen, 0, STEPS)}
+        values |= {
+            "thick": (thick, 0, thick.max(initial=0)),
+            "strength": (strength, 0, 1),
+            "texture_of": (chosen, 0, STEPS),
+        }
     order = saved.depth.argsort().numpy()
     columns, data = [], order.astype("<u4").tobytes()
     for name, (column, low, high) in values.items():
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
         data += _quantised(shares, STEPS, "<u2").tobytes()
-        columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
+        columns.append((name, column[:1].size or 1, float(low), float(max(high, low + 1e-6))))
     options = config_of(saved).get("renderer")
     edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
     mixed = not job.space.is_rgb
@@ -70,13 +92,12 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
         **(EDGES | edges),
         "exact": (saved.renderer == CANVAS_RENDERER or textured is not None) and not mixed,
         "mixed": mixed,
-        "texture": None if textured is None else _textures(textured.sheets, looks),
         "columns": columns,
         "data": base64.b64encode(data).decode(),
     }
 
 
-def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
+def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     """Pack textures ``looks`` (M,) for a page.
 
     Texels are in base64, a byte of opacity and one of tone each; ``sheets`` are the first texel, rows, columns, begin
@@ -100,7 +121,8 @@ def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 
 @torch.no_grad()
-def _textured(job: ExportJob) -> TexturedProfile | None:
+def textured_of(job: ExportJob) -> TexturedProfile | None:
+    """Find the places of textures along the strokes, if their renderer has textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 

@@ -20,6 +20,7 @@ class DeepZoom(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from brushexp_canvases.page import write_page  # noqa: PLC0415  (templates are slow to import)
+        from brushexp_canvases.page.strokes import of_all, write_strokes  # noqa: PLC0415
 
         height, width = job.size
         title, lead = (
@@ -27,6 +28,8 @@ class DeepZoom(Exporter):
             f"{len(job.strokes):,} strokes on {width:,} × {height:,} pixels",
         )
         with archive(path := folder / "dzi.zip") as into, levels_of(job) as levels:
-            write_dzi(into, "painting", levels)
-            write_page(into, job.size, ["painting"], title, lead)
+            for name, pictures in levels.items():
+                write_dzi(into, name, pictures)
+            strokes = write_strokes(into, job.size, of_all(job))
+            write_page(into, job.size, list(levels), title, lead, strokes)
         return [path]

@@ -23,5 +23,5 @@ class Iiif(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         with archive(path := folder / "iiif.zip") as into, levels_of(job) as levels:
-            write_iiif(into, {"painting": levels}, Path(job.source).name or "painting", self.base)
+            write_iiif(into, levels, Path(job.source).name or "painting", self.base)
         return [path]

@@ -24,7 +24,7 @@ class Zarr(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         with TemporaryDirectory(prefix="brushexp-") as temporary, levels_of(job) as levels:
-            write_image(packed := Path(temporary, "painting.zip"), levels)
+            write_image(packed := Path(temporary, "painting.zip"), levels["painting"])
             with archive(path := folder / "painting.ome.zarr.zip") as into, ZipFile(packed) as whole:
                 whole.extractall(into)
         return [path]

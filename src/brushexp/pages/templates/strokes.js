@@ -24,7 +24,7 @@
   (window.brushexp ??= {}).strokes = (packed) => {
     const strokes = unpack(packed);
     const { taper, soft } = strokes;
-    const probe = document.createElement("canvas").getContext("2d"); // for shapes alone
+    const probe = new OffscreenCanvas(1, 1).getContext("2d"); // for shapes alone
     probe.lineCap = "round";
 
     // Coverage at the middle of a stroke, see renderer/base.py: one thinner than its soft edge fades. It is drawn as

@@ -1,0 +1,114 @@
+// Levels for OpenSeadragon beyond those of a picture, drawn from its strokes by a worker. Scripts beside the page hold
+// the strokes of a square cell each, and are loaded when a tile in their cell is to be seen.
+"use strict";
+{
+  const DEEPER = 5; // levels, each twice as large as the one before
+  const SIDE = 512; // pixels of a tile
+  const KEPT = 32; // cells in memory
+
+  const brushexp = (window.brushexp ??= {});
+
+  function start_worker() {
+    const scripts = [...document.querySelectorAll("#worker script")].map((script) => script.textContent);
+    const worker = new Worker(URL.createObjectURL(new Blob(["self.window = self;", ...scripts], { type: "text/javascript" })));
+    const waiting = new Map(); // number of a question -> what takes the answer
+    let asked = 0;
+    worker.onmessage = ({ data: { id, result } }) => {
+      waiting.get(id)(result);
+      waiting.delete(id);
+    };
+    return {
+      tell: (message) => worker.postMessage(message),
+      ask: (message) => new Promise((done) => {
+        waiting.set(++asked, done);
+        worker.postMessage({ id: asked, ...message });
+      }),
+    };
+  }
+
+  brushexp.stroke_tiles = ({ width, height, strokes: { folder, cell: side, textured } }) => {
+    const worker = start_worker();
+    const cells = new Map(); // name -> promise that the worker has it; the one that was used last is at the end
+    const wanted = []; // tiles that are to be drawn, the newest last
+    const base = Math.ceil(Math.log2(Math.max(width, height))); // level of the picture itself
+    const [columns, rows] = [Math.ceil(width / side), Math.ceil(height / side)];
+    let drawing = false;
+    let textures = null; // promise that the worker has them
+
+    brushexp.cell = (name, packed) => worker.tell({ task: "keep", name, packed });
+
+    const script = (name) => new Promise((done, fail) => {
+      const element = Object.assign(document.createElement("script"), { src: `${folder}/${name}.js`, onload: done });
+      element.onerror = () => fail(new Error(`${element.src} is missing; move the page with its folders`));
+      document.head.append(element);
+    });
+    const load = async (name) => {
+      if (textured) await (textures ??= script("textures"));
+      await script(name);
+    };
+
+    function loaded(name) {
+      const known = cells.get(name) ?? load(name);
+      cells.delete(name);
+      cells.set(name, known);
+      if (cells.size > KEPT) {
+        const [oldest] = cells.keys();
+        cells.delete(oldest);
+        worker.tell({ task: "forget", name: oldest });
+      }
+      return known;
+    }
+
+    // The cell of a place in pixels of the picture, and the place from the corner of the cell.
+    function place_of(x, y) {
+      const [column, row] = [Math.floor(x / side), Math.floor(y / side)];
+      const isInside = column >= 0 && row >= 0 && column < columns && row < rows;
+      return { name: isInside ? `${column}_${row}` : null, left: x - column * side, top: y - row * side };
+    }
+
+    async function draw({ tile: { level, x, y } }) {
+      const zoom = 2 ** (level - base);
+      const { name, left, top } = place_of((x * SIDE) / zoom, (y * SIDE) / zoom);
+      const size = { width: Math.min(SIDE, width * zoom - x * SIDE), height: Math.min(SIDE, height * zoom - y * SIDE) };
+      const tile = { left, top, right: left + size.width / zoom, bottom: top + size.height / zoom, zoom, ...size };
+      await loaded(name);
+      return worker.ask({ task: "draw", name, tile });
+    }
+
+    async function draw_all() {
+      if (drawing) return;
+      drawing = true;
+      while (wanted.length) {
+        const job = wanted.pop();
+        await draw(job).then((bitmap) => job.finish(bitmap, null, "imageBitmap"), (error) => job.fail(error.message, null));
+      }
+      drawing = false;
+    }
+
+    return {
+      width: width * 2 ** DEEPER,
+      height: height * 2 ** DEEPER,
+      tileSize: SIDE,
+      tileExists: (level, x, y) => { // none at levels that are those of the picture
+        const part = SIDE / 2 ** (level - base);
+        return level > base && x >= 0 && y >= 0 && x * part < width && y * part < height;
+      },
+      getTileUrl: (level, x, y) => `strokes:${level}/${x}_${y}`,
+      downloadTileStart: (job) => {
+        wanted.push(job);
+        draw_all();
+      },
+      downloadTileAbort: (job) => {
+        const at = wanted.indexOf(job);
+        if (at >= 0) wanted.splice(at, 1);
+      },
+      // What the uppermost stroke at a place is like, in pixels of the picture, if its cell is loaded; else null.
+      describe: async (x, y, least) => {
+        const { name, left, top } = place_of(x, y);
+        return cells.has(name) ? cells.get(name).then(() => worker.ask({ task: "describe", name, place: { x: left, y: top, least } })) : null;
+      },
+      deeper: 2 ** DEEPER,
+      finest: textured ? 1 : 0.5, // pixels of the screen for one of a tile, at least: textures are slow, and not crisp
+    };
+  };
+}
