@@ -6,7 +6,8 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from shutil import which
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +21,14 @@ if TYPE_CHECKING:
 
 SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
 WAIT = "10s"  # for a scheduler to answer
+SLURM = "slurm"  # instead of an address
+MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else
 AGAIN = 3  # workers that may die of one tile; Dask's own default
 
 
 @contextmanager
 def workers(n: int, address: str | None) -> Iterator[Client]:
-    """Start ``n`` workers of one thread on this machine, or take those of the scheduler at ``address``."""
+    """Start ``n`` workers of one thread on this machine or by `SLURM`, or take those of a scheduler at ``address``."""
     try:
         from distributed import Client, LocalCluster  # noqa: PLC0415  (the extra ``canvas``)
     except ImportError as error:
@@ -33,10 +36,9 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
     for name in (*(name for name in logging.root.manager.loggerDict if name.startswith("distributed")), "asyncio"):
         logging.getLogger(name).setLevel(SILENT)  # what happens is said in our words
     with ExitStack() as stack:
-        if address is None:
-            cluster = stack.enter_context(
-                LocalCluster(n_workers=n, threads_per_worker=1, dashboard_address=None, silence_logs=SILENT)
-            )
+        if address in (None, SLURM):
+            local = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": SILENT}
+            cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))
             return
         try:
@@ -45,6 +47,22 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
             cure = "start one with: dask scheduler; or leave cluster= out"
             raise UserError(f"cluster={address} has no scheduler of Dask that answers ({error}); {cure}") from error
         yield client
+
+
+def _by_slurm(n: int) -> Any:
+    """Submit ``n`` jobs of Slurm, each a worker; one that ends is submitted again."""
+    try:
+        from dask import config  # noqa: PLC0415  (the extra ``slurm``)
+        from dask_jobqueue import SLURMCluster  # noqa: PLC0415
+    except ImportError as error:
+        needed = "cluster=slurm needs dask-jobqueue; install it with: pip install 'brushexp[canvas,slurm]'"
+        raise UserError(needed) from error
+    if which("sbatch") is None:
+        raise UserError("cluster=slurm submits jobs by sbatch, which is not here; start on a machine that has it")
+    memory = config.get("jobqueue.slurm.memory", None) or MEMORY
+    cluster = SLURMCluster(cores=1, processes=1, memory=memory, silence_logs=SILENT)
+    cluster.adapt(minimum_jobs=n, maximum_jobs=n)
+    return cluster
 
 
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:

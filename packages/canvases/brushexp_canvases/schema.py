@@ -36,8 +36,12 @@ class CanvasTask(PaintTask):
     margin: int = key(
         64, "pixels around a tile that are looked at while it is painted; at most half a tile", at_least(8)
     )
-    workers: int | None = key(None, "processes that paint, of one thread each; null = one per core", at_least(1))
-    cluster: str | None = key(None, "address of a Dask scheduler, tcp://host:8786; null = workers on this machine")
+    workers: int | None = key(
+        None, "processes or jobs that paint, of one thread each; null = one per core", at_least(1)
+    )
+    cluster: str | None = key(
+        None, "slurm, or the address of a Dask scheduler, tcp://host:8786; null = workers on this machine"
+    )
     pyramid: str = key("dzi", "what is written beside the canvas to look at it", one_of("dzi", "iiif", "none"))
 
     @staticmethod

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from brushexp_canvases.jobs import paint_all, workers
 from brushexp_canvases.task import begin
+from PIL import Image
 from test_canvases import canvas_of, config_of, painted, picture  # noqa: F401  (a fixture)
 
 from brushexp.errors import UserError
@@ -46,4 +47,41 @@ def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(picture: Path, tmp_p
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("brushexp_canvases.jobs.WAIT", "1s")
     with pytest.raises(UserError, match=r"tcp://127\.0\.0\.1:1 has no scheduler"), workers(1, "tcp://127.0.0.1:1"):
+        pass
+
+
+SBATCH = """#!/bin/sh
+cp "$1" "$1.job"
+setsid sh "$1.job" >/dev/null 2>&1 &
+echo "Submitted batch job $!" | tee -a {log}
+"""
+SCANCEL = """#!/bin/sh
+kill -- "-$1"
+echo "cancelled $1" >> {log}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue")
+    Image.new("RGB", (20, 12), (200, 100, 0)).save(tmp_path / "small.png")
+    cfg = config_of(tmp_path / "small.png", tmp_path / "a.zarr", pixels_per_stroke=4, steps=1, cluster="slurm")
+    store = begin(tmp_path / "a.zarr", cfg)
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (path := tmp_path / name).write_text(text.format(log=tmp_path / "log"))
+        path.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with workers(1, cfg.cluster) as client:
+        paint_all(client, canvas_of(store, cfg), store.grid, store.grid.tiles(), lambda done: None)
+    assert all(store.is_painted(tile) and store.is_drawn(tile) for tile in store.grid.tiles())
+    said = (tmp_path / "log").read_text()
+    job = said.splitlines()[0].split()[-1]
+    assert f"cancelled {job}" in said
+
+
+def test_slurm_that_is_not_here_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(UserError, match="sbatch"), workers(1, "slurm"):
         pass
