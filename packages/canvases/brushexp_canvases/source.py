@@ -1,8 +1,13 @@
-"""Pictures of any size are read strip by strip, in sRGB of 8 bits: TIFF, BigTIFF, PNG, JPEG, WebP, HEIC; OME-Zarr."""
+"""Pictures of any size are read strip by strip, in sRGB of 8 bits.
+
+TIFF, BigTIFF, PNG, JPEG, WebP and HEIC by libvips, JPEG 2000, which the libvips of wheels does not know, by GDAL; and
+OME-Zarr.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +20,8 @@ from brushexp.errors import UserError
 STRIP = 256  # rows that are in memory at a time
 HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and its levels for each of 8 bits
 DEPTHS = (np.uint8, np.uint16)
+JPEG2000 = (b"\x00\x00\x00\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51")  # first bytes of a file, and of a codestream
+SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # of libvips, by type: grey, and colour
 
 
 class Source(Protocol):
@@ -27,16 +34,22 @@ class Source(Protocol):
 
 
 def open_source(path: Path, resolution: int | None = None) -> Source:
-    """Open a picture file or an OME-Zarr image, resampled to ``resolution`` pixels on its longer side (files only)."""
+    """Open a picture file or an OME-Zarr image, with ``resolution`` pixels on its longer side (libvips only)."""
     if not path.exists():
         raise UserError(f"image={path} is not there; give a picture file or an OME-Zarr image")
-    if not path.is_dir():
+    is_zarr = path.is_dir()
+    if not is_zarr and not is_jpeg2000(path):
         return PictureFile(path, resolution)
     if resolution is not None:
-        raise UserError(
-            f"resolution={resolution} is for picture files, and {path} is painted as it is; drop resolution"
-        )
-    return ZarrImage(path)
+        kinds = "OME-Zarr and JPEG 2000 are painted as they are"
+        raise UserError(f"resolution={resolution} is not for image={path}: {kinds}; drop resolution")
+    return ZarrImage(path) if is_zarr else Jpeg2000File(path)
+
+
+def is_jpeg2000(path: Path) -> bool:
+    """Tell by its first bytes whether a file is a JPEG 2000."""
+    with path.open("rb") as file:
+        return file.read(12).startswith(JPEG2000)
 
 
 class PictureFile:
@@ -78,6 +91,50 @@ def in_srgb(image: Any) -> Any:
         image = image.flatten(background=[white] * max(1, image.bands - 1))
     image = image.colourspace("srgb")
     return image.cast("uchar") if image.format != "uchar" else image
+
+
+class Jpeg2000File:
+    """A JPEG 2000 of grey or colour, with alpha or without, of up to 16 bits; its numbers are taken as sRGB."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import rasterio  # noqa: PLC0415  (the extra ``jp2``)
+        except ImportError as error:
+            cure = "install it with: pip install 'brushexp[canvas,jp2]'"
+            raise UserError(f"image={path} is a JPEG 2000, which needs rasterio; {cure}") from error
+        self._error, self.path = rasterio.errors.RasterioError, path
+        with self._explaining(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that it is no map
+            self._file = rasterio.open(path, driver="JP2OpenJPEG")
+        kinds = set(self._file.dtypes)
+        if len(kinds) > 1 or not kinds <= SPACES.keys() or self._file.count > 4:
+            needed = "grey or red, green and blue, in 8 to 16 bits are needed"
+            raise UserError(f"image={path} has {self._file.count} channels of {' and '.join(kinds)}; {needed}")
+        self.size = (self._file.height, self._file.width)
+
+    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
+        from rasterio.windows import Window  # noqa: PLC0415
+
+        height, width = self.size
+        for top in range(0, height, STRIP):
+            with self._explaining():
+                bands = self._file.read(window=Window(0, top, width, min(STRIP, height - top)))
+            yield top, np.ascontiguousarray(in_srgb(self._image_of(bands)).numpy().transpose(2, 0, 1))
+
+    def _image_of(self, bands: np.ndarray) -> Any:
+        """Hand channels (c, h, w) to libvips, those of 10 or 12 bits stretched to 16."""
+        bits = int(self._file.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8 * bands.itemsize))
+        if bits < 8 * bands.itemsize:
+            bands = (bands * (np.iinfo(bands.dtype).max / (2**bits - 1))).round().astype(bands.dtype)
+        space = SPACES[bands.dtype.name][len(bands) >= 3]
+        return _vips().Image.new_from_array(np.ascontiguousarray(bands.transpose(1, 2, 0)), interpretation=space)
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        try:
+            yield
+        except self._error as error:
+            raise UserError(f"image={self.path} cannot be read by GDAL ({error}); give a whole JPEG 2000") from error
 
 
 class ZarrImage:

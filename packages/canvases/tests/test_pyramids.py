@@ -7,7 +7,8 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import torch
-from brushexp_canvases.pyramid import TILE, Level, halved, region_of, write_dzi, write_iiif
+import zarr
+from brushexp_canvases.pyramid import TILE, Level, describe, halved, region_of, write_dzi, write_iiif
 from brushexp_canvases.source import open_source
 from PIL import Image
 from skimage.data import astronaut
@@ -161,6 +162,57 @@ def test_large_pictures_are_read_as_small_ones_are(name: str, tmp_path: Path) ->
     expected = 255 * load_picture(str(path), None).numpy()
     assert source.size == expected.shape[1:]
     assert np.abs(found - expected).max() <= 2
+
+
+JP2 = {
+    "rgb": astronaut()[:290, :70],
+    "alpha": np.dstack([astronaut()[:290, :70], astronaut()[:290, :70, 0]]),
+    "grey": astronaut()[:290, :70, 0],
+    "grey16": astronaut()[:290, :70, 0].astype(np.uint16) * 257,
+}
+
+
+@pytest.mark.parametrize("kind", JP2)
+def test_jpeg_2000_is_read_by_windows(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("rasterio")
+    path = written(tmp_path / "a.jp2", Image.fromarray(JP2[kind]))
+    source = open_source(path)
+    found = np.concatenate([rows for _, rows in source.strips()], axis=1)
+    png = written(tmp_path / "a.png", Image.fromarray(JP2[kind]))
+    expected = np.concatenate([rows for _, rows in open_source(png).strips()], axis=1)
+    assert source.size == (290, 70)
+    assert np.abs(found.astype(int) - expected).max() <= 1
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(UserError, match=r"a\.jp2"):
+        list(open_source(path).strips())
+    with pytest.raises(UserError, match="resolution=45"):
+        open_source(path, 45)
+
+
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
+@pytest.mark.parametrize("bits", [12, 16])
+def test_deep_jpeg_2000_keeps_its_white(bits: int, tmp_path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    picture, white = astronaut()[:290, :70].transpose(2, 0, 1), 2**bits - 1
+    picture = np.concatenate([picture, np.full_like(picture, 255)], axis=2)
+    kind = {"driver": "JP2OpenJPEG", "dtype": "uint16", "count": 3, "height": 290, "width": 140, "nbits": bits}
+    options = {"tiled": True, "blockxsize": 64, "blockysize": 64, "quality": 100, "reversible": "yes"}
+    with rasterio.open(tmp_path / "a.jp2", "w", **kind, **options) as file:
+        file.write((picture / 255 * white).round().astype(np.uint16))
+    found = np.concatenate([rows for _, rows in open_source(tmp_path / "a.jp2").strips()], axis=1)
+    assert np.abs(found.astype(int) - picture).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("dtype", "shape"), [("uint8", (3, 30, 20)), ("uint16", (1, 3, 1, 30, 20)), ("uint16", (30, 20))]
+)
+def test_ome_zarr_is_read_in_8_and_16_bits(dtype: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, shape)
+    group = zarr.create_group(tmp_path / "a.zarr", attributes={"ome": describe("a", 1)})
+    scale = np.iinfo(dtype).max // 255
+    group.create_array("0", data=(pixels * scale).astype(dtype), chunks=shape)
+    found = np.concatenate([rows for _, rows in open_source(tmp_path / "a.zarr").strips()], axis=1)
+    assert np.array_equal(found, np.broadcast_to(pixels.reshape(-1, 30, 20), (3, 30, 20)))
 
 
 def test_a_picture_is_resampled_while_it_is_read(tmp_path: Path) -> None:
