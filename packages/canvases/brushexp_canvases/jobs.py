@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
+ANY_PORT = "127.0.0.1:0"  # for Dask's page, so that canvases can be painted side by side
 WAIT = "10s"  # for a scheduler to answer
 SLURM = "slurm"  # instead of an address
 MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else
@@ -37,7 +38,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         logging.getLogger(name).setLevel(SILENT)  # what happens is said in our words
     with ExitStack() as stack:
         if address in (None, SLURM):
-            local = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": SILENT}
+            local = {"threads_per_worker": 1, "dashboard_address": ANY_PORT, "silence_logs": SILENT}
             cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))
             return
@@ -60,7 +61,8 @@ def _by_slurm(n: int) -> Any:
     if which("sbatch") is None:
         raise UserError("cluster=slurm submits jobs by sbatch, which is not here; start on a machine that has it")
     memory = config.get("jobqueue.slurm.memory", None) or MEMORY
-    cluster = SLURMCluster(cores=1, processes=1, memory=memory, silence_logs=SILENT)
+    scheduler = {"dashboard_address": ANY_PORT}
+    cluster = SLURMCluster(cores=1, processes=1, memory=memory, silence_logs=SILENT, scheduler_options=scheduler)
     cluster.adapt(minimum_jobs=n, maximum_jobs=n)
     return cluster
 
