@@ -17,7 +17,7 @@ from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.job import ExportJob
 from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import take_built
-from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import reaching
 from brushexp_canvases.pyramid import grey_of, region_of
 from brushexp_canvases.store import HEIGHT, SQUARES, CanvasStore
@@ -39,7 +39,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
     store.write("painting", region, pixels)
     if HEIGHT in store.root:
         store.write(HEIGHT, region, draw_heights(store, cfg, region))
-    store.put_squares(tile, errors_of(pixels, target, _near_borders(store.grid, tile, region)))
+    store.put_squares(tile, errors_of(pixels, target, store.grid.near_borders(tile, region, SEAM)))
 
 
 def draw_region(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
@@ -77,13 +77,3 @@ def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> dict[
     squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
     numbers = float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size
     return dict(zip(SQUARES, numbers, strict=True))
-
-
-def _near_borders(grid: Grid, tile: Tile, region: Region) -> np.ndarray:
-    """Mark the pixels (h, w) of a tile that lie at most `SEAM` pixels from another tile."""
-    near = np.zeros((region.height, region.width), bool)
-    near[:SEAM] |= tile.row > 0
-    near[-SEAM:] |= tile.row < grid.shape[0] - 1
-    near[:, :SEAM] |= tile.column > 0
-    near[:, -SEAM:] |= tile.column < grid.shape[1] - 1
-    return near

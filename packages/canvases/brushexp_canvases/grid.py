@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from brushexp.pictures.region import Region
 
 
@@ -72,6 +74,18 @@ class Grid:
     def before(self, tile: Tile) -> Iterator[Tile]:
         """Yield the tiles around a tile that are painted before it."""
         return (other for other in self.around(tile) if other.round < tile.round)
+
+    def near_borders(self, tile: Tile, region: Region, distance: int) -> np.ndarray:
+        """Mark the pixels (h, w) of a region around a tile that lie within ``distance`` of its borders with others."""
+        own, marks = self.region(tile), []
+        for axis, (first, length, begin, end) in enumerate((
+            (region.top, region.height, own.top, own.top + own.height),
+            (region.left, region.width, own.left, own.left + own.width),
+        )):  # fmt: skip
+            borders = np.array([edge for edge in (begin, end) if 0 < edge < self.size[axis]], dtype=float)
+            centres = np.arange(first, first + length) + 0.5
+            marks.append((np.abs(centres[:, None] - borders) < distance).any(axis=1))
+        return marks[0][:, None] | marks[1]
 
     def _within(self, tile: Tile, margin: int) -> Region:
         top, left = max(0, tile.row * self.side - margin), max(0, tile.column * self.side - margin)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
 ANY_PORT = "127.0.0.1:0"  # for Dask's page, so that canvases can be painted side by side
+SLIM = {"distributed.worker.profile.enabled": False}  # its records grow by 4 MB a tile
 WAIT = "10s"  # for a scheduler to answer
 SLURM = "slurm"  # instead of an address
 MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else
@@ -31,13 +32,15 @@ AGAIN = 3  # workers that may die of one tile; Dask's own default
 def workers(n: int, address: str | None) -> Iterator[Client]:
     """Start ``n`` workers of one thread on this machine or by `SLURM`, or take those of a scheduler at ``address``."""
     try:
-        from distributed import Client, LocalCluster  # noqa: PLC0415  (the extra ``canvas``)
+        from dask import config  # noqa: PLC0415  (the extra ``canvas``)
+        from distributed import Client, LocalCluster  # noqa: PLC0415
     except ImportError as error:
         raise UserError("canvas= needs Dask; install it with: pip install 'brushexp[canvas]'") from error
     for name in (*(name for name in logging.root.manager.loggerDict if name.startswith("distributed")), "asyncio"):
         logging.getLogger(name).setLevel(SILENT)  # what happens is said in our words
     with ExitStack() as stack:
         if address in (None, SLURM):
+            stack.enter_context(config.set(SLIM))
             local = {"threads_per_worker": 1, "dashboard_address": ANY_PORT, "silence_logs": SILENT}
             cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
+import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
@@ -28,6 +29,8 @@ from brushexp.system.runtime import peak_memory, use_threads
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import joined, lay
 from brushexp_canvases.store import CanvasStore
+
+BORDER, WEIGHT = 8, 1.2  # pixels along borders between tiles, and how much more than others they count
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     target = torch.from_numpy(store.read("target", window)).float() / 255
     cfg.seed += tile.row * store.grid.shape[1] + tile.column
     L.seed_everything(cfg.seed, verbose=False)
-    focus, _ = compute_focus(cfg, target)
+    focus = evened(compute_focus(cfg, target)[0], store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
     strokes = joined(laid.ring, laid.own, laid.passing).moved(shift=(-window.left, -window.top))
     painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
@@ -115,6 +118,19 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     done = painter.strokes().map(Tensor.cpu)[own].moved(shift=(window.left, window.top))
     store.put_strokes(tile, done, order.last.cpu()[own])
     return peak_memory()
+
+
+def evened(focus: Tensor | None, near: np.ndarray) -> Tensor:
+    """Let pixels ``near`` (h, w) borders between tiles count more than ``focus`` (h, w) or None says.
+
+    So more strokes come to lie there. With as many as elsewhere the error was 1.07 times as large, as strokes of
+    neighbours are laid without them.
+    """
+    if not near.any():
+        return focus
+    weight = torch.from_numpy(np.where(near, WEIGHT, 1.0)).float()
+    weight = weight if focus is None else focus * weight
+    return weight / weight.mean()
 
 
 def painter_of(
