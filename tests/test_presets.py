@@ -9,7 +9,7 @@ from typed import configured
 from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.vocabulary import SHIPPED
-from brushexp.registry import build
+from brushexp.registry import build, plugin_of
 from brushexp.system.reading import read_text, yaml_of
 
 PRESETS = {path.stem: path for path in (SHIPPED / "quality").glob("*.yaml")}
@@ -66,6 +66,20 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
     }.items():
         cfg = composed("look=plain", *typed.split(), own=[tmp_path])
         assert (cfg.steps, cfg.pixels_per_stroke, cfg.optimizer.name) == expected, typed
+
+
+@pytest.mark.parametrize(("words", "name", "checkpoint"), [
+    ("look=plain", "predicted", "plain"),
+    ("", "predicted", "brushed"),
+    ("look=ink", "drawing", None),
+    ("look=oil init=layers", "layers", None),
+])  # fmt: skip
+def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
+    init = composed("quality=draft", *words.split()).init
+    assert (plugin_of(init).name, init.get("checkpoint")) == (name, checkpoint)
+    same = composed(*words.split(), f"init={name}").init
+    same.update({} if checkpoint is None else {"checkpoint": checkpoint})
+    assert init == same, "with the options of the look"
 
 
 @pytest.mark.parametrize("study", STUDIES)

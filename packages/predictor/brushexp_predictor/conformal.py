@@ -1,9 +1,10 @@
 """Intervals that hold as many truths as they say: those of the samples, moved and stretched as known paintings ask.
 
-Split conformal prediction (Vovk, Gammerman and Shafer, 2005; Lei et al., 2018) with the distance from the middle in
-spreads of the samples: a line for the middle is fitted to every other known painting; on the rest, the factor of the
-spread is the quantile of the distances. Strokes of a painting are no independent samples, so each painting counts as
-one, whatever its strokes (Lee, Barber and Willett, 2023).
+Cross-conformal prediction (Vovk, 2015) with the distance from the middle in spreads of the samples: a line for the
+middle is fitted to every other known painting, and distances of the rest from it are measured, and the other way round;
+the factor of the spread is the quantile of all these distances. So no painting is measured against a line that it has
+helped to fit, and all count. Strokes of a painting are no independent samples, so each painting counts as one, whatever
+its strokes (Lee, Barber and Willett, 2023).
 """
 
 import json
@@ -62,27 +63,32 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
     Args:
         truth: (T,) on the scale of `kinds.Kind.inner`.
         doubt: what samples say of each, (T,).
-        painting: (T,) number of the painting that each is of.
+        painting: (T,) number of the painting that each is of; the even ones are one half, the odd ones the other.
         axial: whether they are directions.
     """
     known = np.isfinite(truth) & np.isfinite(doubt.middle)
-    order = np.searchsorted(np.unique(painting), painting)
-    fit, rest = known & (order % 2 == 0), known & (order % 2 == 1)
-    weight = weights_of(painting)
-    offset, slope = (0.0, 1.0) if axial else line_through(doubt.middle[fit], truth[fit], weight[fit])
-    error = np.abs(away_from(truth, offset + slope * doubt.middle, axial))
-    mean = float(np.average(doubt.spread[fit], weights=weight[fit]))
+    truth, middle, spread, painting = truth[known], doubt.middle[known], doubt.spread[known], painting[known]
+    weight, level = weights_of(painting), SHARE * (1 + 1 / len(np.unique(painting)))
 
-    def factor_on(rows: Array, floor: float) -> float:
-        level = SHARE * (1 + 1 / len(np.unique(painting[rows])))
-        return weighted_quantile(error[rows] / (doubt.spread[rows] + floor + 1e-9), weight[rows], level)
+    def line_of(rows: Array) -> tuple[float, float]:
+        return (0.0, 1.0) if axial else line_through(middle[rows], truth[rows], weight[rows])
+
+    def error_from(offset: float, slope: float) -> Array:
+        return np.abs(away_from(truth, offset + slope * middle, axial))
+
+    odd = painting % 2 == 1
+    error = np.where(odd, error_from(*line_of(~odd)), error_from(*line_of(odd)))
+
+    def factor_with(floor: float) -> float:
+        return weighted_quantile(error / (spread + floor + 1e-9), weight, level)
 
     def width_with(floor: float) -> float:
-        half = factor_on(fit, floor) * (doubt.spread[fit] + floor)
-        return float(np.average(np.minimum(half, RIGHT) if axial else half, weights=weight[fit]))
+        half = factor_with(floor) * (spread + floor)
+        return float(np.average(np.minimum(half, RIGHT) if axial else half, weights=weight))
 
+    mean = float(np.average(spread, weights=weight))
     floor = min((share * mean for share in FLOORS), key=width_with)
-    return Scaling(float(offset), float(slope), floor, factor_on(rest, floor))
+    return Scaling(*line_of(np.full(len(truth), True)), floor, factor_with(floor))
 
 
 def weights_of(painting: Array) -> Array:

@@ -47,13 +47,12 @@ class SampleTask(Task):
 
 @dataclass
 class CalibrateTask(Task):
-    """Fit the intervals of task=sample on paintings whose strokes are known, and measure them on others."""
+    """Fit the intervals of task=sample on paintings whose strokes are known, and measure them on other pictures."""
 
     module = "brushexp_predictor.calibrate_task"
 
     checkpoint: str = key("plain", WEIGHTS)
-    paintings: int = key(40, "known paintings to fit intervals on", at_least(4))
-    tested: int = key(40, "others, of other pictures, to measure them on", at_least(4))
+    paintings: int = key(240, "known paintings, of twelve pictures in turn", at_least(8))
     samples: int = key(32, "samples of each painting", between(2, 10_000))
     temperature: float = key(1.0, TEMPERATURE, between(0, 10))
     side: int = key(256, "pixels of the longer side of a painting", between(32, 2048))

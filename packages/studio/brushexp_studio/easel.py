@@ -8,7 +8,7 @@ from nicegui import ui
 
 from brushexp_studio.elements import Button, Drop, Frames, Mask, Tag, Wipe, chips
 from brushexp_studio.visit import COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
-from brushexp_studio.works import DONE, FAILED, PRINT_SIDE, WAITING, Work
+from brushexp_studio.works import DONE, FAILED, GLANCE, PRINT_SIDE, WAITING, Work
 
 FILES = {  # names on the page; a film is one of two kinds
     "painting.png": "PNG",
@@ -121,8 +121,8 @@ class Easel:
 
     def _replay(self) -> None:
         work = self._work
-        frames = [f"/works/{work.number}/{number}.jpg" for number in work.frames]
-        captions = [caption for _, caption in work.frames.values()]
+        shown = {number: caption for number, (_, caption) in work.frames.items() if number != GLANCE}
+        frames, captions = [f"/works/{work.number}/{number}.jpg" for number in shown], [*shown.values()]
         Frames(frames=frames, captions=captions).style(f"--ratio: {work.ratio}")
 
     def _show_files(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from brushexp.api.settings import settings_of
 from brushexp.painting.components import stroke_budget
-from brushexp.registry import build
+from brushexp.registry import build, plugin_of
 from brushexp_studio.photos import Photo
 
 QUALITIES = ("draft", "normal", "fine", "best")
@@ -58,11 +58,19 @@ class Wishes:
         if self.size != 1:
             own = own_size(self.look)
             keys |= {f"init.{name}": min(LONGEST_STROKE, value * self.size) for name, value in own.items()}
+            keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # a draft has another
         if self.focus != "look":
             keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
         if self.style is not None:
             keys["style.image"] = str(self.style.path)
         return keys
+
+    def at_a_glance(self) -> dict[str, Any] | None:
+        """Convert to keys of a painting that begins with a network's strokes; None where this one does, or none may."""
+        drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("draft", "normal"))
+        if drafted == own or self.size != 1 or (self.seconds is None and self.quality == "draft"):
+            return None
+        return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "draft"}
 
     def command(self) -> str:
         """Write the command for a terminal, with the name of the user's file."""

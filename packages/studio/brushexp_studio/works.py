@@ -2,6 +2,7 @@
 
 import logging
 import time
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +20,7 @@ from brushexp_studio.wishes import Wishes
 log = logging.getLogger(__name__)
 FRAME_SIDE = 1024  # pixels of the longer side of a frame
 MOST_FRAMES = 120  # per painting; of more every second one is removed
+GLANCE = -1  # number of the picture that is shown before a painting's own
 WITHDRAWN = "withdrawn"  # status of a painting that was stopped before it began
 LONGEST_QUEUE = 20  # paintings that wait
 PRINT_SIDE = 4096  # pixels of the longer side of a print
@@ -64,7 +66,7 @@ class Work:
     @property
     def last(self) -> int:
         """The number of the latest picture; -1 before there is one."""
-        return max(self.frames, default=-1)
+        return max(self.frames, default=GLANCE)
 
     @property
     def address(self) -> str:
@@ -85,9 +87,10 @@ class Work:
             found = sorted(folder.glob(f"*.{form}"))
             return found[0] if found else Path(self.painting.export(form, folder, size=PRINT_SIDE)[0])
 
-    def add_frame(self, image: Any, caption: str) -> None:
-        """Add a picture (H, W, 3) of bytes."""
-        self.frames[self.last + 1] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
+    def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
+        """Add a picture (H, W, 3) of bytes, the next one if it has no number."""
+        number = self.last + 1 if number is None else number
+        self.frames[number] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
             for other in list(self.frames)[1:-1:2]:
                 del self.frames[other]
@@ -179,6 +182,7 @@ class Works:
         self.version += 1
 
     def _paint(self, work: Work) -> None:
+        self._glance(work)
         wishes, start = work.wishes, time.monotonic()
         options = wishes.overrides() | self.options
         states = brushexp.iterate(wishes.subject.path, every=1, every_seconds=0.25, **options)
@@ -197,6 +201,16 @@ class Works:
                 if not self._closing.is_set():
                     state.painting.save(work.folder)
                     work.painting = state.painting
+
+    def _glance(self, work: Work) -> None:
+        """Show what a network lays at a glance, until the painting's own first picture is there."""
+        if (keys := work.wishes.at_a_glance()) is not None:
+            painter: Any = brushexp.iterate(work.wishes.subject.path, **keys | self.options)
+            with closing(painter) as states:
+                first = next(states)
+            caption = f"at a glance · {first.psnr:.1f} dB · {len(first.strokes):,} strokes"
+            work.add_frame(first.image, caption, GLANCE)
+            self.version += 1
 
 
 def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:

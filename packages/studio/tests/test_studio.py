@@ -11,6 +11,7 @@ from threading import Event
 from unittest.mock import Mock
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 import skimage.data
 from brushexp_studio import task as studio_task
@@ -246,6 +247,31 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     works._thread.join(60)
     assert {work.status for work in works.all} == {"done"}
     assert sorted(["plain", "oil", "own", "ink"], key=likelihood) == ["oil", "ink", "plain", "own"]
+
+
+def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_with_it(tmp_path, monkeypatch):
+    photo = Mock(path="chelsea", size=(300, 451))
+    oil = Wishes(photo=photo, seconds=9.0, side=64)
+    assert oil.at_a_glance() == {"look": "oil", "resolution": 64, "frames": 60, "quality": "draft"}
+    others = ({"look": "ink"}, {"quality": "draft"}, {"size": 2.0})
+    assert [Wishes(photo=photo, **other).at_a_glance() for other in others] == [None] * 3
+    larger = Wishes(photo=photo, quality="draft", size=2.0).overrides()
+    assert (larger["init"], larger["init.length"]) == ("layers", 8), "sizes are those of the look's own start"
+    asked = []
+
+    def iterate(_, **keys):
+        asked.append(keys)
+        yield Mock(
+            image=np.zeros((4, 6, 3), np.uint8), psnr=20.0 + len(asked), strokes=[], step=0, steps=1, painting=None
+        )
+
+    monkeypatch.setattr("brushexp.iterate", iterate)
+    work = Work(1, oil, tmp_path)
+    Works(tmp_path, {})._paint(work)
+    assert [keys.get("quality") for keys in asked] == ["draft", None]
+    assert {number: caption[:20] for number, (_, caption) in work.frames.items()} == {
+        -1: "at a glance · 21.0 d", 0: "step 0 of 1 · 22.0 d",
+    }  # fmt: skip
 
 
 def test_a_painting_is_printed_large_once(tmp_path):

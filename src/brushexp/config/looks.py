@@ -14,6 +14,7 @@ from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, plugins
 
@@ -38,7 +39,14 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
     return scaled[key]
 
 
+def swap(look: str, family: str, others: Mapping[str, str]) -> str:
+    """Choose of a family what stands in ``others`` for the look's own member, or else that: for defaults lists."""
+    own = choices_of(ConfigStore.instance().load(f"look/{look}.yaml").node, PaintTask.groups)[family]
+    return others.get(own, own)
+
+
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
+OmegaConf.register_new_resolver("swapped", swap, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
@@ -76,16 +84,21 @@ def look_names() -> list[str]:
 
 def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
     """Take options out of a look, each with its family and the plugin that the look, or else the task, chooses."""
-    chosen = dict(groups)
-    for entry in look.get("defaults", []):
-        chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
-    parts = []
+    chosen, parts = choices_of(look, groups), []
     for family in FAMILIES:
         if family == "loss":
             parts += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
         elif family in look and isinstance(chosen.get(family), str):
             parts.append((family, chosen[family], look.pop(family)))
     return parts
+
+
+def choices_of(look: DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Map the families of a task to what a look, or else the task, chooses."""
+    chosen = dict(groups)
+    for entry in look.get("defaults", []):
+        chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
+    return chosen
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:

@@ -33,6 +33,7 @@ def scratch_folder() -> str:
 
 
 OmegaConf.register_new_resolver("scratch", scratch_folder, replace=True)
+MEMBERS = "members"  # group of the families of each task: they are chosen before options of looks are
 PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 
@@ -57,11 +58,13 @@ def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> 
     """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
     for name, schema in tasks.items():
         groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
+        options = []
         if "look" in schema.presets:
-            groups += [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
+            options = [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
+        ConfigStore.instance().store(group=MEMBERS, name=name, node={"defaults": groups}, provider=PUBLISHER)
         presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
         several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
-        head = {"defaults": [*groups, "_self_", *presets], "task": name, **several}
+        head = {"defaults": [f"/{MEMBERS}/{name}@_global_", *options, "_self_", *presets], "task": name, **several}
         node = OmegaConf.merge(head, without_class(OmegaConf.structured(schema)), schema.settings)
         ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider=PUBLISHER)
 
