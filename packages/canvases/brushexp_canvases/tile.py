@@ -120,7 +120,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     return peak_memory()
 
 
-def evened(focus: Tensor | None, near: np.ndarray) -> Tensor:
+def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
     """Let pixels ``near`` (h, w) borders between tiles count more than ``focus`` (h, w) or None says.
 
     So more strokes come to lie there. With as many as elsewhere the error was 1.07 times as large, as strokes of
