@@ -1,7 +1,7 @@
 """The program in processes of its own, without the seconds that its imports take.
 
-Every process is a fork of one that has imported everything and done nothing; from there on it is what ``brushexp``
-is: its own environment, folder, output, signals and exit code.
+Every process is a fork of one that has imported everything, and Numba its tables, and done nothing; from there on it
+is what ``brushexp`` is: its own environment, folder, output, signals and exit code.
 """
 
 import http.client
@@ -14,19 +14,22 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib.metadata import entry_points
+from multiprocessing import forkserver
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 from urllib.parse import urlsplit
 
 import brushexp_training
+import pytest
 
 import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
 THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "numba"]
 THEIRS += ["PIL.GifImagePlugin", "skimage.data", "skimage.segmentation.slic_superpixels"]
-THEIRS += ["torchmetrics.functional.image"]
+THEIRS += ["torchmetrics.functional.image", "kernels_ready"]
 OURS = [
     module.name
     for it in (brushexp, brushexp_training)
@@ -54,6 +57,7 @@ class Program:
         disturbed = (*kill, sent) if kill else None
         arguments = (self.args, str(cwd), environment, self._outputs, disturbed)
         self._process = FORKS.Process(target=_main, args=arguments)
+        start_server()
         self._process.start()
 
     @property
@@ -76,6 +80,14 @@ class Program:
         out, err = ((self._outputs / name).read_text(errors="replace") for name in ("out", "err"))
         shutil.rmtree(self._outputs)
         return out, err
+
+
+@cache
+def start_server() -> None:
+    """Start the process that is forked, which looks for modules among those of the tests, too."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
+        forkserver.ensure_running()
 
 
 def in_plain(words: Sequence[str]) -> list[str]:

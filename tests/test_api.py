@@ -362,9 +362,10 @@ def test_a_program_ends_though_a_painting_does_not():
 
 @pytest.fixture
 def quickly_measured(monkeypatch):
-    """A trained renderer's speed is measured on few strokes."""
+    """A trained renderer is measured on few strokes."""
     monkeypatch.setattr("brushexp_training.benchmark.ACROSS", 2)
     monkeypatch.setattr("brushexp_training.benchmark.REPETITIONS", 1)
+    monkeypatch.setattr("brushexp_training.stroke_data.HELD_OUT", 128)
 
 
 def test_a_preset_of_a_renderer_is_trained(tmp_path, monkeypatch, quickly_measured):

@@ -39,7 +39,7 @@ def random_tiles(n):
 
 
 def test_the_distance_is_found_wherever_it_is_within_reach():
-    curve, reach, corners = random_tiles(4000)
+    curve, reach, corners = random_tiles(1000)
     found, recalled = np.empty((2, len(curve), AREA), F)
     share(search, len(curve), curve.reshape(-1, 6), reach, corners, found, recalled)
     y, x = np.divmod(np.arange(AREA), TILE)

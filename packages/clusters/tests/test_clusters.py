@@ -69,15 +69,16 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     assert (study / "table.tex").exists()
 
 
-@pytest.mark.parametrize(("launcher", "library"), [
-    ("dask hydra.launcher.n_jobs=1", "distributed"), ("submitit_local", "submitit"),
+@pytest.mark.parametrize(("launcher", "library", "seeds"), [
+    ("dask hydra.launcher.n_jobs=1", "distributed", "0,1"), ("submitit_local", "submitit", "0"),
 ])  # fmt: skip
-def test_jobs_of_other_launchers_meet_in_one_table(launcher, library, tmp_path):
+def test_jobs_of_other_launchers_meet_in_one_table(launcher, library, seeds, tmp_path):
+    """Those of submitit are processes that import all anew: one of them shows that its result comes home."""
     pytest.importorskip(library)
-    words = [*TINY, "seed=0,1", *f"hydra/launcher={launcher}".split(), "output=s"]
+    words = [*TINY, f"seed={seeds}", *f"hydra/launcher={launcher}".split(), "output=s"]
     done = run(*words, cwd=tmp_path, PYTHONPATH=str(ROOT / "src"))
     assert done.returncode == 0, done.stderr
     assert "worker process" not in done.stderr.lower(), "the launcher's own remarks are for its developers"
     sweep = tmp_path / "s"
-    assert [row["status"] for row in read_csv(sweep / "table.csv")] == 2 * ["completed"]
+    assert [row["status"] for row in read_csv(sweep / "table.csv")] == len(seeds.split(",")) * ["completed"]
     assert all((sweep / name).exists() for name in ("table.md", "table.tex", "report.html", "sheet.png"))

@@ -75,7 +75,7 @@ def test_no_scene_breaks_a_network(scene):
 @pytest.mark.parametrize("exercise", [name for name in MANY_STEPS if name not in SLOW_SCENES])
 @no_eval_warning
 def test_no_target_and_no_rate_spoils_the_strokes(exercise):
-    short = replace(MANY_STEPS[exercise], steps=min(MANY_STEPS[exercise].steps, 40))
+    short = replace(MANY_STEPS[exercise], steps=min(MANY_STEPS[exercise].steps, 16))
     for name, renderer in renderers(formulas=True).items():
         result = check.check_painting(name, renderer, short, 60.0, BLENDS["tiled"], "float32")
         assert result.verdict == EXACT, f"{name}: {result}"

@@ -54,10 +54,10 @@ def test_seeds_are_other_papers_and_the_same_seed_the_same():
 @pytest.mark.parametrize("name", PAPERS)
 def test_gradients_pass_a_paper(name):
     generator = torch.Generator().manual_seed(0)
-    flat = (0.1 + 0.6 * torch.rand(3, 6, 9, generator=generator, dtype=torch.float64)).requires_grad_()
+    flat = (0.1 + 0.6 * torch.rand(3, 4, 5, generator=generator, dtype=torch.float64)).requires_grad_()
     bare = torch.tensor([0.9, 0.95, 0.85], dtype=torch.float64, requires_grad=True)
     paper = build_named("paper", name, {"grain": 150.0, "tooth": 0.3, "granulation": 0.5, "blooms": 0.3})
-    assert torch.autograd.gradcheck(lambda flat, bare: paper.cover(flat, bare, Rows(0, 6, (6, 9))), (flat, bare))
+    assert torch.autograd.gradcheck(lambda flat, bare: paper.cover(flat, bare, Rows(0, 4, (4, 5))), (flat, bare))
 
 
 def test_noise_is_even_in_its_ranks_and_repeats_for_its_seed():

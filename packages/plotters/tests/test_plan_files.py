@@ -37,7 +37,7 @@ def test_vpype_does_not_silence_what_is_said_afterwards(tmp_path):
 
 @pytest.mark.parametrize("layers", [1, 3])
 def test_a_pen_that_is_held_is_not_taken_again(tmp_path, layers):
-    job = job_of(random_strokes(80, SIZE, seed=4))
+    job = job_of(random_strokes(40, SIZE, seed=4))
     for options in ({"pens": ["black"]}, {"pens": ["#101010", "white"]}, {"colors": 3}):
         machine = Gcode(layers=layers, hidden="skip", **options)
         plan, text = pen_plan(job, machine), machine.write(job, tmp_path)[0].read_text()

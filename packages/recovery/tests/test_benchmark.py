@@ -52,7 +52,6 @@ def test_a_brushstroke_is_one_way_of_even_breadth():
     level = np.zeros((12, 40), bool)
     level[3:9, 2:38] = True
     assert is_brushstroke(level)
-    cross = level.copy()
     cross = np.zeros((40, 40), bool)
     cross[17:23, 2:38], cross[2:38, 17:23] = True, True
     assert not is_brushstroke(cross)
@@ -63,18 +62,18 @@ def test_a_brushstroke_is_one_way_of_even_breadth():
 
 @pytest.mark.parametrize("brush", BRUSHES)
 def test_a_painting_is_decided_by_its_seed_and_its_truth_is_that_of_its_strokes(brush):
-    painted, again = (paint(Scene(brush, 20), 64, seed=3) for _ in range(2))
+    painted, again = (paint(Scene(brush, 10), 64, seed=3) for _ in range(2))
     np.testing.assert_array_equal(painted.clean, again.clean)
     np.testing.assert_array_equal(painted.hard, again.hard)
     truth = painted.truth
-    assert 6 < truth.counts.sum() <= 20
+    assert 3 < truth.counts.sum() <= 10
     assert truth.share.max() <= 1
     lower, upper = truth.pairs.T
     assert (lower < upper).all()
     largest = truth.counts & (truth.share > 0.8)
     near = np.abs(truth.seen - truth.color)[largest].mean()
     assert near < 0.2  # what is seen of a stroke has the colour of its paint
-    assert 0.02 < np.abs(painted.hard - painted.clean).mean() + 0.02 < 0.3
+    assert 0 < np.abs(painted.hard - painted.clean).mean() < 0.28
 
 
 def test_subjects_have_colours_and_scenes_have_names():

@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import as_sweep
-from brushexp.compat.hydra import parse_arguments
+from brushexp.compat.hydra import one_store, parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
@@ -55,7 +55,8 @@ def run(start: float) -> None:
             print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
         else:
             sys.argv[1:] = without_folder(words) + search_path(folders)
-            job()
+            with one_store():
+                job()
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
