@@ -60,7 +60,7 @@ def _by_slurm(n: int) -> Any:
     """Submit ``n`` jobs of Slurm, each a worker; one that ends is submitted again."""
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
-        from dask_jobqueue import SLURMCluster  # noqa: PLC0415
+        from dask_jobqueue.slurm import SLURMCluster  # noqa: PLC0415
     except ImportError as error:
         needed = "cluster=slurm needs dask-jobqueue; install it with: pip install 'brushexp[canvas,slurm]'"
         raise UserError(needed) from error
