@@ -97,7 +97,7 @@ def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
         if (task, words) not in configs:
             configs[task, words] = composed(task, *words)
         for value in VALUES[k % apart :: apart]:
-            text = refusal(configs[task, words], task, [f"{name}={value}"])
+            text = refusal(configs[task, words], task, [f"task={task}", f"{name}={value}"])
             if (text and (name not in text or "\n" in text)) or (not text and value in NEVER and kind in NUMBERS):
                 wrong.append(f"{name}={value}: {text}")
     assert not wrong

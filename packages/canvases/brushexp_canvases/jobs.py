@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from shutil import which
@@ -58,12 +59,15 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 def _by_slurm(n: int) -> Any:
     """Submit ``n`` jobs of Slurm, each a worker; one that ends is submitted again."""
+    at_interrupt = signal.getsignal(signal.SIGINT)
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
         from dask_jobqueue.slurm import SLURMCluster  # noqa: PLC0415
     except ImportError as error:
         needed = "cluster=slurm needs dask-jobqueue; install it with: pip install 'brushexp[canvas,slurm]'"
         raise UserError(needed) from error
+    finally:
+        signal.signal(signal.SIGINT, at_interrupt)  # which the import of dask-jobqueue changes
     if which("sbatch") is None:
         raise UserError("cluster=slurm submits jobs by sbatch, which is not here; start on a machine that has it")
     memory = config.get("jobqueue.slurm.memory", None) or MEMORY

@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from PIL import Image
 from test_canvases import canvas_of, config_of, painted, picture  # noqa: F401  (a fixture)
 
 from brushexp.errors import UserError
+
+HAS_SLURM = pytest.mark.skipif(find_spec("dask_jobqueue") is None, reason="needs the extra slurm")
 
 
 @pytest.fixture(autouse=True)
@@ -63,8 +66,8 @@ echo "cancelled $1" >> {log}
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@HAS_SLURM
 def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("dask_jobqueue")
     Image.new("RGB", (20, 12), (200, 100, 0)).save(tmp_path / "small.png")
     cfg = config_of(tmp_path / "small.png", tmp_path / "a.zarr", pixels_per_stroke=4, steps=1, cluster="slurm")
     store = begin(tmp_path / "a.zarr", cfg)
@@ -78,10 +81,11 @@ def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.Monkey
     said = (tmp_path / "log").read_text()
     job = said.splitlines()[0].split()[-1]
     assert f"cancelled {job}" in said
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "Ctrl-C does what it did"
 
 
+@HAS_SLURM
 def test_slurm_that_is_not_here_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("dask_jobqueue")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(UserError, match="sbatch"), workers(1, "slurm"):
         pass
