@@ -130,7 +130,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     )  # dropped beside every field
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
-    choose(page, "Canvas", "256")
+    choose(page, "Canvas", "512")
     choose(page, "Time", "Best")
     page.get_by_role("button", name="Paint", exact=True).click()
     picture = page.locator(".place .stage img[src^='/works/']")
@@ -152,7 +152,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     with page.expect_download() as download:
         page.get_by_role("link", name="PNG", exact=True).click()
     with Image.open(download.value.path()) as painting:
-        assert painting.size == (256, 170)
+        assert painting.size == (451, 300)
     assert download.value.suggested_filename == "写真_cat-oil-1-painting.png"
     with page.context.expect_page() as report:
         page.get_by_role("link", name="Page", exact=True).click()
