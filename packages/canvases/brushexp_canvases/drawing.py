@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -34,29 +33,19 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
     if store.is_drawn(tile):
         return
     region = store.grid.region(tile)
-    pixels = draw_region(store, cfg, region)
-    target = store.read("target", region)
-    store.write("painting", region, pixels)
-    if HEIGHT in store.root:
-        store.write(HEIGHT, region, draw_heights(store, cfg, region))
-    store.put_squares(tile, errors_of(pixels, target, store.grid.near_borders(tile, region, SEAM)))
-
-
-def draw_region(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
-    """Draw a part of a painted canvas, (3, h, w) uint8, with its light."""
-    return _drawn(store, cfg, region, lambda job: job.picture().transpose(2, 0, 1))
-
-
-def draw_heights(store: CanvasStore, cfg: DictConfig, region: Region) -> np.ndarray:
-    """Draw the height of the paint of a part, (3, h, w) uint8: white is `THICK` of the distance between strokes."""
-    white = THICK * cfg.pixels_per_stroke**0.5
-    return _drawn(store, cfg, region, lambda job: grey_of(job.height() / white))
-
-
-def _drawn(store: CanvasStore, cfg: DictConfig, region: Region, draw: Callable[[ExportJob], np.ndarray]) -> np.ndarray:
     wide = region.widened(EDGE, store.grid.size)
-    inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
-    return np.ascontiguousarray(region_of(draw(job_of(store, cfg, wide)), inner))
+    job = job_of(store, cfg, wide)
+
+    def put(name: str, picture: np.ndarray) -> np.ndarray:
+        inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
+        store.write(name, region, part := np.ascontiguousarray(region_of(picture, inner)))
+        return part
+
+    pixels = put("painting", job.picture().transpose(2, 0, 1))
+    if HEIGHT in store.root:
+        put(HEIGHT, grey_of(job.height() / (THICK * cfg.pixels_per_stroke**0.5)))
+    near = store.grid.near_borders(tile, region, SEAM)
+    store.put_squares(tile, errors_of(pixels, store.read("target", region), near))
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:

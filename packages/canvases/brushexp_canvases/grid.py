@@ -76,7 +76,11 @@ class Grid:
         return (other for other in self.around(tile) if other.round < tile.round)
 
     def near_borders(self, tile: Tile, region: Region, distance: int) -> np.ndarray:
-        """Mark the pixels (h, w) of a region around a tile that lie within ``distance`` of its borders with others."""
+        """Mark the pixels (h, w) of a region around a tile that lie within ``distance`` of its borders with others.
+
+        >>> Grid((4, 6), side=3, margin=1).near_borders(Tile(0, 0), Region(0, 0, 4, 4), 1).astype(int).tolist()
+        [[0, 0, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1]]
+        """
         own, marks = self.region(tile), []
         for axis, (first, length, begin, end) in enumerate((
             (region.top, region.height, own.top, own.top + own.height),

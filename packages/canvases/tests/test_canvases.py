@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_canvases.drawing import THICK, draw_region, draw_tile, job_of
+from brushexp_canvases.drawing import THICK, draw_tile, job_of
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.page.strokes import write_strokes
 from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
@@ -114,9 +114,9 @@ def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasSto
     store, canvas = done
     cfg = OmegaConf.create(canvas.settings)
     everything = Region(0, 0, *store.grid.size)
-    whole = draw_region(store, cfg, everything)
+    whole = job_of(store, cfg, everything).picture().transpose(2, 0, 1)
     assert np.abs(whole.astype(int) - store.read("painting", everything)).max() <= 1
-    part = draw_region(store, cfg, Region(10, 20, 30, 40))
+    part = job_of(store, cfg, Region(10, 20, 30, 40)).picture().transpose(2, 0, 1)
     assert np.abs(part.astype(int) - whole[:, 10:40, 20:60]).max() <= 1
 
 

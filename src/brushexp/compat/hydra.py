@@ -1,13 +1,15 @@
 """Private parts of Hydra that the command line and Python need; tried with Hydra 1.3.8 and 1.4.0rc3."""
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
+from functools import cached_property
 from threading import Lock
 from typing import Any
 
 from hydra._internal.utils import get_args_parser
-from hydra.core.config_store import ConfigStore
+from hydra.core.config_store import ConfigNode, ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.singleton import Singleton
 from hydra.version import VersionBase
@@ -19,6 +21,26 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
     """Parse a command line as Hydra does: its flags and overrides, and words behind flags that it does not know."""
     namespace, others = get_args_parser().parse_known_args(words)
     return namespace, others
+
+
+class WhenRead:
+    """A config that is made when Hydra, which reads copies, reads it first."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self.make = make
+
+    @cached_property
+    def config(self) -> Any:
+        return self.make()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        return deepcopy(self.config)
+
+
+def store_when_read(group: str, name: str, make: Callable[[], Any], provider: str) -> None:
+    """Publish a choice of a group, in the global package, whose config ``make`` makes when it is read."""
+    choices, file, node = ConfigStore.instance().repo.setdefault(group, {}), f"{name}.yaml", WhenRead(make)
+    choices[file] = ConfigNode(file, node, group, "_global_", provider)  # type: ignore[arg-type]
 
 
 @contextmanager

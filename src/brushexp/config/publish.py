@@ -4,19 +4,18 @@ import atexit
 import logging
 import shutil
 from collections.abc import Collection, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
-from hydra.core.config_store import ConfigNode, ConfigStore
+from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from omegaconf import OmegaConf
 
+from brushexp.compat.hydra import store_when_read
 from brushexp.config.compose import files_of, folders_of
 from brushexp.config.keys import without_class
 from brushexp.config.looks import LOOK_OPTIONS, check_options, offer_looks
@@ -58,36 +57,21 @@ def offer(folders: Sequence[Path]) -> None:
 
 def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
     """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
-    choices = ConfigStore.instance().repo.setdefault("task", {})
     for name, schema in tasks.items():
         groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
         ConfigStore.instance().store(group=MEMBERS, name=name, node={"defaults": groups}, provider=PUBLISHER)
-        node: Any = TaskConfig(name, schema, [*tuned])
-        choices[f"{name}.yaml"] = ConfigNode(f"{name}.yaml", node, "task", "_global_", PUBLISHER)
+        store_when_read("task", name, partial(config_of_task, name, schema, tuned), PUBLISHER)  # a run reads one
 
 
-@dataclass
-class TaskConfig:
-    """The config of a task, which is made when Hydra reads it first: a run reads one of two dozen."""
-
-    name: str
-    schema: type[Any]
-    tuned: Sequence[str]
-
-    @cached_property
-    def node(self) -> Any:
-        schema, options = self.schema, []
-        if "look" in schema.presets:
-            group = f"optional /{LOOK_OPTIONS}"
-            options = [{f"{group}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in self.tuned]
-        presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
-        several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
-        defaults = [f"/{MEMBERS}/{self.name}@_global_", *options, "_self_", *presets]
-        head = {"defaults": defaults, "task": self.name, **several}
-        return OmegaConf.merge(head, without_class(OmegaConf.structured(schema)), schema.settings)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        return deepcopy(self.node)
+def config_of_task(name: str, schema: type[Any], tuned: Collection[str]) -> Any:
+    """Make the config of a task."""
+    options = []
+    if "look" in schema.presets:
+        options = [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
+    presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
+    several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
+    head = {"defaults": [f"/{MEMBERS}/{name}@_global_", *options, "_self_", *presets], "task": name, **several}
+    return OmegaConf.merge(head, without_class(OmegaConf.structured(schema)), schema.settings)
 
 
 def offer_presets(family: str, paths: Mapping[str, Path]) -> None:

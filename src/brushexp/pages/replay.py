@@ -19,10 +19,8 @@ MAX_STROKES = 200_000  # browsers can still draw a page of so many
 STEPS = 65_535  # levels of 16 bits above 0
 FARTHEST = 4.0  # canvas sides: farther control points are moved there
 CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
-Columns = Mapping[
-    str, tuple[np.ndarray, float, float]
-]  # (N, ...) values, the lowest and the highest that they may have
 EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper, by default
+Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values, and the range in which they lie
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
