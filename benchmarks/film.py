@@ -3,6 +3,7 @@
     python benchmarks/film.py                          a piece of a photograph that moves over another one
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
     python benchmarks/film.py --look ink --side 256
+    python benchmarks/film.py --cut --count 5 --override init=predicted steps=8    PSNR of each picture beside a cut
 
 Flicker is the mean change (levels of 255) from picture to picture where the target stays as it is. Both are measured on
 pictures as they are shown, in their light; PSNR is of the colours.
@@ -25,10 +26,16 @@ import numpy as np
 import torch
 from brushexp_films.changes import Flicker
 from brushexp_films.clips import decode_pictures, open_clip
+from brushexp_films.schema import FRAMES
 from skimage import data, transform
 
 from brushexp.pictures.load import planes_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
+from brushexp.plugins.export.job import export_job
+from brushexp.strokes.storage import load_catalogue
+
+MOVED = 6  # pixels from picture to picture
 
 
 def scene(count: int, side: int) -> list[np.ndarray]:
@@ -46,6 +53,22 @@ def scene(count: int, side: int) -> list[np.ndarray]:
     return pictures
 
 
+def cut(count: int, side: int) -> list[np.ndarray]:
+    """Two photographs, one after the other, each of which moves to the left."""
+    parts = (data.coffee()[:, :400], data.chelsea()[:, :300])
+    larger = [transform.resize(part, (side, side + MOVED * count), anti_aliasing=True) for part in parts]
+    places = [(picture, MOVED * k) for picture in larger for k in range(count)]
+    return [np.rint(255 * picture[:, left : left + side]).astype(np.uint8) for picture, left in places]
+
+
+def tell_pictures(folder: Path, clip: Path) -> None:
+    """Print the PSNR of every picture of a painted film, in the colours of its strokes."""
+    catalogues = sorted((folder / FRAMES).glob("*.h5"))
+    for path, target in zip(catalogues, decode_pictures(open_clip(clip)), strict=False):
+        painted = export_job(load_catalogue(path)).bare().picture()
+        print(f"{path.stem}: {psnr_of(float(np.square(painted / 255.0 - target / 255.0).mean())):.1f} dB")
+
+
 def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -54,20 +77,26 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=512, help="longer side, pixels")
     parser.add_argument("--count", type=int, default=12, help="pictures")
     parser.add_argument("--threads", type=int, default=None)
+    parser.add_argument("--cut", action="store_true", help="a film of two photographs, and the PSNR of its pictures")
+    parser.add_argument("--override", nargs="+", default=[], help="keys of the painting")
     options = parser.parse_args()
+    make, total = (cut, 2 * options.count) if options.cut else (scene, options.count)
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(options.clip or Path(scratch) / "clip.mp4")
         if not options.clip:
             with filming(path.with_suffix(""), "mp4", (options.side, options.side), Fraction(25)) as film:
-                for picture in scene(options.count, options.side):
+                for picture in make(options.count, options.side):
                     film.show(picture, 1)
         clip = open_clip(path)
         words = [f"image={path}", f"look={options.look}", f"resolution={options.side}"]
-        words += [f"film.stop={options.count / float(clip.rate)}"]
+        words += [f"film.stop={total / float(clip.rate)}", *options.override]
         words += [] if options.threads is None else [f"threads={options.threads}"]
         folder = Path(scratch) / "run"
         command = [sys.executable, "-m", "brushexp", *words, f"output={folder}"]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        if options.cut:
+            tell_pictures(folder, path)
+            return
         carried = json.loads((folder / "metrics.json").read_text())
         flicker, psnr, seconds = Flicker(), [], []
         for picture in islice(decode_pictures(clip), options.count):

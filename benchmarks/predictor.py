@@ -2,7 +2,7 @@
 
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
-    python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges
+    python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges, drafts
     python benchmarks/predictor.py --sheet sheet.jpg             two pictures beside what is laid, without a step
 
 Differences are paired over the pictures, with intervals of Student's t at 95 %. Seconds are CPU seconds of one thread,
@@ -31,6 +31,14 @@ from brushexp.results.paired import interval
 from brushexp.strokes.catalogue import Strokes
 
 INITS = ("predicted", "slic", "layers", "random")
+DRAFTS: dict[str, tuple[dict[str, str | int | float], ...]] = {  # by look: as they were, as they are, and others
+    "plain": (
+        {"init": "slic", "effort": 0.1, "coarse": 0.5},
+        {"init": "predicted"},
+        {"init": "predicted", "steps": 20},
+    ),
+    "oil": ({"init": "layers", "effort": 0.1, "coarse": 0.5}, {"init": "brushed"}),
+}
 EDGE = 8  # pixels
 CORES = os.cpu_count() or 1
 Row = Sequence[str | int | float]
@@ -71,7 +79,8 @@ def table(title: str, head: Row, rows: Sequence[Row]) -> None:
 def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
     """Write the mean difference with its interval."""
     mean, low, high = interval(one - other for one, other in zip(ours, theirs, strict=True))
-    return f"{mean:+.2f} [{low:+.2f}, {high:+.2f}]"
+    digits = 2 if max(map(abs, theirs)) > 1 else 3
+    return f"{mean:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]"
 
 
 def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
@@ -146,6 +155,34 @@ def by_place(names: Sequence[str], side: int, n: int) -> None:
     )
 
 
+def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -> tuple[float, float, float]:
+    """Paint a draft: PSNR in dB, perceptual distance, and CPU seconds of start and steps."""
+    size = {"resolution": side} if side else {}
+    metrics = brushexp.paint(name, look=look, quality="draft", threads=1, **keys, **size).metrics
+    own = {"init": "predicted", "checkpoint": "brushed"} if keys["init"] == "brushed" else {"init": str(keys["init"])}
+    return (
+        metrics["psnr"],
+        metrics["perceptual"],
+        metrics["cpu_seconds"] + begin(name, side, n=metrics["n_strokes"], **own)[1],
+    )
+
+
+def by_draft(names: Sequence[str], side: int) -> None:
+    """Print what a draft is, and what it was before it began with a network's strokes."""
+    rows = []
+    for look, choices in DRAFTS.items():
+        found = [list(zip(*(draft(name, side, look, keys) for name in names), strict=True)) for keys in choices]
+        before = found[0]
+        for keys, (psnr, distance, seconds) in zip(choices, found, strict=True):
+            words = " ".join(f"{key}={value}" for key, value in keys.items())
+            gains = [paired(psnr, before[0]), paired(distance, before[1])] if psnr is not before[0] else ["", ""]
+            spent = statistics.mean(seconds)
+            times = f"{spent / statistics.mean(before[2]):.2f}"
+            perceptual = f"{statistics.mean(distance):.3f}"
+            rows.append([look, words, statistics.mean(psnr), gains[0], perceptual, gains[1], spent, times])
+    table("Drafts", ["look", "keys", "dB", "more", "perceptual", "more", "CPU s", "times"], rows)
+
+
 def sheet(
     path: Path, names: Sequence[str] = ("coffee", "astronaut"), counts: Sequence[int] = (200, 1000, 2600)
 ) -> None:
@@ -166,9 +203,10 @@ def sheet(
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", default="thesis12", help="a set, or a folder")
+    parser.add_argument("--pictures", nargs="+", default=["thesis12"], help="names, files, folders or sets")
     parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 = as they are")
     parser.add_argument("--strokes", type=int, nargs="+", default=[200, 1000, 2600, 10000])
+    parser.add_argument("--steps", type=int, nargs="+", default=[0, 5, 10, 15, 30, 60])
     parser.add_argument("--only", default="strokes,steps,seconds,edges")
     parser.add_argument("--sheet", type=Path, help="file of a picture; then no tables")
     given = parser.parse_args()
@@ -177,13 +215,14 @@ def main() -> None:
     if given.sheet:
         sheet(given.sheet)
         return
-    names = all_pictures([given.pictures], [SHIPPED])
+    names = all_pictures(given.pictures, [SHIPPED])
     middle = given.strokes[min(2, len(given.strokes) - 1)]
     tables: dict[str, Callable[[], None]] = {
         "strokes": lambda: by_strokes(names, given.side, given.strokes),
-        "steps": lambda: by_steps(names, given.side, middle, (0, 5, 10, 15, 30, 60)),
+        "steps": lambda: by_steps(names, given.side, middle, given.steps),
         "seconds": lambda: by_seconds(names, given.side, middle, (0.1, 0.3, 1, 3, 10)),
         "edges": lambda: by_place(names, given.side, middle),
+        "drafts": lambda: by_draft(names, given.side),
     }
     for name in given.only.split(","):
         tables[name]()
