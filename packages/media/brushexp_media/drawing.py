@@ -11,7 +11,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.pictures.structure import along_edges, anisotropy_of, sampled_at, structure_tensor, worst_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
@@ -78,7 +78,7 @@ class Drawing(Initializer):
         )
 
     def _contours(self, picture: Array, n: int) -> Strokes:
-        """Trace the strongest lines of a picture, at most one from each of its cells."""
+        """Trace lines of a picture, at most one from each of its cells: those that are strong and straight."""
         side = max(picture.shape)
         lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
         frame = round(FRAME * side)
@@ -86,7 +86,10 @@ class Drawing(Initializer):
         flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
         _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
         strength = sampled_at(lines, x, y)
-        best = np.argsort(-strength, kind="stable")[:n]
+        straight = anisotropy_of(
+            structure_tensor(picture, max(1.0, SMOOTH_WASH * side))
+        )  # outlines are, texture is not
+        best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
         places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
         pressed = 0.35 + 0.65 * strength
         curve = followed(places, flow, 0.5 * self._longest(side) * pressed, lines, FAINTEST)
