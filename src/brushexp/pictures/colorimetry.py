@@ -98,7 +98,7 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding of these numbers of H.273; those that say nothing stand for sRGB, or BT.2020 with its curves."""
+    """Choose the encoding of these numbers of H.273; what they leave unsaid is sRGB, or BT.2020 with HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 

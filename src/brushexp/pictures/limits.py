@@ -1,7 +1,6 @@
 """Pictures that memory cannot hold are refused, or read at a part of their size by the formats that can."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from threading import RLock
 
@@ -19,7 +18,7 @@ EXAMPLE = 4096  # pixels of a side that is proposed
 alone = RLock()  # a process has one stderr, one list of warnings and one limit of Pillow's
 
 
-def open_of_any_size(path: Path, formats: Sequence[str] | None = None) -> ImageFile:
+def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -> ImageFile:
     """Open a picture, not decoded yet; Pillow's own limit of pixels makes way for that of `check_pixels`."""
     with alone:
         most, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
