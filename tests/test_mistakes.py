@@ -82,6 +82,7 @@ MISTAKES = {
     "detail=nan": "detail=nan is not above 0",
     "seconds=-1": "seconds=-1 is not above 0; try seconds=1",
     "~logger": "~logger deletes nothing; type logger=[]",
+    "~coffee": "~coffee deletes nothing; no key has this name: drop it",
     "trainer.accelerator=cpu": "is no key of task=paint; type device=cpu",
     "trainer.fast_dev_run=true": "is no key of task=paint; type steps=3",
     "trainer.max_epochs=3": "trainer.max_epochs=3 is for training networks, and painting has steps only; type steps=",
