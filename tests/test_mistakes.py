@@ -97,6 +97,7 @@ MISTAKES = {
     "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
     "SEEDS=3": "SEEDS is no key of task=paint; nearest first: seed, ",
     "n=3": "It is one of task=evaluate, task=prune, task=simulate",
+    "film.steps=3": "(all: --help). It is one of task=film",
     "experiment=renderer_noise steps=3": "steps is no key of task=train",
     "style.imag=a.jpg": "style.imag is no key of task=paint; nearest first: style.image, ",
     "+foo=1": "foo is no key of task=paint; nearest first: look, focus, ",
