@@ -6,7 +6,6 @@ import os
 import pickle
 import re
 import shutil
-import signal
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,7 +43,7 @@ from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
-from brushexp.system.runtime import free_memory, was_signalled
+from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint
 
 
@@ -441,13 +440,3 @@ def test_one_run_at_a_time_is_in_a_folder(tmp_path):
     code, output = ended(tmp_path, *TINY, "output=/proc/x")
     assert code == 1
     assert output.startswith("brushexp: cannot write into output=/proc/x")
-
-
-def test_ctrl_c_waits_for_the_files_of_a_painting_that_is_done(run_task, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("brushexp.system.runtime._received", [])
-    monkeypatch.setattr("brushexp.tasks.paint.report_painting", lambda *_: signal.raise_signal(signal.SIGINT))
-    assert run_task(paint, *TINY)["status"] == "completed"
-    assert {"painting.png", "catalogue.h5", "metrics.json"} <= {path.name for path in tmp_path.iterdir()}
-    assert "the files of the painting are being written (Ctrl-C again: at once)" in caplog.text
-    assert was_signalled(), "so that a sweep ends"
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,8 @@ from brushexp.runs.closing import is_job, say_where
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
-from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
-from brushexp.system.runtime import interruptible
 from brushexp.system.terminal import IN_LOG
 
 log = logging.getLogger(__name__)
@@ -56,29 +53,26 @@ def paint_picture(
     if folder is not None:
         for name, picture in painter.pictures.items():  # before the steps: a disk may be full
             write_picture(folder / f"{name}.png", picture)
-    with ExitStack() as patient:
-        with trackers:
-            failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
-            if folder is None:
-                conclude(painter, None, cfg, failure, painter.schedule.step)
-            elif painter.stop != INTERRUPTED:
-                patient.enter_context(interruptible(lambda: None, "the files of the painting are being written"))
-            if folder is not None and not is_job():
-                log.info("writing the page" if cfg.report else "writing the files")
-            finished = finish(painter, cfg, timelapse, metrics, start=start)
-            if folder is not None:
-                finished.write(folder)
-                report_painting(trackers, folder, finished, timelapse)
+    with trackers:
+        failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
+        if folder is None:
+            conclude(painter, None, cfg, failure, painter.schedule.step)
+        elif not is_job():
+            log.info("writing the page" if cfg.report else "writing the files")
+        finished = finish(painter, cfg, timelapse, metrics, start=start)
         if folder is not None:
-            with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
-                film = beside.submit(timelapse.write, folder)
-                if cfg.report:
-                    try_to_write_page(folder, finished, film)
-            film.result()
-            finished.conclude(folder)  # until then the run counts as one at work
-            log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
-            conclude(painter, folder, cfg, failure, painter.schedule.step)
-            say_where(folder, len(finished.job.strokes), start)
+            finished.write(folder)
+            report_painting(trackers, folder, finished, timelapse)
+    if folder is not None:
+        with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
+            film = beside.submit(timelapse.write, folder)
+            if cfg.report:
+                try_to_write_page(folder, finished, film)
+        film.result()
+        finished.conclude(folder)  # until then the run counts as one at work
+        log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
+        conclude(painter, folder, cfg, failure, painter.schedule.step)
+        say_where(folder, len(finished.job.strokes), start)
     return finished
 
 
