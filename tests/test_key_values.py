@@ -203,7 +203,6 @@ def test_a_number_of_one_task_that_is_a_path_in_another_is_typed_as_a_number():
     ("frames=0 timelapse=gif", "timelapse has no effect without frames="),
     ("light.depth=0 light.gloss=1", "light.gloss has no effect without light.depth="),
     ("style.colors=content", "style.colors has no effect without style.image="),
-    ("look=plain finish_steps=3", "finish_steps has no effect, for renderer=analytic has no warm-up"),
 ])  # fmt: skip
 def test_keys_that_would_do_nothing_are_told(config, caplog, words, remark):
     words = ["image=moon", "resolution=32", *words.split()]

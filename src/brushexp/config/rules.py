@@ -88,8 +88,6 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     typed = [word.partition("=")[2] for word in overrides if word.startswith("renderer=")]
     *warm_ups, last = build_stages(cfg, keep_built)
-    if not warm_ups and any(word.startswith("finish_steps=") for word in overrides):
-        log.warning("finish_steps has no effect, for renderer=%s has no warm-up", last.name)
     for stage in warm_ups:
         check_trained(stage.renderer, stage.name)
     check_trained(last.renderer, typed[-1] if typed else last.name)
