@@ -6,6 +6,7 @@ import os
 import pickle
 import re
 import shutil
+import signal
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from scenes import random_strokes
 from brushexp.bounds import INTERRUPTED_RUN
 from brushexp.config.check import check
 from brushexp.errors import UserError
+from brushexp.painting.finished import finish
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss
@@ -440,3 +442,18 @@ def test_one_run_at_a_time_is_in_a_folder(tmp_path):
     code, output = ended(tmp_path, *TINY, "output=/proc/x")
     assert code == 1
     assert output.startswith("brushexp: cannot write into output=/proc/x")
+
+
+def test_ctrl_c_after_the_last_step_leaves_the_painting(run_task, tmp_path, monkeypatch, caplog):
+    def press(*arguments, **options):
+        signal.raise_signal(signal.SIGINT)
+        return finish(*arguments, **options)
+
+    monkeypatch.setattr("brushexp.system.runtime._received", [])
+    monkeypatch.setattr(paint, "finish", press)
+    with pytest.raises(KeyboardInterrupt):
+        run_task(paint, *TINY)
+    assert {"painting.png", "catalogue.h5"} <= {path.name for path in tmp_path.iterdir()}
+    assert "stopping when painting and catalogue are written (Ctrl-C again: at once)" in caplog.text
+    assert not has_finished(tmp_path)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -159,6 +159,16 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         restore()
 
 
+@contextmanager
+def held_back(promise: str) -> Iterator[None]:
+    """Log the ``promise`` of an end at a first Ctrl-C, SIGTERM or SIGHUP; KeyboardInterrupt comes after ``with``."""
+    pressed = threading.Event()
+    with interruptible(pressed.set, promise):
+        yield
+    if pressed.is_set():
+        raise KeyboardInterrupt
+
+
 def cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

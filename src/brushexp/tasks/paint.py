@@ -22,6 +22,7 @@ from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
+from brushexp.system.runtime import held_back
 from brushexp.system.terminal import IN_LOG
 
 log = logging.getLogger(__name__)
@@ -57,22 +58,22 @@ def paint_picture(
         failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
         if folder is None:
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        elif not is_job():
+            return finish(painter, cfg, timelapse, metrics, start=start)
+        if not is_job():
             log.info("writing the page" if cfg.report else "writing the files")
-        finished = finish(painter, cfg, timelapse, metrics, start=start)
-        if folder is not None:
+        with held_back("stopping when painting and catalogue are written"):
+            finished = finish(painter, cfg, timelapse, metrics, start=start)
             finished.write(folder)
-            report_painting(trackers, folder, finished, timelapse)
-    if folder is not None:
-        with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
-            film = beside.submit(timelapse.write, folder)
-            if cfg.report:
-                try_to_write_page(folder, finished, film)
-        film.result()
-        finished.conclude(folder)  # until then the run counts as one at work
-        log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
-        conclude(painter, folder, cfg, failure, painter.schedule.step)
-        say_where(folder, len(finished.job.strokes), start)
+        report_painting(trackers, folder, finished, timelapse)
+    with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
+        film = beside.submit(timelapse.write, folder)
+        if cfg.report:
+            try_to_write_page(folder, finished, film)
+    film.result()
+    finished.conclude(folder)  # until then the run counts as one at work
+    log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
+    conclude(painter, folder, cfg, failure, painter.schedule.step)
+    say_where(folder, len(finished.job.strokes), start)
     return finished
 
 
