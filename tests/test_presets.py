@@ -72,6 +72,7 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
     ("look=plain", "predicted", "plain"),
     ("", "predicted", "brushed"),
     ("look=ink", "drawing", None),
+    ("look=vangogh", "layers", None),
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
@@ -80,6 +81,8 @@ def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_loo
     same = composed(*words.split(), f"init={name}").init
     same.update({} if checkpoint is None else {"checkpoint": checkpoint})
     assert init == same, "with the options of the look"
+    draft, whole = (composed(*quality, "look=plain", f"init={name}") for quality in (["quality=draft"], []))
+    assert draft.steps == whole.steps * (0.05 if name == "predicted" else 0.1)
 
 
 @pytest.mark.parametrize("study", STUDIES)

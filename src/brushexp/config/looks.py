@@ -16,13 +16,14 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
-from brushexp.registry import FAMILIES, plugins
+from brushexp.registry import FAMILIES, plugin_of, plugins
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 FEWER = 40  # times as few strokes with abstraction=1
 CLOSER = 50  # times as much weight of the focus with abstraction=1
+AT_A_GLANCE = {"slic": "predicted", "layers": "brushed"}  # starts of looks, and those by networks of such strokes
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
 
@@ -39,14 +40,21 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
     return scaled[key]
 
 
-def swap(look: str, family: str, others: Mapping[str, str]) -> str:
-    """Choose of a family what stands in ``others`` for the look's own member, or else that: for defaults lists."""
-    own = choices_of(ConfigStore.instance().load(f"look/{look}.yaml").node, PaintTask.groups)[family]
-    return others.get(own, own)
+def start_at_a_glance(look: str) -> str:
+    """Choose what lays the first strokes of a look: a network, but where the look's own start makes it what it is."""
+    node = ConfigStore.instance().load(f"look/{look}.yaml").node
+    own = str(choices_of(node, PaintTask.groups)["init"])
+    return own if OmegaConf.select(node, "style.brushwork") else AT_A_GLANCE.get(own, own)
+
+
+def if_at_a_glance(value: float, otherwise: float, *, _root_: DictConfig) -> float:
+    """Choose by whether a network lays the first strokes."""
+    return value if plugin_of(_root_.init).name == "predicted" else otherwise
 
 
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
-OmegaConf.register_new_resolver("swapped", swap, replace=True)
+OmegaConf.register_new_resolver("glance", start_at_a_glance, replace=True)
+OmegaConf.register_new_resolver("glanced", if_at_a_glance, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
