@@ -80,5 +80,8 @@ class FilmTask(PaintTask):
 
 
 ConfigStore.instance().store(
-    group=START, name="glance", node={"defaults": [{"override /init": "${glance:${look}}"}]}, provider="brushexp_films"
+    group=START,
+    name="glance",
+    node={"defaults": [{"override /init": "${at_a_glance:${look},init}"}]},
+    provider="brushexp_films",
 )

@@ -16,14 +16,17 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
-from brushexp.registry import FAMILIES, plugin_of, plugins
+from brushexp.registry import FAMILIES, plugins
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 FEWER = 40  # times as few strokes with abstraction=1
 CLOSER = 50  # times as much weight of the focus with abstraction=1
-AT_A_GLANCE = {"slic": "predicted", "layers": "brushed"}  # starts of looks, and those by networks of such strokes
+AT_A_GLANCE = {  # starts of looks, and what there is instead for strokes that a network lays
+    "slic": {"init": "predicted", "optimizer": "brief"},
+    "layers": {"init": "brushed"},
+}
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
 
@@ -40,21 +43,25 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
     return scaled[key]
 
 
-def start_at_a_glance(look: str) -> str:
-    """Choose what lays the first strokes of a look: a network, but where the look's own start makes it what it is."""
-    node = ConfigStore.instance().load(f"look/{look}.yaml").node
-    own = str(choices_of(node, PaintTask.groups)["init"])
-    return own if OmegaConf.select(node, "style.brushwork") else AT_A_GLANCE.get(own, own)
+def at_a_glance(look: str, family: str) -> str:
+    """Choose of a family what suits strokes of a network, but where the look's own start makes it what it is."""
+    store = ConfigStore.instance()
+    node = store.load(f"look/{look}.yaml").node
+    chosen = {of: str(name) for of, name in choices_of(node, PaintTask.groups).items()}
+    tuned = store.get_type(f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml") is ObjectType.CONFIG
+    if OmegaConf.select(node, "style.brushwork") or (family == "optimizer" and tuned):
+        return chosen[family]
+    return AT_A_GLANCE.get(chosen["init"], {}).get(family, chosen[family])
 
 
-def if_at_a_glance(value: float, otherwise: float, *, _root_: DictConfig) -> float:
-    """Choose by whether a network lays the first strokes."""
-    return value if plugin_of(_root_.init).name == "predicted" else otherwise
+def by_checkpoint(values: Mapping[str, float], otherwise: float, *, _root_: DictConfig) -> float:
+    """Choose by the network that lays the first strokes, if one does."""
+    return values.get(str(_root_.init.get("checkpoint")), otherwise)
 
 
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
-OmegaConf.register_new_resolver("glance", start_at_a_glance, replace=True)
-OmegaConf.register_new_resolver("glanced", if_at_a_glance, replace=True)
+OmegaConf.register_new_resolver("at_a_glance", at_a_glance, replace=True)
+OmegaConf.register_new_resolver("by_checkpoint", by_checkpoint, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
