@@ -3,7 +3,7 @@
     python benchmarks/film.py                          a piece of a photograph that moves over another one
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
     python benchmarks/film.py --look ink --side 256
-    python benchmarks/film.py --cut --count 5 --override init=predicted steps=8    PSNR of each picture beside a cut
+    python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture beside a cut
 
 Flicker is the mean change (levels of 255) from picture to picture where the target stays as it is. Both are measured on
 pictures as they are shown, in their light; PSNR is of the colours.
@@ -80,6 +80,7 @@ def main() -> None:
     parser.add_argument("--cut", action="store_true", help="a film of two photographs, and the PSNR of its pictures")
     parser.add_argument("--override", nargs="+", default=[], help="keys of the painting")
     options = parser.parse_args()
+    brushexp.list_plugins()
     make, total = (cut, 2 * options.count) if options.cut else (scene, options.count)
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(options.clip or Path(scratch) / "clip.mp4")

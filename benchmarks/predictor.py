@@ -33,9 +33,11 @@ from brushexp.strokes.catalogue import Strokes
 INITS = ("predicted", "slic", "layers", "random")
 DRAFTS: dict[str, tuple[dict[str, str | int | float], ...]] = {  # by look: as they were, as they are, and others
     "plain": (
-        {"init": "slic", "effort": 0.1, "coarse": 0.5},
+        {"init": "slic", "optimizer": "adam", "effort": 0.1, "coarse": 0.5},
         {"init": "predicted"},
-        {"init": "predicted", "steps": 20},
+        {"init": "predicted", "steps": 12},
+        {"init": "predicted", "optimizer": "adam", "steps": 25},
+        {"init": "slic", "effort": 0.1, "coarse": 0.5},
     ),
     "oil": ({"init": "layers", "effort": 0.1, "coarse": 0.5}, {"init": "brushed"}),
 }

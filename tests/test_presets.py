@@ -8,6 +8,7 @@ from typed import configured
 
 from brushexp.config import compose
 from brushexp.config.check import check
+from brushexp.config.publish import offer
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import build, plugin_of
 from brushexp.system.reading import read_text, yaml_of
@@ -72,6 +73,7 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
     ("look=plain", "predicted", "plain"),
     ("", "predicted", "brushed"),
     ("look=ink", "drawing", None),
+    ("look=vangogh", "layers", None),
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
@@ -80,6 +82,27 @@ def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_loo
     same = composed(*words.split(), f"init={name}").init
     same.update({} if checkpoint is None else {"checkpoint": checkpoint})
     assert init == same, "with the options of the look"
+
+
+@pytest.mark.parametrize(("words", "effort", "rate"), [
+    ("look=plain", 0.028, 0.03),
+    ("look=plain init=slic", 0.1, 0.03),
+    ("look=plain optimizer=adam", 0.028, 0.02),
+    ("look=oil", 0.05, 0.01),
+    ("look=vangogh", 0.1, 0.008),
+])  # fmt: skip
+def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_its_look(words, effort, rate):
+    draft = composed("quality=draft", *words.split())
+    assert (draft.effort, draft.optimizer.lr) == (effort, rate)
+
+
+def test_a_draft_keeps_an_optimizer_that_a_look_tunes(tmp_path):
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "still.yaml").write_text("# @package _global_\n# it\noptimizer:\n  units: {position: 0}\n")
+    offer([SHIPPED, tmp_path])
+    draft = composed("quality=draft", "look=still", own=[tmp_path])
+    offer([SHIPPED])
+    assert (plugin_of(draft.init).name, draft.optimizer.lr, draft.optimizer.units.position) == ("predicted", 0.02, 0)
 
 
 @pytest.mark.parametrize("study", STUDIES)

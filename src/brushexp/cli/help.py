@@ -48,7 +48,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
         if name.startswith("trainer.") and "trainer" not in typed:
             continue  # twenty keys of Lightning
         value = reduce(getitem, name.split("."), raw)
-        value = OmegaConf.select(cfg, name) if str(value).startswith("${scaled:") else value
+        value = OmegaConf.select(cfg, name) if str(value).startswith(("${scaled:", "${by_checkpoint:")) else value
         lines += two_columns(f"{name}={as_typed(value)}", key.meaning)
     about = "a family that you type shows options and what to choose by: renderer=neural --help"
     lines += ["", f"Its plugins, family=name; {about}"]

@@ -23,6 +23,10 @@ UNTUNED = "untuned"  # group of losses as they are without a look
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 FEWER = 40  # times as few strokes with abstraction=1
 CLOSER = 50  # times as much weight of the focus with abstraction=1
+AT_A_GLANCE = {  # starts of looks, and what there is instead for strokes that a network lays
+    "slic": {"init": "predicted", "optimizer": "brief"},
+    "layers": {"init": "brushed"},
+}
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
 
@@ -39,14 +43,25 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
     return scaled[key]
 
 
-def swap(look: str, family: str, others: Mapping[str, str]) -> str:
-    """Choose of a family what stands in ``others`` for the look's own member, or else that: for defaults lists."""
-    own = choices_of(ConfigStore.instance().load(f"look/{look}.yaml").node, PaintTask.groups)[family]
-    return others.get(own, own)
+def at_a_glance(look: str, family: str) -> str:
+    """Choose of a family what suits strokes of a network, but where the look's own start makes it what it is."""
+    store = ConfigStore.instance()
+    node = store.load(f"look/{look}.yaml").node
+    chosen = {of: str(name) for of, name in choices_of(node, PaintTask.groups).items()}
+    tuned = store.get_type(f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml") is ObjectType.CONFIG
+    if OmegaConf.select(node, "style.brushwork") or (family == "optimizer" and tuned):
+        return chosen[family]
+    return AT_A_GLANCE.get(chosen["init"], {}).get(family, chosen[family])
+
+
+def by_checkpoint(values: Mapping[str, float], otherwise: float, *, _root_: DictConfig) -> float:
+    """Choose by the network that lays the first strokes, if one does."""
+    return values.get(str(_root_.init.get("checkpoint")), otherwise)
 
 
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
-OmegaConf.register_new_resolver("swapped", swap, replace=True)
+OmegaConf.register_new_resolver("at_a_glance", at_a_glance, replace=True)
+OmegaConf.register_new_resolver("by_checkpoint", by_checkpoint, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
