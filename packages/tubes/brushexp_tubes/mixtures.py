@@ -33,6 +33,10 @@ class Mixtures:
     def __getitem__(self, index: Array) -> "Mixtures":
         return Mixtures(self.tubes, self.parts[index], self.color[torch.from_numpy(np.asarray(index))])
 
+    def from_dark(self) -> "Mixtures":
+        """Sort from dark to light."""
+        return self[np.argsort(to_lab(self.color.double().numpy())[:, 0], kind="stable")]
+
     def recipe(self, number: int) -> str:
         """Write a mixture in words: ``3 titanium white + 1 bone black``."""
         parts = [(count, tube) for count, tube in zip(self.parts[number].tolist(), self.tubes, strict=True) if count]
@@ -95,5 +99,4 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
         chosen = [int(away[whose == k].sum(0).argmin()) if (whose == k).any() else old for k, old in enumerate(before)]
         if chosen == before:
             break
-    used = candidates[np.unique(chosen)]
-    return used[np.argsort(to_lab(used.color.double().numpy())[:, 0], kind="stable")]
+    return candidates[np.unique(chosen)].from_dark()

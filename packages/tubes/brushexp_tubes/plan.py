@@ -20,6 +20,19 @@ ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class Stage:
+    """What is painted with one brush and one mixture: strokes ``first`` to ``last`` (exclusive) of a plan."""
+
+    number: int  # from 1
+    brush_mm: float
+    mixture: int  # from 0
+    first: int
+    last: int
+    dips: int
+    metres: float
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """N strokes in the order in which they are painted, and what they are painted with."""
@@ -64,6 +77,27 @@ class Plan:
         length, load = self._lengths
         spent = np.stack([self.used, self.used + length], axis=1) / load[:, None]
         return 1 - (1 - DRIEST) * ((spent - FULL) / (1 - FULL)).clip(0, 1)
+
+    @cached_property
+    def stages(self) -> list[Stage]:
+        """The stages that have strokes, in order."""
+        numbers, first = np.unique(self.stage.numpy(), return_index=True)
+        stages = []
+        for k, (stage, begin, end) in enumerate(zip(numbers, first, [*first[1:], len(self.order)], strict=True)):
+            brush, mixture = divmod(int(stage), len(self.table.mixtures))
+            mm = round(float(self.table.brushes[brush]) / self.pixels_per_mm, 3)
+            dips, length = int((self.used[begin:end] == 0).sum()), self._lengths[0][begin:end].sum()
+            stages.append(Stage(k + 1, mm, mixture, int(begin), int(end), dips, length / self.pixels_per_mm / 1000))
+        return stages
+
+    @property
+    def dips(self) -> int:
+        return sum(stage.dips for stage in self.stages)
+
+    @property
+    def metres(self) -> float:
+        """Length of all strokes."""
+        return sum(stage.metres for stage in self.stages)
 
     def played(self) -> ExportJob:
         """Return the painting that comes of the plan, in which brushes run dry.

@@ -39,7 +39,7 @@ class TubesTask(PaintTask):
     tubes: str = key("eight", "set of tubes: eight, acrylics, primaries, zorn, or a CSV file", Rule(_check_tubes))
     mixtures: int = key(24, "mixtures of up to three tubes, at most", between(1, 200))
     brushes: list[float] = key([25.0, 12.0, 6.0], "widths of the brushes in mm", between(*BRUSH_MM))
-    width_cm: float = key(40.0, "width of the painting in cm", above(0, 2000))
+    width_cm: float = key(30.0, "width of the painting in cm", above(0, 2000))
     load: float = key(12.0, "length that a brush paints with one load, in its widths", between(1, 1000))
 
     @staticmethod

@@ -31,6 +31,14 @@ class Table:
         width = 2 * half_width_of(strokes).clamp_min(LEAST)
         return (width.log()[:, None] - self.brushes.to(width).log()).abs().argmin(1)
 
+    def dealt(self, strokes: Strokes) -> Strokes:
+        """Give strokes brushes by the rank of their widths, so many that each brush paints about as large an area."""
+        share = (1 / self.brushes.double().square()).cumsum(0)
+        place = torch.arange(1, len(strokes) + 1) / max(1, len(strokes))
+        brush = torch.searchsorted(share / share[-1], place.double() * (1 - LEAST))
+        rank = strokes.width.mul(strokes.scale).argsort(descending=True, stable=True).argsort()
+        return self.sized(replace(strokes, width=self.brushes[brush].to(strokes.width)[rank] / strokes.scale))
+
     def sized(self, strokes: Strokes) -> Strokes:
         """Make strokes opaque, as wide as their brushes, and not longer than a load lasts, about their middles."""
         width = self.brushes.to(strokes.scale)[self.brush_of(strokes)]

@@ -11,6 +11,7 @@ from torch import Tensor
 from brushexp.painting.build import build_painter, target_of
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.color import to_lab
 from brushexp.pictures.colorimetry import decode_srgb, encode_srgb
 from brushexp.runs.resume import restore_run
 from brushexp.tasks.paint import paint_picture
@@ -19,6 +20,7 @@ from brushexp_tubes.mixtures import Mixtures, all_mixtures, choose_mixtures
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.table import StageOrder, Table
 
+GREY = 5.0  # chroma in CIELAB up to which a mixture is grey
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 
 
@@ -40,7 +42,7 @@ def build_constrained(cfg: DictConfig) -> PaintingModule:
     painter.limit = Constraint(painter, table)
     order = StageOrder(table)
     painter.components, painter.depth.order = replace(painter.components, order=order), order
-    painter.catalogue.replace(painter.strokes())
+    painter.catalogue.replace(table.dealt(painter.catalogue()))
     painter.depth.renew(painter.strokes())
     return painter
 
@@ -53,12 +55,13 @@ def table_for(cfg: DictConfig, target: Tensor, candidates: Mixtures) -> Table:
 
 
 def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
-    """Map the luminance of a picture (3, H, W) to what lies between the darkest and the lightest mixture.
+    """Map the luminance of a picture (3, H, W) to what lies between the darkest and the lightest grey of the mixtures.
 
     It is black point compensation, as printing has it (ISO 18619, 2015), with the white point likewise: linear in
     light, so that hues stay.
     """
-    luminance = decode_srgb(mixtures.color.double().numpy()) @ LUMINANCE
-    dark, light = luminance.min(), luminance.max()
-    mapped = dark + (light - dark) * decode_srgb(picture.double().cpu().numpy())
+    colors = mixtures.color.double().numpy()
+    chroma = np.hypot(*to_lab(colors)[:, 1:].T)
+    luminance = decode_srgb(colors)[chroma <= max(GREY, chroma.min())] @ LUMINANCE
+    mapped = luminance.min() + np.ptp(luminance) * decode_srgb(picture.double().cpu().numpy())
     return torch.from_numpy(np.asarray(encode_srgb(mapped))).to(picture)
