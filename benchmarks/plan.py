@@ -95,7 +95,9 @@ def main() -> None:
         for row in compare(image, options, arguments.mixtures):
             if not rows:
                 print("|", " | ".join(row), "|\n|" + "---|" * len(row))
-            print("|", " | ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in row.values()), "|", flush=True)
+            print(
+                "|", " | ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in row.values()), "|", flush=True
+            )
             rows.append(row)
     for count in arguments.mixtures:
         logs = np.log([row["ratio"] for row in rows if row["mixtures"] == count])

@@ -66,7 +66,9 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 def _check_size(machine: PenExporter, seen: list[int], kinds: list[tuple[float, str]], colors: int) -> None:
     if colors > len(machine.tray):
         cure = f"give as many, or paint with fewer: tubes=eight mixtures={len(machine.tray)}"
-        raise UserError(f"{machine.key}.wells has {len(machine.tray)} places, and the painting {colors} colours; {cure}")
+        raise UserError(
+            f"{machine.key}.wells has {len(machine.tray)} places, and the painting {colors} colours; {cure}"
+        )
     if (runs := len([*groupby(kinds)])) > MOST_RUNS:
         raise UserError(f"{machine.key}: brushes and colours change {runs} times; paint with tubes=, or drop wells")
 

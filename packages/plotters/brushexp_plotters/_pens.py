@@ -127,7 +127,7 @@ class PenExporter(Exporter):
 
     def __post_init__(self) -> None:
         # Refused before anything is drawn:
-        self.own_pens, self.tray, self.place("water"), self.place("cloth")  # noqa: B018
+        self.own_pens, self.tray, self.place("water"), self.place("cloth")
         if self.page[0] <= 2 * self.margin:
             raise UserError(
                 f"margins of {self.margin:g} mm leave nothing of {self.page[0]:g} x {self.page[1]:g} mm; "

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import islice, product
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.system.progress import with_progress
 from brushexp_tubes.mixtures import Mixtures
-from brushexp_tubes.plan import Plan, Stage
+from brushexp_tubes.plan import Plan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +30,7 @@ PAGE = 210.0, 297.0  # mm, A4
 MARGIN, HEAD, LEGEND = 10.0, 14.0, 34.0  # mm
 GRID = 50.0  # mm on the painting between two lines of its grid
 ROWS, COLUMNS_OF_LEGEND = 28, 12  # rows of a table on a page, and swatches in a row of the legend
+STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm, of the columns of the table of stages
 MOST_PAGES = 400
 NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
 CHORDS = 17  # points of a stroke
@@ -102,16 +103,20 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
     axes.set(xlim=(0, PAGE[0]), ylim=(PAGE[1], 0))
     cm = [side / plan.pixels_per_mm / 10 for side in (width, height)]
     brushes = ", ".join(f"{mm:g} mm" for mm in brushes_mm(plan))
-    tubes = ", ".join(tube for tube, used in zip(plan.table.mixtures.tubes, plan.table.mixtures.parts.any(0)) if used)
+    mixtures = plan.table.mixtures
+    tubes = ", ".join(mixtures.tubes[k] for k in np.flatnonzero(mixtures.parts.any(axis=0)))
     lines = [
         *remarks,
         f"{cm[0]:.1f} x {cm[1]:.1f} cm; brushes of {brushes}; a load lasts for {plan.table.load:g} widths of a brush",
         f"tubes: {tubes}",
         "",
         "1. Mix the paints by their recipes and number them; parts are volumes.",
-        "2. Tint the ground in " + "#" + "".join(f"{round(255 * x):02x}" for x in plan.job.saved.background.tolist()) + ".",
+        "2. Tint the ground in "
+        + "#"
+        + "".join(f"{round(255 * x):02x}" for x in plan.job.saved.background.tolist())
+        + ".",
         f"3. Draw a grid of {GRID / 10:g} cm on it, or trace the sheets of strokes.",
-        "4. Paint stage after stage: large brushes first, with each brush from dark to light. Begin each stroke at its dot.",
+        "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
     ]
     for k, line in enumerate(_wrapped(lines)):
@@ -155,13 +160,20 @@ def _recipes(plan: Plan) -> Iterator[Figure]:
 def _stages(plan: Plan) -> Iterator[Figure]:
     for rows in _in_parts(len(plan.stages)):
         figure, axes = _page("Stages")
-        for x, name in zip((MARGIN, 30, 62, 110, 140, 170), ("stage", "brush", "mixture", "strokes", "dips", "metres")):
+        for x, name in zip(STOPS, ("stage", "brush", "mixture", "strokes", "dips", "metres"), strict=True):
             axes.text(x, 23, name, fontsize=8, color=FAINT, va="center")
         for row, stage in enumerate(plan.stages[rows.start : rows.stop]):
             y = 26 + 9 * row
             _swatch(axes, plan.table.mixtures, stage.mixture, (62, y), 7.5)
-            cells = stage.number, f"{stage.brush_mm:g} mm", "", stage.last - stage.first, stage.dips, f"{stage.metres:.2f}"
-            for x, text in zip((MARGIN, 30, 62, 110, 140, 170), cells):
+            cells = (
+                stage.number,
+                f"{stage.brush_mm:g} mm",
+                "",
+                stage.last - stage.first,
+                stage.dips,
+                f"{stage.metres:.2f}",
+            )
+            for x, text in zip(STOPS, cells, strict=True):
                 axes.text(x, y + 4, str(text), fontsize=9.5, va="center", color=INK)
         yield figure
 
@@ -195,7 +207,7 @@ def _by_numbers(plan: Plan) -> Figure:
 
 def regions_of(plan: Plan) -> Array:
     """Number the mixture (h, w) from 0 that a picture shows at each place, without spots that no brush could paint."""
-    from scipy.ndimage import label, distance_transform_edt  # noqa: PLC0415  (slow to import)
+    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
 
     small = plan.played().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
@@ -243,7 +255,7 @@ def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, f
             name = chr(ord("A") + number % 26) if axis == 0 else str(number + 1)
             where = (at + 1.5, top - 1.5) if axis == 0 else (left - 1.5, at + 2)
             if place < side:
-                axes.text(*where, name, fontsize=6, color=INK, ha="center", va="center")
+                axes.text(where[0], where[1], name, fontsize=6, color=INK, ha="center", va="center")
 
 
 def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
@@ -280,8 +292,8 @@ def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: P
     bright = plan.strokes.color[rows].mean(1).tolist()
     for k, line in enumerate(points):
         color = "black" if bright[k] > 0.45 else "white"
-        style = {"fontsize": size, "color": color, "ha": "center", "va": "center", "zorder": 2.5 + k}
-        text = axes.text(*line[CHORDS // 2], str(mixture[k] + 1), clip_on=True, **style)
+        style: dict[str, Any] = {"fontsize": size, "color": color, "ha": "center", "va": "center", "zorder": 2.5 + k}
+        text = axes.text(line[CHORDS // 2, 0], line[CHORDS // 2, 1], str(mixture[k] + 1), clip_on=True, **style)
         (dot,) = axes.plot(*line[0], ".", color=color, markersize=0.5 * size, markeredgewidth=0, zorder=2.5 + k)
         for artist in (text, dot):
             artist.set_clip_path(clip)

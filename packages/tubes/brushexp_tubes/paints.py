@@ -58,7 +58,9 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
     file, chosen = SETS.get(name, (name, ()))
     path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
     if not path.is_file():
-        raise UserError(f"{option}={name} is no file and no set; choose one of {', '.join(sorted(SETS))}, or a CSV file")
+        raise UserError(
+            f"{option}={name} is no file and no set; choose one of {', '.join(sorted(SETS))}, or a CSV file"
+        )
     with path.open(newline="", encoding="utf-8") as lines:
         rows = {row.get("tube") or "": row for row in csv.DictReader(lines)}
     rows = {tube: rows[tube] for tube in chosen or rows}
@@ -107,7 +109,7 @@ def _by_color(colors: Array) -> Callable[[Array], Array]:
 
 
 def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
-    """Mix by Kubelka and Munk (1931): means of absorption and scattering (T, bands), thick enough to hide the ground."""
+    """Mix by Kubelka and Munk (1931): means of absorption and scattering (T, bands), which hide the ground."""
 
     def mix(parts: Array) -> Array:
         ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
@@ -126,7 +128,7 @@ def _inside(outside: Array) -> Array:
 
 
 def seen(reflected: Array) -> Array:
-    """Compute the sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65); what is out of gamut is clipped.
+    """Compute sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65); what is out of gamut is clipped.
 
     Source: the colour matching functions are those that Wyman, Sloan and Shirley (2013) fitted to CIE 1931, whose
     errors cancel for white.

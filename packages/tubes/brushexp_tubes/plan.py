@@ -81,9 +81,9 @@ class Plan:
     @cached_property
     def stages(self) -> list[Stage]:
         """The stages that have strokes, in order."""
-        numbers, first = np.unique(self.stage.numpy(), return_index=True)
+        numbers, first, counts = np.unique(self.stage.numpy(), return_index=True, return_counts=True)
         stages = []
-        for k, (stage, begin, end) in enumerate(zip(numbers, first, [*first[1:], len(self.order)], strict=True)):
+        for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
             brush, mixture = divmod(int(stage), len(self.table.mixtures))
             mm = round(float(self.table.brushes[brush]) / self.pixels_per_mm, 3)
             dips, length = int((self.used[begin:end] == 0).sum()), self._lengths[0][begin:end].sum()
@@ -109,14 +109,16 @@ class Plan:
         parts, height = [], []
         for k in range(FILMS):
             goal, below = (end + (start - end) * (k + share) / FILMS for share in (1, 0))
-            dry = (torch.arange(len(strokes)) if k == 0 else (start - end > 1e-3).nonzero()[:, 0])
+            dry = torch.arange(len(strokes)) if k == 0 else (start - end > 1e-3).nonzero()[:, 0]
             opacity = goal if k == 0 else 1 - (1 - goal) / (1 - below).clamp_min(1e-6)
             film = cut_short(strokes[dry], torch.full_like(start[dry], 1 - k / FILMS))
             parts.append(replace(film, opacity=opacity[dry].clamp(0, 1)))
             height.append(dry * FILMS + k)
         brush = torch.cat([part.brush for part in parts])
         films = replace(Strokes.join(*parts), brush=brush)
-        saved = self.job.saved.with_strokes(films, torch.cat(height).argsort(descending=True), self.job.saved.background)
+        saved = self.job.saved.with_strokes(
+            films, torch.cat(height).argsort(descending=True), self.job.saved.background
+        )
         return replace(self.job, saved=saved).bare()
 
 

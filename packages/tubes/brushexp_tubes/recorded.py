@@ -41,11 +41,13 @@ def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, boo
 
 
 def _checked(values: dict[str, Any]) -> DictConfig:
-    """Give values of keys of ``task=tubes`` their types, and the defaults to the others; a UserError for other values."""
+    """Give values of keys of ``task=tubes`` their types, and others their defaults; a UserError for a wrong one."""
     try:
         cfg = with_types(TubesTask, OmegaConf.create(values))
     except OmegaConfBaseException as error:
-        raise UserError(f"the plan cannot use what the catalogue says of its table: {error.msg}; give to.plan.tubes=eight") from error
+        raise UserError(
+            f"the plan cannot use what the catalogue says of its table: {error.msg}; give to.plan.tubes=eight"
+        ) from error
     for name in KEYS:
         value = OmegaConf.to_object(cfg[name]) if OmegaConf.is_config(cfg[name]) else cfg[name]
         keys_of(TubesTask)[name].bounds.check(name, value)

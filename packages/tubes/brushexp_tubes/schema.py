@@ -57,7 +57,9 @@ class TubesTask(PaintTask):
         if cfg.wet:
             raise UserError(f"wet={cfg.wet:g} drags colours that no mixture has; drop wet, or drop tubes")
         if not isinstance(keep_built(cfg.color), Rgb):
-            raise UserError(f"color={plugin_of(cfg.color).name} is for glazes, and paint of tubes= is opaque; drop color")
+            raise UserError(
+                f"color={plugin_of(cfg.color).name} is for glazes, and paint of tubes= is opaque; drop color"
+            )
         if (thin := min(cfg.brushes) * size[1] / (10 * cfg.width_cm)) < 1:
             cure = f"set resolution={round(max(size) / thin) + 1}, or leave that brush out"
             raise UserError(f"a brush of {min(cfg.brushes):g} mm is {thin:.2g} pixels wide; {cure}")

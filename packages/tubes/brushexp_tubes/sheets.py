@@ -73,7 +73,9 @@ class PlanSheets(Exporter):
             played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
             target = load_picture(self.target, max(played.shape))
             if target.shape != played.shape:
-                raise UserError(f"to.plan.target={self.target} has another shape than the painting; give its target.png")
+                raise UserError(
+                    f"to.plan.target={self.target} has another shape than the painting; give its target.png"
+                )
             difference = median_difference(played, target)
             lines.append(f"played back, it differs from the target by CIEDE2000 {difference:.1f} (median)")
         return lines

@@ -53,7 +53,7 @@ class Table:
         return replace(strokes, color=self.mixtures.color.to(strokes.color)[self.mixture_of(strokes.color)])
 
     def stage_of(self, strokes: Strokes) -> Tensor:
-        """Number the stages (N,) in which strokes are painted: from large brushes to small, in each from dark to light."""
+        """Number the stages (N,) in which strokes are painted: large brushes first, with each from dark to light."""
         return self.brush_of(strokes) * len(self.mixtures) + self.mixture_of(strokes.color)
 
 

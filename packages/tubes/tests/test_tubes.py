@@ -112,7 +112,9 @@ def test_every_mixture_is_listed_once_with_whole_simple_parts():
 
 
 def replace_names(count: int):
-    return replace(EIGHT, names=EIGHT.names[:count], mix=lambda parts: EIGHT.mix(np.pad(parts, ((0, 0), (0, 8 - count)))))
+    return replace(
+        EIGHT, names=EIGHT.names[:count], mix=lambda parts: EIGHT.mix(np.pad(parts, ((0, 0), (0, 8 - count))))
+    )
 
 
 def test_chosen_mixtures_are_as_good_as_any_pair_where_all_can_be_tried():
@@ -142,7 +144,9 @@ def test_the_nearest_mixture_and_brush_are_those_of_a_search_through_all():
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415
 
     mixtures = to_lab(own.mixtures.color.double().numpy())
-    for color, mixture in zip(to_lab(strokes.color.double().numpy()), own.mixture_of(strokes.color).tolist(), strict=True):
+    for color, mixture in zip(
+        to_lab(strokes.color.double().numpy()), own.mixture_of(strokes.color).tolist(), strict=True
+    ):
         away = [float(deltaE_ciede2000(color, other)) for other in mixtures]
         assert away[mixture] == pytest.approx(min(away), abs=1e-4)
     for width, brush in zip((2 * half_width_of(strokes)).tolist(), own.brush_of(strokes).tolist(), strict=True):
@@ -224,7 +228,9 @@ def folder(tmp_path_factory):
     """Folder of a small painting with tubes."""
     folder = tmp_path_factory.mktemp("tubes")
     words = ["chelsea", "tubes=zorn", "mixtures=5", "brushes=[40,20]", "strokes=60", "steps=20", "resolution=64"]
-    cfg = composed(expand_arguments([*words, *(f"{key}={value}".replace("False", "false") for key, value in QUIET.items())]))
+    cfg = composed(
+        expand_arguments([*words, *(f"{key}={value}".replace("False", "false") for key, value in QUIET.items())])
+    )
     assert cfg.task == "tubes"
     check(cfg, words)
     perform(task, cfg, folder, time.monotonic())
