@@ -46,8 +46,8 @@ class Mixtures:
 def all_mixtures(tubes: Tubes) -> Mixtures:
     """List every mixture of one to three tubes in simple parts, each once."""
     rows = [*np.eye(len(tubes), dtype=int)]
-    for count, parts in ((2, PARTS), (3, PARTS_OF_THREE)):
-        simple = [each for each in product(parts, repeat=count) if gcd(*each) == 1]
+    for count, amounts in ((2, PARTS), (3, PARTS_OF_THREE)):
+        simple = [each for each in product(amounts, repeat=count) if gcd(*each) == 1]
         for chosen in combinations(range(len(tubes)), count):
             block = np.zeros((len(simple), len(tubes)), dtype=int)
             block[:, chosen] = simple
