@@ -2,6 +2,7 @@
 
     python benchmarks/canvas.py             (4, 16 and 64 megapixels; about ten minutes on two idle cores)
     python benchmarks/canvas.py --sizes 4 16 64 100
+    python benchmarks/canvas.py --grids 1024 900    errors along borders, over those of another grid at their places
 
 The picture is the coffee of scikit-image, which goes on as in mirrors, so that borders of tiles meet all of it and no
 edge that is not its own. Of 4 megapixels no two tiles are painted side by side.
@@ -17,10 +18,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import zarr
+from brushexp_canvases.drawing import SEAM
 from PIL import Image
 from skimage import data
 
 SMALL = 16  # megapixels
+FAR = 40  # pixels from a border, where a painting has none
 SETTINGS = ("look=plain", "steps=40", "report=false", "pyramid=none")
 
 
@@ -31,21 +35,42 @@ def mirrored(side: int) -> Image.Image:
     return Image.fromarray(np.pad(picture, [*more, (0, 0)], mode="symmetric")[:side, :side])
 
 
-def painted(picture: Path, folder: Path, workers: int) -> dict[str, float]:
+def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, float]:
     """Paint a picture with so many workers in a process of its own, and return its figures."""
-    words = [str(picture), f"canvas={folder / 'canvas.zarr'}", f"output={folder / 'run'}", f"workers={workers}"]
+    words = [str(picture), f"canvas={folder / 'canvas.zarr'}", f"output={folder / 'run'}", f"workers={workers}", *more]
     subprocess.run([sys.executable, "-m", "brushexp", *words, *SETTINGS], check=True)
     figures: dict[str, float] = json.loads((folder / "run" / "metrics.json").read_text())
     return figures
 
 
+def tell_seams(grids: tuple[int, int], workers: int) -> None:
+    """Print the error along the borders of each of two grids, relative to that of the other grid at the same places."""
+    errors, distances = [], []
+    with TemporaryDirectory() as folder:
+        mirrored(side := round(math.sqrt(SMALL * 1e6))).save(picture := Path(folder, "picture.png"), compress_level=1)
+        for tile in grids:
+            painted(picture, own := Path(folder, str(tile)), workers, f"tile={tile}")
+            root = zarr.open_group(own / "canvas.zarr", mode="r")
+            painting, target = (root[name]["0"][:].astype(np.float32) for name in ("painting", "target"))
+            errors.append(np.square(painting - target).sum(0))
+            away = np.abs(np.arange(side)[:, None] + 0.5 - np.arange(tile, side, tile)).min(1)
+            distances.append(np.minimum(away[:, None], away))
+    for k, tile in enumerate(grids):
+        places = (distances[k] < SEAM) & (distances[1 - k] > FAR)
+        print(f"tile={tile}: {errors[k][places].mean() / errors[1 - k][places].mean():.3f}")
+
+
 def main() -> None:
-    """Print a row for each size and number of workers."""
+    """Print a row for each size and number of workers, or the error along borders."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[4, 16, 64], help="megapixels")
     words = f"all of them up to {SMALL} megapixels, and the last one for more"
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help=words)
+    parser.add_argument("--grids", type=int, nargs=2, help=f"sides of tiles; {SMALL} megapixels")
     options = parser.parse_args()
+    if options.grids:
+        tell_seams(options.grids, options.workers[-1])
+        return
     Image.MAX_IMAGE_PIXELS = None
     print("| megapixels | strokes | workers | seconds | per megapixel | PSNR | seams | MB of a worker |")
     print("|---|---|---|---|---|---|---|---|")

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
 ANY_PORT = "127.0.0.1:0"  # for Dask's page, so that canvases can be painted side by side
-SLIM = {  # what of Dask and of malloc lets a worker grow with the number of its tiles, by some 5 MB each
-    "distributed.worker.profile.enabled": False,
-    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**20,  # larger pieces go back to the system
-}
+SLIM = {"distributed.worker.profile.enabled": False}  # it lets a worker grow with the number of its tiles
 WAIT = "10s"  # for a scheduler to answer
 SLURM = "slurm"  # instead of an address
 MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else

@@ -1,7 +1,5 @@
 """A picture of any size is looked at in tiles that overlap, brought to a scale and dealt out to threads."""
 
-import ctypes
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -10,6 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
+
+from brushexp.system.runtime import give_memory_back
 
 Array = NDArray[Any]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
@@ -76,9 +76,3 @@ def on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterato
             yield from pool.map(done, items)
     finally:
         torch.set_num_threads(before)
-
-
-def give_memory_back() -> None:
-    """Give freed memory back to the system: the holes that one item leaves do not fit the next, and add up."""
-    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
-        libc.malloc_trim(0)

@@ -42,6 +42,12 @@ def keep_memory() -> None:
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 
+def give_memory_back() -> None:
+    """Give freed memory back to the system: the holes that one picture leaves do not fit the next, and add up."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        libc.malloc_trim(0)
+
+
 def share(work: Callable[..., object], n: int, *args: object) -> None:
     """Call ``work(begin, end, *args)`` for all parts of ``range(n)``, on as many threads as PyTorch has.
 
