@@ -34,7 +34,7 @@ STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm, of the columns of the tab
 MOST_PAGES = 400
 NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
 CHORDS = 17  # points of a stroke
-INK, FAINT, GROUND = "#202020", "#b0b0b0", "#f4f2ec"
+INK, GREY, FAINT, GROUND = "#202020", "#707070", "#b0b0b0", "#f4f2ec"
 
 
 def draw_plan(plan: Plan, remarks: Sequence[str], scale: float, path: Path) -> None:
@@ -191,7 +191,7 @@ def _by_numbers(plan: Plan) -> Figure:
     y = top + unit * (np.arange(regions.shape[0]) + 0.5)
     for number in np.unique(regions):
         if min(regions.shape) > 1:
-            axes.contour(x, y, regions == number, [0.5], colors=[FAINT], linewidths=0.4)
+            axes.contour(x, y, regions == number, [0.5], colors=[GREY], linewidths=0.5)
         for row, column, size in labels_of(regions == number):
             font = float(np.clip(size * unit * POINTS, 2.5, 9))
             axes.text(x[column], y[row], str(number + 1), fontsize=font, ha="center", va="center", color=INK)

@@ -1,11 +1,13 @@
 """Write a plan for a person who paints: ``to=plan``."""
 
+from __future__ import annotations
+
 import csv
 import io
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import torch
 
@@ -17,9 +19,10 @@ from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of
 from brushexp.system.files import replacing, write_text
 from brushexp_tubes.difference import median_difference
-from brushexp_tubes.plan import Plan
-from brushexp_tubes.recorded import recorded_plan
 from brushexp_tubes.schema import BRUSH_MM
+
+if TYPE_CHECKING:
+    from brushexp_tubes.plan import Plan
 
 log = logging.getLogger(__name__)
 COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm"]
@@ -54,6 +57,7 @@ class PlanSheets(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from brushexp_tubes.pages import draw_plan  # noqa: PLC0415  (Matplotlib is slow to import)
+        from brushexp_tubes.recorded import recorded_plan  # noqa: PLC0415  (so is Lightning)
 
         plan, own = recorded_plan(job, vars(self))
         remarks = self.remarks(plan, own)
