@@ -22,9 +22,18 @@ class Table:
     load: float  # length that a brush paints until it is dipped again, in widths of the brush
 
     def mixture_of(self, color: Tensor) -> Tensor:
-        """Find the mixture (N,) that is nearest to each colour (N, 3) to the eye (CIEDE2000)."""
-        away = differences(color.clamp(0, 1).double().cpu().numpy(), self.mixtures.color.double().numpy())
-        return torch.from_numpy(away.argmin(1)).to(color.device)
+        """Find the mixture (N,) that is nearest to each colour (N, 3) to the eye (CIEDE2000).
+
+        Most colours are those of mixtures already, for which less is computed.
+        """
+        mixtures = self.mixtures.color.to(color)
+        away, number = torch.cdist(color, mixtures, compute_mode="donot_use_mm_for_euclid_dist").min(1)
+        others = (away > 0).nonzero()[:, 0]
+        if len(others):
+            seen = color[others].clamp(0, 1).double().cpu().numpy()
+            nearest = differences(seen, self.mixtures.color.double().numpy()).argmin(1)
+            number[others] = torch.from_numpy(nearest).to(number)
+        return number
 
     def brush_of(self, strokes: Strokes) -> Tensor:
         """Find the brush (N,) whose width has the ratio nearest to 1 to that of each stroke."""
