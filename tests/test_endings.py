@@ -417,7 +417,7 @@ def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tm
     for name in ("1_2", "3"):
         leave(tmp_path / name, CHECKPOINT, "painting.png")
     with recorded(tmp_path):
-        note_files(tmp_path, [tmp_path / "1_2" / MANIFEST])
+        note_files(tmp_path, [tmp_path / "1_2" / name for name in ("painting.png", MANIFEST)])  # the first is in both
     with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"):
         take(tmp_path, config())
     take(tmp_path, config("overwrite=true"))

@@ -8,7 +8,7 @@ import brushexp
 from brushexp.config.looks import look_names
 from brushexp.config.publish import prepare
 
-FOLDER = Path(__file__).parents[2] / "src/brushexp/studio/looks"
+FOLDER = Path(__file__).parents[2] / "packages/studio/brushexp_studio/looks"
 PHOTO, RESOLUTION = "astronaut", 340  # pixels of the longer side: few, so that strokes are seen
 FACE = (69, 8, 229, 168)  # left, top, right and bottom of what is shown, in pixels
 SIDE, QUALITY = 176, 80  # pixels, and of WebP

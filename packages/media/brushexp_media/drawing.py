@@ -11,7 +11,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.pictures.structure import along_edges, anisotropy_of, sampled_at, structure_tensor, worst_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
@@ -27,6 +27,7 @@ FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no co
 SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
+FORM, TURN = 0.03, 0.6  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
 INK = Rule(named_color)
 
@@ -37,7 +38,8 @@ class Drawing(Initializer):
     """Contours that swell with contrast, hatchings where it is dark, and one or two washes below them.
 
     Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
-    after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have fixed angles.
+    after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
+    fixed but for `TURN`.
 
     Args:
         contours: share of the strokes that are contours, 0 to 1.
@@ -71,12 +73,12 @@ class Drawing(Initializer):
         contours = min(n - washes, round(n * self.contours))
         return Strokes.join(
             self._washes(gaussian_filter(dark, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(dark, SMOOTH * side), n - washes - contours, random),
+            self._hatching(gaussian_filter(dark, SMOOTH * side), forms(picture), n - washes - contours, random),
             self._contours(picture, contours),
         )
 
     def _contours(self, picture: Array, n: int) -> Strokes:
-        """Trace the strongest lines of a picture, at most one from each of its cells."""
+        """Trace lines of a picture, at most one from each of its cells: those that are strong and straight."""
         side = max(picture.shape)
         lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
         frame = round(FRAME * side)
@@ -84,19 +86,22 @@ class Drawing(Initializer):
         flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
         _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
         strength = sampled_at(lines, x, y)
-        best = np.argsort(-strength, kind="stable")[:n]
+        straight = anisotropy_of(
+            structure_tensor(picture, max(1.0, SMOOTH_WASH * side))
+        )  # outlines are, texture is not
+        best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
         places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
         pressed = 0.35 + 0.65 * strength
         curve = followed(places, flow, 0.5 * self._longest(side) * pressed, lines, FAINTEST)
         return _strokes(curve, self._widest(side) * pressed, strength > FAINTEST, _rgb(self.color), n)
 
-    def _hatching(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Lay lines over dark places at the angles, as close as ``n`` lines allow."""
+    def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Lay lines over dark places at the angles, ``turned`` (H, W) by forms, as close as ``n`` lines allow."""
         side, tones = max(dark.shape), self._above(self.tones, dark)
         area = sum(float((dark > tone).sum()) for tone in tones)
         gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
         hatchings = zip(tones, ANGLES, strict=True)
-        parts = [hatching(dark, tone, angle, gap, self._longest(side), random) for tone, angle in hatchings]
+        parts = [hatching(dark, tone, angle, turned, gap, self._longest(side), random) for tone, angle in hatchings]
         curve = np.concatenate(parts)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         darkness = sampled_at(dark, *curve.mean(1).T)
@@ -132,8 +137,18 @@ class Drawing(Initializer):
         return 0.001 * self.width * side
 
 
-def hatching(dark: Array, tone: float, angle: float, gap: float, length: float, random: np.random.Generator) -> Array:
-    """Draw parallel curves (n, 3, 2), ``gap`` pixels apart, where a map (H, W) is above ``tone``."""
+def forms(picture: Array) -> Array:
+    """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
+    side = max(picture.shape)
+    flow = along_edges(structure_tensor(picture, FORM * side))
+    angle = (flow - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    return angle.clip(-TURN, TURN)
+
+
+def hatching(
+    dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
+) -> Array:
+    """Draw curves (n, 3, 2), some ``gap`` pixels apart, where a map (H, W) is above ``tone``; ``turned`` is (H, W)."""
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
@@ -143,7 +158,7 @@ def hatching(dark: Array, tone: float, angle: float, gap: float, length: float, 
     places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
     places = places[((places >= 0) & (places < (width, height))).all(1)]
     places = places[sampled_at(dark, *places.T) > tone]
-    return followed(places, np.full((1, 1), angle), np.full(len(places), 0.5 * length), dark, tone)
+    return followed(places, angle + turned, np.full(len(places), 0.5 * length), dark, tone)
 
 
 def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:

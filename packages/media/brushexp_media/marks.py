@@ -107,11 +107,11 @@ def knife(variant: int) -> Tensor:
     torn = fractal_noise(along / 0.5, across / 0.2, 700 + variant, 2)
     side = ((1.0 + 0.04 * torn - across.abs()) / 0.05).clamp(0, 1)
     start = ((0.5 + 0.15 * drag + outside.clamp_max(0)) / 0.08).clamp(0, 1)
-    end = ((0.3 + 0.25 * torn + 0.4 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
-    gaps = (2.3 + 1.0 * (1 - t) + 0.55 * torn + 0.8 * drag).clamp(0, 1)
+    end = ((0.3 + 0.1 * torn + 0.3 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
+    gaps = (2.6 + 1.0 * (1 - t) + 0.3 * torn + 0.6 * drag).clamp(0, 1)
     ridge = torch.exp(-(((across.abs() - 0.9) / 0.09) ** 2)) * (0.7 + drag).clamp_min(0)
     lip = torch.exp(-(((outside - 0.2) / 0.12) ** 2))
-    film = 0.35 + 0.18 * drag + 0.5 * ridge + 0.35 * lip
+    film = 0.35 + 0.08 * drag + 0.6 * ridge + 0.4 * lip
     tone = 0.12 * drag + 0.03 * torn
     return torch.stack([side * start * end * gaps, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 

@@ -1,5 +1,6 @@
 """Looks are their media: white paper, ground that shows, lines and no greys, dots whose mean is the picture."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 import torch
 from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
-from brushexp_media.lines import edge_lines
+from brushexp_media.drawing import ANGLES, TURN, forms
+from brushexp_media.lines import LUMA, edge_lines, luminance
 from brushexp_media.palettes import as_lab, grouped
 from brushexp_media.wetness import gaussian_blur
 from scipy.ndimage import gaussian_filter
@@ -136,6 +138,15 @@ def test_lines_are_on_the_dark_side_of_edges():
     assert lines[:, 40:].max() == 0
 
 
+def test_colours_of_one_luma_have_a_line_between_them():
+    picture = np.full((3, 40, 60), 0.5)
+    picture[:, :, 30:] = np.array([0.1, 0.5 + 0.4 * LUMA[0] / LUMA[1], 0.5])[:, None, None]
+    assert luminance(picture).std() < 1e-9
+    lines = edge_lines(picture)
+    assert lines[20, 28:32].max() > 0.8
+    assert lines[:, :26].max() == lines[:, 40:].max() == 0
+
+
 @pytest.mark.parametrize("target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2)])
 def test_any_picture_is_drawn_with_as_many_strokes_as_asked(target):
     n = min(50, target[0].numel())
@@ -154,6 +165,15 @@ def test_what_is_black_is_hatched_and_what_is_white_is_not(share):
     inked = strokes.opacity > 0
     assert inked.float().mean() > 0.6
     assert bool((strokes.position[inked, 0] < 80 * share + 6).all())
+
+
+def test_hatchings_turn_towards_forms():
+    y, x = np.mgrid[:80, :120].astype(float)
+    for slope in (0.5, 1.0):  # stripes that rise to the left by so much
+        picture = np.broadcast_to(0.5 + 0.4 * np.sin((y + slope * x) / 3), (3, 80, 120))
+        angle = -math.atan(slope)
+        assert_close(forms(picture)[20:60, 20:100], np.full((40, 80), angle - ANGLES[0]), atol=0.05, rtol=0)
+    assert np.abs(forms(np.random.default_rng(0).random((3, 40, 40)))).max() <= TURN
 
 
 def test_dots_go_apart_in_hue_and_their_mean_stays():

@@ -185,7 +185,7 @@ def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
     A UserError tells of one that the present run reads.
     """
     spared = [folder / name for name in besides]
-    files = [path for path in files_written(folder) if path not in spared]
+    files = [path for path in dict.fromkeys(files_written(folder)) if path not in spared]
     folders = {folder / part for path in files for part in path.relative_to(folder).parents}
     replaced = {path.resolve() for path in (*files, *folders)}
     for key, value, path in _inputs(cfg):
