@@ -113,12 +113,14 @@ def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
 @pytest.mark.parametrize(("words", "cure"), [
     ("finer bolder", "finer and bolder are both detail=; type one of them, or both as a sweep: -m detail=2,0.25"),
     ("oil moon watercolor", "oil and watercolor are both look=; type one of them, or both as a sweep: -m look=oil,wat"),
+    ("moon look=ink oil", "oil and look=ink are both look=; type one of them, or both as a sweep: -m look=oil,ink"),
+    ("detail=1 finer", "finer and detail=1 are both detail=; type one of them, or both as a sweep: -m detail=2,1"),
 ])  # fmt: skip
 def test_two_words_of_a_kind_are_no_order(words, cure):
     with pytest.raises(UserError) as refused:
         expand_arguments(words.split())
     assert cure in str(refused.value)
-    assert expand_arguments(["oil", "look=ink", "finer", "fine", "oil"])[:2] == ["look=oil", "look=ink"]
+    assert expand_arguments(["oil", "finer", "fine", "look=oil"])[:2] == ["look=oil", "detail=2"]
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -190,3 +192,23 @@ def test_where_nothing_can_be_written_is_told(tmp_path, monkeypatch):
 def test_a_number_of_one_task_that_is_a_path_in_another_is_typed_as_a_number():
     assert expand_arguments(["strokes=10"]) == ["strokes=10"]
     assert "strokes" in keys_of(TASKS["score"]), "where it is a file"
+
+
+@pytest.mark.parametrize(("words", "remark"), [
+    ("detail=2 strokes=20", "strokes= says it already: detail has no effect; type one of them"),
+    ("max_strokes=9 pixels_per_stroke=50 strokes=20", "says it already: pixels_per_stroke, max_strokes has no"),
+    ("steps=5 seconds=3", "seconds= says it already: steps has no effect"),
+    ("effort=2 steps=3", "steps= says it already: effort has no effect"),
+    ("look=plain focus_strength=3", "focus_strength has no effect without focus="),
+    ("frames=0 timelapse=gif", "timelapse has no effect without frames="),
+    ("light.depth=0 light.gloss=1", "light.gloss has no effect without light.depth="),
+    ("style.colors=content", "style.colors has no effect without style.image="),
+])  # fmt: skip
+def test_keys_that_would_do_nothing_are_told(config, caplog, words, remark):
+    words = ["image=moon", "resolution=32", *words.split()]
+    check(config(*words), words)
+    assert remark in caplog.text
+    caplog.clear()
+    words = [*words[:2], "detail=2", "focus=auto", "focus_strength=3", "light.depth=1", "light.gloss=1", "effort=1"]
+    check(config(*words), words)
+    assert "no effect" not in caplog.text

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image, ImageCms
+from PIL.PngImagePlugin import PngInfo
 from signals import TO_ADOBE, TO_BT2020, TO_P3, hlg, pq, srgb
 
 from brushexp.errors import UserError
 from brushexp.pictures import kinds
-from brushexp.pictures.decode import decode_image, picture_size, read_picture
+from brushexp.pictures.credits import credits_of
+from brushexp.pictures.decode import decode_image, open_picture, picture_size, read_picture
 from brushexp.pictures.folders import left_out, pictures_in
 from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
@@ -99,7 +101,8 @@ P3_CORNERS = struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000,
     (srgb(in_space(TO_P3)), [chunk(b"cICP", bytes([12, 13, 0, 1]))]),
     (pq(in_space(TO_BT2020)), [chunk(b"cICP", bytes([9, 16, 0, 1]))]),
     (hlg(in_space(TO_BT2020)), [chunk(b"cICP", bytes([9, 18, 0, 1]))]),
-], ids=["linear", "1.8", "cHRM", "P3", "PQ", "HLG"])  # fmt: skip
+    (hlg(in_space(TO_BT2020)), [chunk(b"cICP", bytes([2, 18, 0, 1]))]),
+], ids=["linear", "1.8", "cHRM", "P3", "PQ", "HLG", "HLG, no corners"])  # fmt: skip
 def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, extra):
     (tmp_path / "a.png").write_bytes(png_with(levels(numbers), *extra))
     expect(tmp_path / "a.png", worst=16)  # 8 bits of light, or of PQ, are coarse in the dark
@@ -233,7 +236,7 @@ def smooth(height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize(
     "kind", ["JPEG", "MPO", "JPEG2000", "PNG", "WEBP", "strips", "tiles", "memory", "lzw", "planes"]
 )
-def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, monkeypatch, kind):
+def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, monkeypatch, caplog, kind):
     for module in ("limits", "tiff", "load", "jp2"):
         monkeypatch.setattr(f"brushexp.pictures.{module}.MAX_PIXELS", 20_000)
     monkeypatch.setattr("brushexp.pictures.limits.MOST_WHOLE", 400_000)
@@ -257,12 +260,24 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     expected = np.asarray(Image.fromarray(picture).resize((60, 40), Image.Resampling.LANCZOS), float)
     assert np.abs(found - expected).max() < 8, "edges differ a little"
     assert np.abs(found - expected).mean() < 2
+    assert "cut short" not in caplog.text
     assert picture_size(path) == (403, 601)
     PICTURE.check("image", str(path))
     for name in ("MOST_PIXELS", "MOST_WHOLE"):
         monkeypatch.setattr(f"brushexp.pictures.limits.{name}", 200_000)
     os.utime(path, ns=(1, 1))  # sizes of files that stay as they are, are known
     assert "make it smaller" in refusal(path, 60)
+
+
+def test_pictures_are_opened_without_a_word_of_their_size_by_pillow(tmp_path, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
+    about = PngInfo()
+    about.add_text("Title", "Road")
+    Image.fromarray(smooth(40, 60)).save(tmp_path / "a.png", pnginfo=about)
+    assert credits_of(str(tmp_path / "a.png")) == {"Title": "Road"}
+    with open_picture(tmp_path / "a.png") as picture:
+        assert picture.size == (60, 40)
+    assert Image.MAX_IMAGE_PIXELS == 100
 
 
 def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():

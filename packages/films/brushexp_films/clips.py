@@ -158,8 +158,8 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
         except _errors() as error:
             log.warning("%s breaks off after %d pictures: %s", clip.path, count, in_short(error))
             return
-    is_short = count + 1 < clip.count if clip.is_counted else float(end + zero) + MISSING < clip.seconds
-    if is_short:
+    is_early = count + 1 < clip.count if clip.is_counted else float(end) + max(float(zero), 0) + MISSING < clip.seconds
+    if is_early and count < clip.count:
         log.warning("%s has %d pictures, and not the %d of its header", clip.path, count, clip.count)
 
 

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.pictures.colorimetry import encoding_of, unless_srgb
+from brushexp.pictures.colorimetry import HIGH_RANGE, encoding_of, unless_srgb
 
-HIGH_RANGE = (16, 18)  # transfers of high dynamic range by their numbers of H.273: PQ and HLG
 FULL = 2  # FFmpeg's number for numbers that use their whole range
 RED, BLUE = 0.2627, 0.0593  # weights of BT.2020 in brightness
 

@@ -5,9 +5,9 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from brushexp.pictures.decode import MOVING, decode_image
+from brushexp.pictures.limits import open_of_any_size
 
 SUFFIXES = (".gif", ".webp", ".png", ".apng", ".avif", ".avifs")
 SHORTEST, INSTEAD = 10, 100  # milliseconds: up to so few of a picture mean as many as this, in all browsers
@@ -20,7 +20,7 @@ def is_moving(path: str | Path) -> bool:
     if Path(path).suffix.lower() not in SUFFIXES or not Path(path).is_file():
         return False
     try:
-        with Image.open(path, formats=MOVING) as file:
+        with open_of_any_size(path, MOVING) as file:
             return bool(getattr(file, "is_animated", False))
     except Exception:  # what is damaged is told by what reads it as a picture
         return False
@@ -29,7 +29,7 @@ def is_moving(path: str | Path) -> bool:
 def moving_pictures(path: Path) -> Iterator[Timed]:
     """Decode the pictures as `read_picture` does, with their times; decoders may raise anything."""
     time = Fraction(0)
-    with Image.open(path, formats=MOVING) as file:
+    with open_of_any_size(path, MOVING) as file:
         is_apart = "default_image" in file.info and file.info["default_image"]  # of a PNG: for those that show no film
         for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
             file.seek(number)

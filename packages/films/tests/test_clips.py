@@ -85,6 +85,16 @@ def test_a_recording_of_a_browser_has_its_length(tmp_path):
     assert clip.rate <= 50
 
 
+def test_a_clock_that_begins_anew_is_no_film_that_ends_early(tmp_path, caplog):
+    wrap = 95443_700  # milliseconds: clocks of transport streams have 33 bits, of 1 / 90,000 s
+    times = [wrap - 1000 + 40 * k for k in range(50)]
+    clip = open_clip(coded(tmp_path / "tv.ts", "libx264", "rgb24", 10 * scene(5), times, pix_fmt="yuv420p"))
+    shown = [*timed_pictures(clip)]
+    assert float(shown[-1].end) == pytest.approx(2, abs=0.05)
+    assert len(shown) == 50
+    assert "of its header" not in caplog.text
+
+
 def with_sound(path: Path, pictures: list[int], begin: int, tracks: int = 1) -> Path:
     """A film whose sound, of ten times 100 ms, begins at a millisecond, with a tone in its sixth."""
     with av.open(str(path), "w") as container:
@@ -173,10 +183,12 @@ def test_what_is_transparent_lies_over_white_as_in_pictures(tmp_path, codec, for
 
 
 @pytest.mark.parametrize("name", ["a.gif", "a.webp", "a.png", "a.avif"])
-def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_path, caplog, name):
+def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_path, caplog, monkeypatch, name):
     path, frames = tmp_path / name, [Image.fromarray(picture) for picture in scene(3)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=[100, 40, 260])
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)  # Pillow refuses twice as many, and is not asked
     assert is_moving(path)
+    monkeypatch.undo()
     assert "task=film" in expand_arguments([str(path)])
     assert "task=film" not in expand_arguments(["task=paint", f"image={path}"])
     spans = [(float(begin), float(end)) for _, begin, end in timed_pictures(open_clip(path))]

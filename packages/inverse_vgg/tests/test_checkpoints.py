@@ -1,6 +1,7 @@
 """The files in which renderers that draw windows keep their weights."""
 
 import json
+import logging
 import pickle
 import re
 from dataclasses import replace
@@ -15,7 +16,7 @@ from safetensors.torch import load_file, save_file
 from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base
-from brushexp.plugins.renderer.base import RENDERERS, window_pictures
+from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
@@ -103,6 +104,30 @@ def test_the_one_that_ships_is_small_and_draws_strokes_that_it_has_not_seen():
             window_pictures(build_named("renderer", name, {}), shapes, 64) for name in ("neural", "inverse_vgg")
         )
     assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "as is the network that is at 43 dB of true strokes"
+
+
+def test_steps_that_take_minutes_are_told_beforehand(config, monkeypatch, caplog):
+    monkeypatch.setattr(PatchRenderer, "seconds_per_stroke", lambda self: 0.01)
+    words = ["image=moon", "renderer=inverse_vgg", "strokes=600", "resolution=64"]
+    with caplog.at_level(logging.INFO):
+        check(config(*words), words)
+        assert (
+            "40 steps of 600 strokes with renderer=inverse_vgg take some 4 minutes; less: finish_steps=5" in caplog.text
+        )
+        caplog.clear()
+        for fewer in ("seconds=5", "finish_steps=9"):
+            check(config(*words, fewer), [*words, fewer])
+    assert "minutes" not in caplog.text
+
+
+def test_measuring_how_long_a_stroke_takes_changes_nothing():
+    renderer = tiny(normalisation="batch").train()
+    before = {name: value.clone() for name, value in renderer.state_dict().items()}
+    assert 0 < renderer.seconds_per_stroke() < 60
+    assert renderer.training
+    assert all(value.grad is None for value in renderer.parameters())
+    for name, value in renderer.state_dict().items():
+        torch.testing.assert_close(value, before[name], atol=0, rtol=0)
 
 
 @pytest.mark.parametrize(

@@ -104,13 +104,12 @@ def refuse_flags(words: Sequence[str]) -> None:
 
 
 def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Refuse (UserError) two words alone that are values of one key: finer and bolder, oil and ink."""
-    said: dict[str, tuple[str, str]] = {}
-    for word, setting in zip(typed, meant, strict=True):
-        key, _, value = setting.partition("=")
-        if word == setting or meaning_of(word) != setting:
-            continue
-        other, first = said.setdefault(key, (word, value))
+    """Refuse (UserError) a word alone beside another value of its key: finer and bolder, ink and look=oil."""
+    alone: dict[str, tuple[str, str]] = {}
+    pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
+    for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
+        is_alone = f"{key}={value}" != word and meaning_of(word) == f"{key}={value}"
+        other, first = alone.setdefault(key, (word, value)) if is_alone else alone.get(key, (word, value))
         if first != value:
             cure = f"type one of them, or both as a sweep: -m {key}={first},{value}"
             raise UserError(f"{other} and {word} are both {key}=; {cure}")

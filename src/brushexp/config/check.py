@@ -172,5 +172,9 @@ def unknown_key(typed: str, task: str) -> str:
     if owners:
         near = f"type {' or '.join([*dict.fromkeys(owners)][:NEAREST])}"
     text = f"{typed} is no key of task={task}; {near}"
-    others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
+    others = [
+        f"task={name}"
+        for name, schema in TASKS.items()
+        if any(f"{key}.".startswith(f"{typed}.") for key in (*keys_of(schema), *groups_of(schema)))
+    ]
     return text + (f". It is one of {', '.join(others)}" if others else "")

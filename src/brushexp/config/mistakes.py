@@ -73,9 +73,9 @@ def of_grammar(text: str) -> str | None:
         return quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
         return several(match[1])
-    if match := re.search(r"Could not delete '([\w/@]+)'", text):
-        empty = f"{match[1]}=[]" if match[1] in MULTI_SELECT else f"another {match[1]}=..."
-        return f"~{match[1]} deletes nothing; type {empty}"
+    if match := re.search(r"Could not delete (from config\. )?'([\w./@]+)'", text):
+        empty = f"{match[2]}=[]" if match[2] in MULTI_SELECT else f"another {match[2]}=..."
+        return f"~{match[2]} deletes nothing; {'no key has this name: drop it' if match[1] else f'type {empty}'}"
     if "${" in os.getcwd() and re.search(r"Interpolation key|'\$\{'|<EOF>", text):
         return f"{os.getcwd()} has ${{ in its name, where nothing can be written; go to another folder"
     if match := re.search(r"Interpolation key '(\w+)' not found", text):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
@@ -21,6 +21,19 @@ log = logging.getLogger(__name__)
 STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
+}
+INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect
+    "strokes": ("detail", "pixels_per_stroke", "max_strokes"),
+    "seconds": ("steps", "steps_per_stroke", "effort"),
+    "steps_per_stroke": ("steps", "effort"),
+    "steps": ("effort",),
+}
+NEEDS = {  # keys of task=paint without which others have no effect
+    "focus": ("focus_strength",),
+    "style.image": ("style.content", "style.colors"),
+    "frames": ("frame_side", "timelapse", "timelapse_seconds"),
+    "light.depth": ("light.azimuth", "light.elevation", "light.gloss"),
+    "lpips_weights": ("lpips_backbone",),
 }
 OF_TRAINING = {  # options of the Trainer that a painting has no use for, and what to type instead
     **dict.fromkeys(("max_epochs", "min_epochs", "min_steps", "limit_train_batches"), "type steps=100"),
@@ -58,7 +71,13 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
+    from brushexp.painting.components import (  # noqa: PLC0415
+        build_stages,
+        check_losses,
+        check_size,
+        stroke_budget,
+        tell_of_slow_steps,
+    )
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
@@ -83,6 +102,8 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     strokes = stroke_budget(cfg, size, keep_built(cfg.density), in_catalogue)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
+    if device_of(cfg.device).type == "cpu" and cfg.seconds is None:
+        tell_of_slow_steps([*warm_ups, last], strokes)
     if cfg.style.image is not None:
         keep_built(cfg.style.loss).check(size)
     official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
@@ -101,7 +122,7 @@ def check_trainer(cfg: DictConfig) -> None:
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Log the typed keys that a painter, or a catalogue, has no use for; in a sweep they may be for other jobs."""
+    """Log the typed keys that have no effect beside the other ones; in a sweep they may be for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS})
     if unused and isinstance(keep_built(cfg.painter), Painter):
@@ -109,6 +130,12 @@ def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
     init = sorted({key for key in keys if key.partition(".")[0] == "init"})
     if init and cfg.catalogue is not None:
         log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
+    for key, others in INSTEAD.items():
+        if key in keys and (idle := [other for other in others if other in keys]):
+            log.warning("%s= says it already: %s has no effect; type one of them", key, ", ".join(idle))
+    for key, others in NEEDS.items():
+        if not OmegaConf.select(cfg, key) and (idle := [other for other in others if other in keys]):
+            log.warning("%s has no effect without %s=", ", ".join(idle), key)
 
 
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:

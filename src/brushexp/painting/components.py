@@ -27,7 +27,7 @@ from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.order.base import Order
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named, keep_built, plugin_of, take_built
@@ -40,6 +40,7 @@ log = logging.getLogger(__name__)
 BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
+LONG, MANY = 2, 10_000  # minutes of steps that are told beforehand, and drawings below which nobody asks
 AUTO = "auto"  # value of warm_up that leaves it to the renderer
 
 
@@ -140,6 +141,17 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
+
+
+def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
+    """Log beforehand how long the steps of a network that draws each stroke take here, if it is minutes."""
+    for stage in stages:
+        if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY:
+            minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
+            if minutes >= LONG:
+                steps = f"{stage.steps} steps of {strokes:,} strokes with renderer={stage.name} take some"
+                cure = f"less: {'finish_steps' if len(stages) > 1 else 'steps'}=5, strokes=300 or seconds=60"
+                log.info("%s %d minutes; %s", steps, minutes, cure)
 
 
 def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:

@@ -27,6 +27,7 @@ PRIMARIES = {  # by the numbers of H.273, table 2
 }
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 WHITE_NITS = 203.0  # of a picture of high dynamic range, candela per square metre (ITU-R BT.2408)
+HIGH_RANGE = (16, 18)  # transfers of high dynamic range by their numbers of H.273: PQ and HLG
 HLG_NITS, HLG_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on, BT.2100
 ROWS = 256  # that are converted at once
 CLOSE = 0.002  # coordinates and exponents that are nearer than this were meant to be the same
@@ -97,8 +98,9 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding of these numbers of H.273; those that say nothing stand for sRGB."""
-    return Encoding(PRIMARIES.get(primaries, BT709), CURVES.get(transfer, decode_srgb))
+    """Choose the encoding of these numbers of H.273; what they leave unsaid is sRGB, or BT.2020 with HLG and PQ."""
+    unsaid = BT2020 if transfer in HIGH_RANGE else BT709
+    return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
 
 def unless_srgb(encoding: Encoding) -> Encoding | None:

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image, IptcImagePlugin, PngImagePlugin
 
 from brushexp.pictures.carriers import SHOT
+from brushexp.pictures.limits import open_of_any_size
 from brushexp.system.files import PNG, write_bytes
 
 KEYWORDS = ("Title", "Author", "Copyright", "Creation Time", "Description")  # of PNG
@@ -41,7 +42,7 @@ def credits_of(image: str) -> dict[str, str]:
     path = path.with_name("painting.png") if path.suffix in CATALOGUES else path
     if not os.path.isfile(path):
         return found
-    with suppress(Exception), Image.open(path) as picture:  # what is damaged in it says nothing
+    with suppress(Exception), open_of_any_size(path) as picture:  # what is damaged in it says nothing
         for read in (_of_png, _of_xmp, _of_exif, _of_iptc):
             with suppress(Exception):
                 found = {name: _plain(text) for name, text in read(picture).items() if _plain(text)} | found

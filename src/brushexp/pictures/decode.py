@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
-from threading import RLock
 from typing import IO
 
 import numpy as np
@@ -34,7 +33,7 @@ from brushexp.pictures.kinds import (
     is_raw,
     what_it_is,
 )
-from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
+from brushexp.pictures.limits import alone, check_pixels, check_whole, halvings, open_of_any_size, size_of_jxl
 from brushexp.pictures.shape import pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, pages_in, read_tiff
@@ -46,7 +45,6 @@ MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one
 MOVES = "moves, and its first picture is taken; to paint all of it as a film, type: brushexp {}"
 PAGES = "has {} pages, and the first is taken; save the others as files of their own"
 JPEG_HALVINGS = 3  # at most
-_alone = RLock()  # a process has one stderr, and one list of warnings
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
@@ -125,7 +123,7 @@ def _unknown(path: Path) -> str:
 def open_picture(path: Path) -> Iterator[Image.Image]:
     """Open a picture of a run, not decoded yet; whatever is wrong with it is a UserError."""
     check_file(path, "paint it again")
-    with explaining(path, "paint it again"), Image.open(path, formats=WRITTEN) as picture:
+    with explaining(path, "paint it again"), open_of_any_size(path, WRITTEN) as picture:
         check_pixels(*picture.size, "", None)
         yield picture
 
@@ -136,7 +134,7 @@ def _silence() -> Iterator[None]:
 
     Pillow's own limit of pixels makes way for that of `check_pixels`.
     """
-    with _alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
+    with alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
         stderr, level, most = os.dup(2), logging.root.manager.disable, Image.MAX_IMAGE_PIXELS
         logging.disable(logging.CRITICAL)
         os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there

@@ -1,6 +1,11 @@
 """Pictures that memory cannot hold are refused, or read at a part of their size by the formats that can."""
 
 import math
+from pathlib import Path
+from threading import RLock
+
+from PIL import Image
+from PIL.ImageFile import ImageFile
 
 from brushexp.errors import UserError
 
@@ -10,6 +15,17 @@ MOST_WHOLE = 2 * MAX_PIXELS  # of 8 bits that are decoded at once, to be shrunk
 IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that decode a part of their pixels
 AT_ONCE = ("PNG", "WEBP", "BMP", "PPM", "TGA", "AVIF", "HEIF")  # formats that decode all of them, 8 bits each
 EXAMPLE = 4096  # pixels of a side that is proposed
+alone = RLock()  # a process has one stderr, one list of warnings and one limit of Pillow's
+
+
+def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -> ImageFile:
+    """Open a picture, not decoded yet; Pillow's own limit of pixels makes way for that of `check_pixels`."""
+    with alone:
+        most, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            return Image.open(path, formats=formats)
+        finally:
+            Image.MAX_IMAGE_PIXELS = most
 
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:

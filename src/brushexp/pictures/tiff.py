@@ -159,4 +159,5 @@ def _pieces(page: Any) -> Iterator[tuple[int, int, int, np.ndarray]]:
         raise UserError(f"has strips of more than {LARGEST_PIECE >> 20} million samples; save it in tiles")
     for data, (plane, _, top, left, _), (_, height, width, _) in page.segments(maxworkers=1):
         if data is not None:
-            yield top, left, plane, data[0, :height, :width]
+            within = slice(min(height, page.imagelength - top)), slice(min(width, page.imagewidth - left))
+            yield top, left, plane, data[0][within]

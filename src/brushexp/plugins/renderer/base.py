@@ -1,5 +1,6 @@
 """The contract of renderers, which say what each stroke covers (`Layers`)."""
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,6 +24,7 @@ from brushexp.system.checkpoint import CheckpointFormat
 
 LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
+FEW = 16  # strokes whose drawing is measured
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
 PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weights and pictures have 32 bits either way
 
@@ -143,6 +145,17 @@ class PatchRenderer(Renderer):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
+
+    def seconds_per_stroke(self) -> float:
+        """Measure on a few strokes how long it takes to draw one with its gradient."""
+        parameters, was_training, times = torch.zeros(FEW, 10, requires_grad=True), self.training, []
+        self.eval()  # as it paints
+        for _ in range(2):  # the first one has what is done once
+            begin = time.monotonic()
+            torch.autograd.grad(self.forward(strokes_of(parameters)).images.sum(), parameters)
+            times.append(time.monotonic() - begin)
+        self.train(was_training)
+        return min(times) / FEW
 
     @property
     def at_once(self) -> int:  # type: ignore[override]
