@@ -32,8 +32,10 @@ MOST_SWAPPED = 20_000  # lines whose order is improved by swaps, which take the 
 
 
 def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]:
-    """Plan what pens draw, and write the program of the machine and a picture of the plan into a folder."""
-    plan = pen_plan(job, machine)
+    """Plan what pens or brushes draw, and write the program of the machine and a picture of the plan into a folder."""
+    from brushexp_plotters._brush_plan import brush_plan  # noqa: PLC0415  (it builds on this file)
+
+    plan = pen_plan(job, machine) if machine.wells is None else brush_plan(job, machine)
     log.info("%s: %s", machine.key, "; ".join(plan.report(*machine.speeds)[2:5]))
     texts = machine.programs(plan)
     texts[f"{next(iter(texts))}.svg"] = plan.svg()
@@ -48,7 +50,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
     strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
-    middles = _flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
+    middles = flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
     widths, opacity = 2 * scale * half_width_of(strokes).numpy(), strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
     drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
@@ -90,19 +92,24 @@ def _document(
         properties |= {"vp_color": color, "vp_name": name, "vp_pen_width": MM * machine.pen_mm}
         for key, value in properties.items():
             document.layers[number].set_property(key, value)
+    return ordered(document, machine, joins=machine.hidden == "cut")
+
+
+def ordered(document: Any, machine: PenExporter, *, joins: bool) -> Any:
+    """Simplify the lines of each layer of a document, and put them in an order with little travel; maybe join them."""
     if document.is_empty():
         return document
     import vpype_cli  # noqa: PLC0415  (slow to import)
 
     swaps = "--two-opt --passes 5" if max(map(len, document.layers.values())) <= MOST_SWAPPED else ""
-    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if machine.hidden == "cut" else ""
+    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if joins else ""
     with quiet_vpype():
         return vpype_cli.execute(
             f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort {swaps}", document
         )
 
 
-def _flatten(curves: Array, tolerance: float) -> Array:
+def flatten(curves: Array, tolerance: float) -> Array:
     """Turn quadratic Bezier curves (N, 3, 2) into N polylines of shapely, within ``tolerance`` of fine ones."""
     t, polylines = np.linspace(0, 1, CHORDS + 1), [np.empty(0, dtype=object)]
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)

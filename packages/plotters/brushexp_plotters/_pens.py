@@ -6,7 +6,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import ModuleType
 from typing import Annotated, Any
@@ -21,6 +21,8 @@ from brushexp.plugins.export.base import Exporter
 Array = np.ndarray
 MM = 96 / 25.4  # pixels of CSS, the unit of vpype, in a millimetre
 MOST_STROKES = 100_000  # strokes of a plan: each takes milliseconds to fill, and a machine seconds to draw
+MOST_WELLS = 500
+PLACE = r"-?[0-9]{1,5}(?:\.[0-9]{1,3})?x-?[0-9]{1,5}(?:\.[0-9]{1,3})?"  # x and y in mm
 LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and turn the machine round
 
 
@@ -31,10 +33,11 @@ class PenPlan:
     document: Any  # vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool
     paper: tuple[float, float]  # width and height, mm
     pen_mm: float
-    tools: list[str]  # colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink
+    tools: list[str]  # colours in hexadecimal, from light to dark, so that no light pen takes up dark ink; or brushes
     strokes: list[int]  # how many strokes each tool draws, or parts of
     left_out: int  # more strokes, which cannot be seen and are not drawn
     source: str  # where the painting came from
+    notes: list[str] = field(default_factory=list)  # more to say in the report
 
     def runs(self) -> list[tuple[int, int, Any]]:
         """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
@@ -68,7 +71,7 @@ class PenPlan:
             f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
         ]
         tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
-        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
+        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools] + self.notes
         # Some machines obey single characters (! ? ~) even within a comment.
         return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
@@ -98,6 +101,12 @@ class PenExporter(Exporter):
         hidden: cut: what strokes of the same layer hide is left out, so that the order of pens does not matter; skip:
             strokes that are hidden wholly are left out, the others stay whole, as a brush wants them; draw: all.
         tolerance_mm: how far a drawn line may be from the curve.
+        wells: places of paints, for a brush that is dipped: 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the middle
+            of the first to that of the last, mm from the lower left corner of the paper. Each stroke is then painted in
+            one movement, in the order of its depth, and tools are brushes: for paintings by ``tubes=``. null = pens.
+        water: place where a brush is rinsed before another colour: 20x80; null = it is not.
+        cloth: place where it is wiped then; null = it is not.
+        load: length that a brush paints with one load, in its widths.
     """
 
     paper: str = "a4"
@@ -111,9 +120,14 @@ class PenExporter(Exporter):
     passes: Annotated[int, between(1, 2000)] | None = None
     hidden: Annotated[str, one_of("cut", "skip", "draw")] = "cut"
     tolerance_mm: Annotated[float, between(0.001, 10)] = 0.05
+    wells: str | None = None
+    water: str | None = None
+    cloth: str | None = None
+    load: Annotated[float, between(1, 1000)] = 12.0
 
     def __post_init__(self) -> None:
-        self.own_pens  # noqa: B018  (refused before anything is drawn)
+        # Refused before anything is drawn:
+        self.own_pens, self.tray, self.place("water"), self.place("cloth")
         if self.page[0] <= 2 * self.margin:
             raise UserError(
                 f"margins of {self.margin:g} mm leave nothing of {self.page[0]:g} x {self.page[1]:g} mm; "
@@ -167,6 +181,27 @@ class PenExporter(Exporter):
         except ValueError as error:
             raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
 
+    @cached_property
+    def tray(self) -> list[complex]:
+        """Places of the wells, row by row, mm from the lower left corner of the paper; none for pens."""
+        if self.wells is None:
+            return []
+        found = re.fullmatch(f"({PLACE}):({PLACE}):([0-9]{{1,3}})x([0-9]{{1,3}})", self.wells)
+        if found is None or not 1 <= int(found[3]) * int(found[4]) <= MOST_WELLS:
+            cure = f"try {self.key}.wells=20x15:230x45:8x3, from the first to the last of 8 x 3"
+            raise UserError(f"{self.key}.wells={self.wells} is no tray of 1 to {MOST_WELLS} wells; {cure}")
+        first, last = (_place(found[k]) for k in (1, 2))
+        columns, rows = (np.linspace(0, 1, int(found[k])) for k in (3, 4))
+        return [complex(first.real + x * (last - first).real, first.imag + y * (last - first).imag)
+                for y in rows for x in columns]  # fmt: skip
+
+    def place(self, name: str) -> complex | None:
+        """Read the place that an option names, mm from the lower left corner of the paper."""
+        text = getattr(self, name)
+        if text is not None and not re.fullmatch(PLACE, text):
+            raise UserError(f"{self.key}.{name}={text} is no place in mm; try {self.key}.{name}=20x80")
+        return None if text is None else _place(text)
+
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
         """Compute paper size (mm), upper left corner (2,) of a centred picture (H, W) on it (mm), and mm per pixel."""
 
@@ -184,6 +219,10 @@ class PenExporter(Exporter):
                 )
             scale = self.width_mm / size[1]
         return paper, (np.array(paper) - scale * np.array(size[::-1])) / 2, scale
+
+
+def _place(text: str) -> complex:
+    return complex(*map(float, text.split("x")))
 
 
 def load_vpype() -> ModuleType:

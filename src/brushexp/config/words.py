@@ -206,7 +206,8 @@ def types_of_keys() -> dict[str, tuple[Any, bool]]:
     for name, kind in types:
         parts = get_args(kind)
         plain = next(part for part in parts if part is not NoneType) if NoneType in parts else kind
-        typed[name] = plain, name in optional
+        is_text = typed.get(name, (plain,))[0] is str  # in one of the tasks, whatever their order
+        typed[name] = str if is_text else plain, name in optional
     return typed
 
 

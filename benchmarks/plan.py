@@ -1,0 +1,111 @@
+"""Plans under the constraints of a table against a palette that is put on afterwards, on pictures that packages ship.
+
+    python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
+
+Each picture is painted with as many strokes and steps: by `tubes=`, and by look=plain, whose strokes then get the same
+mixtures and brushes. Of the latter the better of two is taken: laid in the order of the plan, or in their own. Both are
+played back, with brushes that run dry. Told is the median CIEDE2000 from the target: if each pixel had its nearest
+mixture (pixels), of the painting by look=plain before it gets mixtures (plain) and after (afterwards), of the plan
+(planned), and of the plan from the photograph, whose tones are not yet between those of the paints. Means are
+geometric, with two standard errors.
+"""
+
+import argparse
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from brushexp_tubes.difference import median_difference
+from brushexp_tubes.mixtures import all_mixtures
+from brushexp_tubes.paints import load_tubes
+from brushexp_tubes.plan import plan_of
+from brushexp_tubes.table import Table
+from brushexp_tubes.task import build_constrained, table_for, within_tones
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from brushexp.api.settings import settings_of
+from brushexp.painting.build import build_painter, target_of
+from brushexp.plugins.export.base import ExportJob
+from brushexp.tasks.paint import paint_picture
+
+PAINTED, PLAIN = "tubes", "paint"
+THESIS12 = Path(__file__).parents[1] / "src/brushexp/conf/pictures/thesis12.yaml"
+QUIET = {"frames": 0, "report": False, "logger": []}
+
+
+def shown(job: ExportJob) -> Tensor:
+    """Paint a picture (3, H, W)."""
+    return torch.from_numpy(job.picture()).movedim(2, 0) / 255
+
+
+def best_pixels(target: Tensor, table: Table) -> Tensor:
+    """Give each pixel the mixture that is nearest to the eye."""
+    colors, which = np.unique((255 * target.flatten(1).T).round().byte().numpy(), axis=0, return_inverse=True)
+    nearest = torch.cat([table.mixture_of(part) for part in (torch.from_numpy(colors) / 255).split(4096)])
+    return table.mixtures.color[nearest[torch.from_numpy(which)]].T.reshape(target.shape)
+
+
+def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
+    """Paint a target by look=plain, with as many strokes and steps."""
+    same = {"strokes": strokes, "steps": cfg.steps, "resolution": cfg.resolution, "threads": cfg.threads}
+    free = settings_of(PLAIN, {"image": cfg.image, "look": "plain", **same, **QUIET})
+    with free.as_asked():
+        return paint_picture(free.cfg, build=lambda cfg: build_painter(cfg, target)).job
+
+
+def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterator[dict[str, object]]:
+    """Paint a picture both ways, for each number of mixtures, and measure by how much they differ from the target."""
+    plain = None
+    for count in counts:
+        constrained = settings_of(PAINTED, {"image": image, "mixtures": count, **options, **QUIET})
+        cfg = constrained.cfg
+        picture, candidates = target_of(cfg), all_mixtures(load_tubes(cfg.tubes))
+        target = within_tones(picture, candidates)
+        table, scale = table_for(cfg, target, candidates), target.shape[2] / (10 * cfg.width_cm)
+        with constrained.as_asked():
+            planned = paint_picture(cfg, build=build_constrained).job
+        plain = plain or paint_plain(cfg, len(planned.strokes), target)
+        plan, afterwards = plan_of(planned, table, scale), plan_of(plain, table, scale)
+        played, own = shown(plan.played()), replace(afterwards, order=plain.bottom_up)
+        row = {
+            "pixels": median_difference(best_pixels(target, table), target),
+            "plain": median_difference(shown(plain), target),
+            "afterwards": min(median_difference(shown(each.played()), target) for each in (afterwards, own)),
+            "planned": median_difference(played, target),
+            "photograph": median_difference(played, picture),
+        }
+        yield {"picture": image, "mixtures": count} | row | {"ratio": row["planned"] / row["afterwards"]}
+
+
+def main() -> None:
+    """Print a row for each picture, and the geometric mean of the ratios with an interval."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pictures", nargs="+", default=[])
+    parser.add_argument("--mixtures", nargs="+", type=int, default=[24, 96])
+    parser.add_argument("--set", nargs="*", default=[], help="keys of task=tubes: resolution=512 width_cm=30")
+    arguments = parser.parse_args()
+    logging.getLogger("brushexp").setLevel(logging.WARNING)
+    options = {"resolution": 320, **OmegaConf.to_container(OmegaConf.from_dotlist(arguments.set))}
+    rows: list[dict[str, object]] = []
+    for image in arguments.pictures or OmegaConf.load(THESIS12):
+        for row in compare(image, options, arguments.mixtures):
+            if not rows:
+                print("|", " | ".join(row), "|\n|" + "---|" * len(row))
+            print(
+                "|", " | ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in row.values()), "|", flush=True
+            )
+            rows.append(row)
+    for count in arguments.mixtures:
+        logs = np.log([row["ratio"] for row in rows if row["mixtures"] == count])
+        error = logs.std(ddof=1) / len(logs) ** 0.5 if len(logs) > 1 else np.nan
+        low, middle, high = np.exp(logs.mean() + 2 * error * np.array([-1, 0, 1]))
+        met = int((logs <= np.log(0.5)).sum())
+        print(f"{count} mixtures: ratio {middle:.2f} ({low:.2f} to {high:.2f}), at most a half in {met} of {len(logs)}")
+
+
+if __name__ == "__main__":
+    main()
