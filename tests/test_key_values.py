@@ -91,14 +91,16 @@ def declared():
 @pytest.mark.slow
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
     """A twelfth of the values of each key, others for the next one; all of them with ``BRUSHEXP_VALUES=all``."""
-    configs, wrong = {}, []
+    configs, without, wrong = {}, {}, []
     apart = 1 if os.environ.get("BRUSHEXP_VALUES") == "all" else 12
     for k, ((task, words), name, kind) in enumerate(declared()):
         if (task, words) not in configs:
             configs[task, words] = composed(task, *words)
+            without[task, words] = refusal(configs[task, words], task, [f"task={task}"])
         for value in VALUES[k % apart :: apart]:
             text = refusal(configs[task, words], task, [f"task={task}", f"{name}={value}"])
-            if (text and (name not in text or "\n" in text)) or (not text and value in NEVER and kind in NUMBERS):
+            told = text and text != without[task, words]  # a network may have no weights, whatever the value
+            if (told and (name not in text or "\n" in text)) or (not text and value in NEVER and kind in NUMBERS):
                 wrong.append(f"{name}={value}: {text}")
     assert not wrong
 
