@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from brushexp_tubes.difference import median_difference
-from brushexp_tubes.mixtures import all_mixtures
+from brushexp_tubes.mixtures import all_mixtures, within_tones
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.plan import plan_of
 from brushexp_tubes.table import Table
-from brushexp_tubes.task import build_constrained, table_for, within_tones
+from brushexp_tubes.task import build_constrained, table_for
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from brushexp.pictures.color import to_lab
+from brushexp.pictures.colorimetry import decode_srgb, encode_srgb
 from brushexp_tubes.paints import Tubes
 
 Array = np.ndarray
@@ -16,6 +17,8 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 16)  # of a tube in a mixture of two
 PARTS_OF_THREE = (1, 2, 3, 4, 8)  # in a mixture of three
 NEAREST = 6  # mixtures of each colour that are looked at
 BINS = 20  # of each channel, in which colours of a picture are counted
+GREY = 5.0  # chroma in CIELAB up to which a mixture is grey
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 ROUNDS = 30  # of exchanging mixtures; it settles in a few
 
 
@@ -100,3 +103,16 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
         if chosen == before:
             break
     return candidates[np.unique(chosen)].from_dark()
+
+
+def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
+    """Map the luminance of a picture (3, H, W) to what lies between the darkest and the lightest grey of the mixtures.
+
+    It is black point compensation, as printing has it (ISO 18619, 2015), with the white point likewise: linear in
+    light, so that hues stay.
+    """
+    colors = mixtures.color.double().numpy()
+    chroma = np.hypot(*to_lab(colors)[:, 1:].T)
+    luminance = decode_srgb(colors)[chroma <= max(GREY, chroma.min())] @ LUMINANCE
+    mapped = luminance.min() + np.ptp(luminance) * decode_srgb(picture.double().cpu().numpy())
+    return torch.from_numpy(np.asarray(encode_srgb(mapped))).to(picture)

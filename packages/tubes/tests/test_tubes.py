@@ -10,10 +10,10 @@ import torch
 from brushexp_tubes import task
 from brushexp_tubes.constraint import Constraint, wanted_colors
 from brushexp_tubes.difference import median_difference
-from brushexp_tubes.mixtures import all_mixtures, choose_mixtures, differences
+from brushexp_tubes.mixtures import all_mixtures, choose_mixtures, differences, within_tones
 from brushexp_tubes.paints import SETS, load_tubes, seen
 from brushexp_tubes.table import StageOrder, Table
-from brushexp_tubes.task import build_constrained, within_tones
+from brushexp_tubes.task import build_constrained
 from scenes import random_strokes
 
 from brushexp.api.settings import settings_of
@@ -26,6 +26,7 @@ from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.color import to_lab
 from brushexp.plugins.order.base import Order
+from brushexp.registry import build_named
 from brushexp.runs.runner import perform
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
@@ -221,6 +222,19 @@ def test_tones_of_a_picture_are_mapped_between_those_of_the_paints():
     of_paints = to_lab(EIGHT.mix(np.eye(8)))[:2, 0]  # white and black
     assert lightness[[0, 2]] == pytest.approx([of_paints[1], of_paints[0]], abs=1.5)
     assert lightness[0] < lightness[1] < lightness[2]
+
+
+@pytest.mark.parametrize("tubes", ["zorn", "primaries"])
+def test_a_palette_of_pigments_has_colours_that_can_be_mixed(tubes):
+    picture = torch.rand(3, 20, 30, generator=torch.Generator().manual_seed(0))
+    picture[:, 0, 0] = torch.tensor([0.1, 0.2, 0.9])
+    painted = build_named("palette", "pigments", {"tubes": tubes})(picture)
+    assert painted.shape == picture.shape
+    colors = painted.flatten(1).T.double().numpy()
+    assert 0 <= colors.min() <= colors.max() <= 1
+    mixtures = all_mixtures(load_tubes(tubes)).color.double().numpy()
+    assert np.median(differences(colors, mixtures).min(1)) < 2
+    assert (to_lab(colors[:1])[0, 2] < -25) == (tubes == "primaries"), "Zorn's black is his blue"
 
 
 @pytest.fixture(scope="module")
