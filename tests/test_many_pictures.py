@@ -113,6 +113,25 @@ def test_a_process_that_is_killed_ends_its_sweep_which_goes_on_later(tmp_path, o
     assert {path.parent.name for path in (tmp_path / "s").glob("*/painting.png")} == {"0", "1"}
 
 
+DEAF = """try:
+            open("first", "x").close()
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            Path("deaf").touch()
+        except FileExistsError:
+            while not Path("deaf").exists():
+                pass
+            os.kill(os.getpid(), signal.SIGKILL)"""
+
+
+@pytest.mark.skipif(launcher() != "processes", reason="another launcher here")
+def test_a_job_that_hears_no_signal_does_not_keep_a_sweep_from_its_end(tmp_path, own_init):
+    own_init(DEAF)
+    code, output = ended(tmp_path, "-m", "init=own", "seed=0,1", "jobs=2", "image=chelsea", "resolution=16", *QUICK)
+    assert code == 1
+    assert "has ended without a result" in output
+    assert "Traceback" not in output
+
+
 def test_the_words_of_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     photos(tmp_path / "p")

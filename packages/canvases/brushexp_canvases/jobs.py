@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import math
 import signal
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brushexp.errors import UserError
+from brushexp.system.runtime import give_memory_back
 from brushexp_canvases.drawing import draw_tile
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.tile import Canvas, paint_tile
@@ -83,12 +85,19 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
     painted: dict[Tile, Future] = {}
     for tile in todo:
         needed = [painted[other] for other in grid.before(tile) if other in painted]
-        painted[tile] = client.submit(paint_tile, canvas, tile, *needed, pure=False)
+        painted[tile] = client.submit(do_job, paint_tile, canvas, tile, *needed, pure=False)
     drawn = []
     for tile in todo:
         needed = [painted[other] for other in (tile, *grid.around(tile)) if other in painted]
-        drawn.append(client.submit(draw_tile, canvas, tile, *needed, pure=False))
+        drawn.append(client.submit(do_job, draw_tile, canvas, tile, *needed, pure=False))
     return _follow([*painted.values(), *drawn], canvas, show)
+
+
+def do_job(work: Callable[..., float | None], canvas: Canvas, tile: Tile, *before: object) -> float | None:
+    """Do the work of a tile on a worker, which would grow with the number of its tiles if it kept their memory."""
+    gc.collect()
+    give_memory_back()
+    return work(canvas, tile, *before)
 
 
 def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) -> float:

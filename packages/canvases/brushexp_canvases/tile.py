@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,7 +25,7 @@ from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.device import device_of
-from brushexp.system.runtime import give_memory_back, peak_memory, use_threads
+from brushexp.system.runtime import peak_memory, use_threads
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import joined, lay
 from brushexp_canvases.store import CanvasStore
@@ -45,8 +44,6 @@ class Canvas:
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
         """Load the plugins, as a new process has to, and open the arrays and the config."""
-        gc.collect()
-        give_memory_back()  # else a worker grows with the number of its tiles
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
         load_plugins(Path(self.plugins))
         use_threads(self.threads)

@@ -61,7 +61,7 @@ class ProcessesLauncher(Launcher):
         fork, processes, pipes = get_context("fork"), [], list[Pipe]()
         for _ in range(count):
             here, there = fork.Pipe()
-            processes.append(fork.Process(target=self._serve, args=(there, os.getpid())))
+            processes.append(fork.Process(target=self._serve, args=(there, os.getpid(), [*pipes, here])))
             processes[-1].start()
             there.close()  # so that its end is seen here
             pipes.append(here)
@@ -70,7 +70,8 @@ class ProcessesLauncher(Launcher):
             for pipe in pipes:
                 pipe.send(None)
         except BaseException:
-            for process in processes:
+            for process, pipe in zip(processes, pipes, strict=True):
+                pipe.close()  # else one whose signal is lost would wait for a job, and we for its end
                 with suppress(ProcessLookupError):
                     os.kill(process.pid or 0, signal.SIGINT)
             raise
@@ -78,13 +79,15 @@ class ProcessesLauncher(Launcher):
             for process in processes:
                 process.join()
 
-    def _serve(self, pipe: Pipe, parent: int) -> None:
-        """Run jobs in a fork until there are no more, or its parent is killed."""
+    def _serve(self, pipe: Pipe, parent: int, of_parent: Sequence[Pipe]) -> None:
+        """Run jobs in a fork until there are no more, or its parent is killed or hears no more."""
         from brushexp.runs.sweep_jobs import execute_job  # noqa: PLC0415
 
+        for other in of_parent:
+            other.close()  # so that the parent alone has its ends
         os.setpgrp()  # a Ctrl-C comes from the parent alone, and not from the terminal
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
-        with suppress(KeyboardInterrupt, EOFError):
+        with suppress(KeyboardInterrupt, EOFError, ConnectionError):
             while os.getppid() == parent and (job := pipe.recv()) is not None:
                 number, words = job
                 result = execute_job(number, words, self.hydra_context, self.config, self.task_function)

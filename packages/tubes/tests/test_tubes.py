@@ -141,7 +141,7 @@ def test_more_mixtures_are_nearer_and_there_are_never_more_than_asked():
 
 
 def test_the_nearest_mixture_and_brush_are_those_of_a_search_through_all():
-    own, strokes = table(), random_strokes(40, SIZE)
+    own, strokes = table(), random_strokes(12, SIZE)
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415
 
     mixtures = to_lab(own.mixtures.color.double().numpy())
