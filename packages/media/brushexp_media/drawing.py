@@ -86,9 +86,8 @@ class Drawing(Initializer):
         flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
         _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
         strength = sampled_at(lines, x, y)
-        straight = anisotropy_of(
-            structure_tensor(picture, max(1.0, SMOOTH_WASH * side))
-        )  # outlines are, texture is not
+        # Outlines are straight for long, texture is not.
+        straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
         best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
         places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
         pressed = 0.35 + 0.65 * strength

@@ -21,15 +21,14 @@ def edge_lines(picture: Array, scale: float = 1.0) -> Array:
 
     Lines are on the dark side of edges, and ``scale`` times as thick as a pen's. Source: Winnemöller et al., "XDoG: An
     extended difference-of-Gaussians compendium" (2012). Differs: the difference counts in proportion to the light
-    around it, so that things in the dark have lines, too; and it is the largest of luma, red, green and blue, so that
-    colours of one luma are told apart.
+    around it, so that things in the dark have lines, too; and it is the largest of red, green and blue, so that colours
+    of one luma are told apart.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     sigma = max(0.7, scale * SIGMA * max(picture.shape))
-    planes = [luminance(picture), *picture.astype(np.float64)]
-    around = [gaussian_filter(plane, WIDER * sigma) for plane in planes]
-    pairs = zip(planes, around, strict=True)
-    difference = np.max([(wide - gaussian_filter(plane, sigma)) / (wide + DARKEST) for plane, wide in pairs], 0)
+    planes = picture.astype(np.float64)
+    around, near = (gaussian_filter(planes, (0, width, width)) for width in (WIDER * sigma, sigma))
+    difference = ((around - near) / (around + DARKEST)).max(0)
     lines: Array = np.tanh(STRENGTH * (difference - LEAST)).clip(0, 1)
     return lines
