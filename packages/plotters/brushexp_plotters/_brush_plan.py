@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 
 from brushexp.errors import UserError
+from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
-from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp_plotters._pen_plan import flatten, ordered
+from brushexp_plotters._pen_plan import on_paper, ordered
 from brushexp_plotters._pens import MM, Array, PenExporter, PenPlan, load_vpype
 
 STIR, RINSE, WIPE = 3.0, 5.0, 20.0  # mm to both sides in a well and in water, and along the cloth
@@ -32,14 +32,9 @@ class Run:
 
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """Plan what brushes paint and where they are dipped; a UserError if wells or the paper cannot hold it."""
-    machine.check(len(job.strokes), job.size)
-    paper, corner, scale = machine.frame(job.size)
-    frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
-    strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
-    curves = flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
-    parts = shapely.clip_by_rect(curves, *frame)
-    widths = (2 * scale * half_width_of(strokes).numpy()).round(2)
-    colors = ["#" + bytes(color).hex() for color in (255 * strokes.color).round().byte().tolist()]
+    strokes, curves, widths, frame, paper = on_paper(job, machine)
+    parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
+    colors = [hex_of(color) for color in strokes.color.numpy()]
     seen = [k for k in range(len(parts)) if not shapely.is_empty(parts[k]) and widths[k] > 0]
     brushes, wells = sorted({widths[k] for k in seen}, reverse=True), list(dict.fromkeys(colors[k] for k in seen))
     _check_size(machine, seen, [(widths[k], colors[k]) for k in seen], len(wells))

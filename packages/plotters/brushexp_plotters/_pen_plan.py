@@ -6,15 +6,16 @@ Lengths are millimetres, x to the right and y down from the paper's upper left c
 
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from PIL import Image, ImageDraw
 
-from brushexp.pictures.color import nearest_ink, palette, to_lab, to_rgb
+from brushexp.pictures.color import hex_of, nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_text
 from brushexp.system.progress import with_progress
 from brushexp_plotters._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
@@ -44,14 +45,30 @@ def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]
     return [folder / name for name in texts]
 
 
-def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan what pens draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+class OnPaper(NamedTuple):
+    """Where N strokes lie on paper, bottom to top."""
+
+    strokes: Strokes  # in pixels
+    middles: Array  # (N,) their curves, lines of shapely
+    widths: Array  # (N,)
+    frame: tuple[float, ...]  # left, top, right and bottom of the painting
+    paper: tuple[float, float]  # width and height
+
+
+def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
+    """Place a painting on the paper of a machine; a UserError if a paper or plan cannot hold it."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
     strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
     middles = flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
-    widths, opacity = 2 * scale * half_width_of(strokes).numpy(), strokes.opacity.numpy()
+    return OnPaper(strokes, middles, 2 * scale * half_width_of(strokes).numpy(), frame, paper)
+
+
+def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
+    """Plan what pens draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+    strokes, middles, widths, frame, paper = on_paper(job, machine)
+    opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
     drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
     layer = np.arange(len(strokes)) * machine.layers // max(1, len(strokes))
@@ -69,7 +86,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     visible = np.array([bool(pieces) for pieces in lines], dtype=bool)
     colors, area = grid.colors(job.bare().picture(), above_all, strokes.color.numpy())
     inks, tool = _choose_inks(colors[visible], area[visible], machine)
-    tools = ["#" + "".join(f"{round(255 * channel):02x}" for channel in ink) for ink in inks]
+    tools = [hex_of(ink) for ink in inks]
     runs: dict[tuple[int, int], list[Array]] = {}
     for k, which in zip(np.flatnonzero(visible).tolist(), tool.tolist(), strict=True):
         runs.setdefault((int(layer[k]), which), []).extend(lines[k])

@@ -12,10 +12,12 @@ import numpy as np
 import torch
 
 from brushexp.errors import UserError
+from brushexp.pictures.color import hex_of
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.system.progress import with_progress
 from brushexp_tubes.mixtures import Mixtures
 from brushexp_tubes.plan import Plan
+from brushexp_tubes.regions import labels_of, numbered_regions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +34,6 @@ GRID = 50.0  # mm on the painting between two lines of its grid
 ROWS, COLUMNS_OF_LEGEND = 28, 12  # rows of a table on a page, and swatches in a row of the legend
 STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm, of the columns of the table of stages
 MOST_PAGES = 400
-NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
 CHORDS = 17  # points of a stroke
 INK, GREY, FAINT, GROUND = "#202020", "#707070", "#b0b0b0", "#f4f2ec"
 
@@ -102,7 +103,7 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
     axes.imshow(plan.played().at_most(1024).picture(), extent=(MARGIN, MARGIN + across, 24 + down, 24), aspect="auto")
     axes.set(xlim=(0, PAGE[0]), ylim=(PAGE[1], 0))
     cm = [side / plan.pixels_per_mm / 10 for side in (width, height)]
-    brushes = ", ".join(f"{mm:g} mm" for mm in brushes_mm(plan))
+    brushes = ", ".join(f"{mm:g} mm" for mm in plan.brushes_mm)
     mixtures = plan.table.mixtures
     tubes = ", ".join(mixtures.tubes[k] for k in np.flatnonzero(mixtures.parts.any(axis=0)))
     lines = [
@@ -111,10 +112,7 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
         f"tubes: {tubes}",
         "",
         "1. Mix the paints by their recipes and number them; parts are volumes.",
-        "2. Tint the ground in "
-        + "#"
-        + "".join(f"{round(255 * x):02x}" for x in plan.job.saved.background.tolist())
-        + ".",
+        f"2. Tint the ground in {hex_of(plan.job.saved.background.numpy())}.",
         f"3. Draw a grid of {GRID / 10:g} cm on it, or trace the sheets of strokes.",
         "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
@@ -128,11 +126,6 @@ def _wrapped(lines: Sequence[str], letters: int = 105) -> list[str]:
     from textwrap import wrap  # noqa: PLC0415
 
     return [part for line in lines for part in (wrap(line, letters, subsequent_indent="    ") or [""])]
-
-
-def brushes_mm(plan: Plan) -> list[float]:
-    """List the widths of the brushes in mm, from large to small."""
-    return [round(float(width) / plan.pixels_per_mm, 3) for width in plan.table.brushes]
 
 
 def _in_parts(count: int) -> Iterator[range]:
@@ -184,7 +177,7 @@ def _by_numbers(plan: Plan) -> Figure:
     height, width = plan.job.size
     top = MARGIN + HEAD
     across = min(PAGE[0] - 2 * MARGIN, (PAGE[1] - top - LEGEND - MARGIN) * width / height)
-    regions = regions_of(plan)
+    regions = numbered_regions(plan)
     unit = across / regions.shape[1]
     frame = MARGIN, MARGIN + across, top + unit * regions.shape[0], top
     x = MARGIN + unit * (np.arange(regions.shape[1]) + 0.5)
@@ -203,38 +196,6 @@ def _by_numbers(plan: Plan) -> Figure:
         place = MARGIN + step * (k % COLUMNS_OF_LEGEND), frame[2] + 8 + 8 * (k // COLUMNS_OF_LEGEND)
         _swatch(axes, mixtures, number, place, 6.5)
     return figure
-
-
-def regions_of(plan: Plan) -> Array:
-    """Number the mixture (h, w) from 0 that a picture shows at each place, without spots that no brush could paint."""
-    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
-
-    small = plan.played().at_most(NUMBERED)
-    colors = torch.from_numpy(small.picture()).double() / 255
-    mixtures = plan.table.mixtures
-    if not len(mixtures):
-        return np.zeros(small.size, dtype=int)
-    away = torch.cdist(colors.reshape(-1, 3), mixtures.color.double())
-    regions = away.argmin(1).reshape(small.size).numpy()
-    least = (float(plan.table.brushes.min()) * small.size[1] / plan.job.size[1]) ** 2
-    spots = np.zeros(regions.shape, dtype=bool)
-    for number in np.unique(regions):
-        parts, _ = label(regions == number)
-        spots |= (np.bincount(parts.ravel())[parts] < least) & (parts > 0)
-    if spots.all():
-        return regions
-    nearest = distance_transform_edt(spots, return_distances=False, return_indices=True)
-    return regions[tuple(nearest)]
-
-
-def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a place (row, column) for a number in each part of a mask (h, w), and how far it is from the edge."""
-    from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
-
-    parts, count = label(mask)
-    depth = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
-    for row, column in maximum_position(depth, parts, range(1, count + 1)):
-        yield int(row), int(column), float(depth[int(row), int(column)])
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
@@ -263,7 +224,7 @@ def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
     from matplotlib.collections import LineCollection  # noqa: PLC0415
     from matplotlib.patches import Rectangle  # noqa: PLC0415
 
-    mm = brushes_mm(plan)[number]
+    mm = plan.brushes_mm[number]
     part = "" if scale == 1 else f", at {scale:g} of its size"
     corner, (left, top) = tile[:2], (MARGIN, MARGIN + HEAD)
     right, bottom = left + scale * tile[2], top + scale * tile[3]
@@ -302,7 +263,7 @@ def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: P
 def _on_tile(plan: Plan, brush: int, tile: Tile) -> torch.Tensor:
     """Find the strokes of a brush, in the order of painting, that reach into a tile."""
     curves = curve_of(plan.strokes).double() / plan.pixels_per_mm
-    reach = brushes_mm(plan)[brush] / 2
+    reach = plan.brushes_mm[brush] / 2
     low, high = curves.amin(1) - reach, curves.amax(1) + reach
     first = torch.tensor(tile[:2]).double()
     inside = ((high > first) & (low < first + torch.tensor(tile[2:]).double())).all(1)

@@ -43,6 +43,11 @@ class Plan:
     pixels_per_mm: float
 
     @cached_property
+    def brushes_mm(self) -> list[float]:
+        """Widths of the brushes in mm, from large to small."""
+        return [round(float(width) / self.pixels_per_mm, 3) for width in self.table.brushes]
+
+    @cached_property
     def strokes(self) -> Strokes:
         """The strokes in the order of painting."""
         return self.job.strokes[self.order]
@@ -85,9 +90,18 @@ class Plan:
         stages = []
         for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
             brush, mixture = divmod(int(stage), len(self.table.mixtures))
-            mm = round(float(self.table.brushes[brush]) / self.pixels_per_mm, 3)
             dips, length = int((self.used[begin:end] == 0).sum()), self._lengths[0][begin:end].sum()
-            stages.append(Stage(k + 1, mm, mixture, int(begin), int(end), dips, length / self.pixels_per_mm / 1000))
+            stages.append(
+                Stage(
+                    k + 1,
+                    self.brushes_mm[brush],
+                    mixture,
+                    int(begin),
+                    int(end),
+                    dips,
+                    length / self.pixels_per_mm / 1000,
+                )
+            )
         return stages
 
     @property

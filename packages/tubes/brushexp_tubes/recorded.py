@@ -14,8 +14,7 @@ from brushexp_tubes.mixtures import Mixtures, all_mixtures
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.plan import Plan, plan_of
 from brushexp_tubes.schema import TubesTask
-from brushexp_tubes.table import Table
-from brushexp_tubes.task import table_for
+from brushexp_tubes.task import table_for, table_with
 
 KEYS = ("tubes", "mixtures", "brushes", "width_cm", "load")  # of ``task=tubes``, and options of exporters
 SAME = 1e-4  # of a channel: a colour that is nearer is that of the mixture
@@ -32,12 +31,11 @@ def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, boo
     cfg = _checked({name: settings[name] for name in KEYS if name in settings} | given)
     candidates = all_mixtures(load_tubes(cfg.tubes))
     own = None if {"tubes", "mixtures"} & given.keys() or "tubes" not in settings else mixtures_in(job, candidates)
-    pixels_per_mm = job.size[1] / (10 * cfg.width_cm)
     if own is None:
         table = table_for(cfg, torch.from_numpy(job.bare().picture()).movedim(2, 0) / 255, candidates)
     else:
-        table = Table(own, torch.tensor(sorted(set(cfg.brushes), reverse=True)) * pixels_per_mm, cfg.load)
-    return plan_of(job, table, pixels_per_mm), own is not None and "brushes" not in given
+        table = table_with(cfg, own, job.size[1])
+    return plan_of(job, table, job.size[1] / (10 * cfg.width_cm)), own is not None and "brushes" not in given
 
 
 def _checked(values: dict[str, Any]) -> DictConfig:

@@ -43,6 +43,10 @@ def build_constrained(cfg: DictConfig) -> PaintingModule:
 
 def table_for(cfg: DictConfig, target: Tensor, candidates: Mixtures) -> Table:
     """Choose the mixtures for a target (3, H, W), and scale the brushes to it."""
-    pixels_per_mm = target.shape[2] / (10 * cfg.width_cm)
-    brushes = torch.tensor(sorted(set(cfg.brushes), reverse=True)) * pixels_per_mm
-    return Table(choose_mixtures(candidates, target, cfg.mixtures), brushes, cfg.load)
+    return table_with(cfg, choose_mixtures(candidates, target, cfg.mixtures), target.shape[2])
+
+
+def table_with(cfg: DictConfig, mixtures: Mixtures, width: int) -> Table:
+    """Make a table with mixtures, and the brushes of a config scaled to a picture so many pixels wide."""
+    brushes = torch.tensor(sorted(set(cfg.brushes), reverse=True)) * width / (10 * cfg.width_cm)
+    return Table(mixtures, brushes, cfg.load)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 from brushexp_tubes.mixtures import all_mixtures, choose_mixtures
-from brushexp_tubes.pages import labels_of, regions_of
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.plan import DRIEST, Plan, plan_of
 from brushexp_tubes.recorded import recorded_plan
+from brushexp_tubes.regions import labels_of, numbered_regions
 from brushexp_tubes.sheets import PlanSheets
 from brushexp_tubes.table import Table
 from omegaconf import OmegaConf
@@ -149,7 +149,7 @@ def test_the_difference_from_a_target_is_told(tmp_path):
 
 def test_each_region_has_a_number_inside_it():
     plan = planned(Strokes.join(straight((0.0, 30.0), (90.0, 30.0), width=60.0), painted(5)))
-    regions = regions_of(plan)
+    regions = numbered_regions(plan)
     assert regions.shape == SIZE
     for number in np.unique(regions):
         places = list(labels_of(regions == number))

@@ -11,8 +11,7 @@ import numpy as np
 from PIL import Image
 
 from brushexp.pages.html import embed
-from brushexp.pages.replay import hex_of
-from brushexp.pictures.color import nearest_ink, palette, to_lab
+from brushexp.pictures.color import hex_of, nearest_ink, palette, to_lab
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares

@@ -10,6 +10,7 @@ import torch
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
+from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -123,11 +124,6 @@ def textured_of(job: ExportJob) -> TexturedProfile | None:
     """Find the places of textures along the strokes, if their renderer has textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
-
-
-def hex_of(color: np.ndarray) -> str:
-    """Write a colour (3,) in [0, 1] as ``#rrggbb``."""
-    return "#" + _quantised(color, 255, "u1").tobytes().hex()
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:

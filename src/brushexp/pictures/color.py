@@ -75,6 +75,11 @@ def _settled(lab: Array, weight: Array, inks: Array) -> Array:
     return inks
 
 
+def hex_of(color: Array) -> str:
+    """Write a colour (3,) in [0, 1] as ``#rrggbb``; halves go upwards, as in `to_bytes`."""
+    return "#" + (np.nan_to_num(color).clip(0, 1) * 255 + 0.5).astype("u1").tobytes().hex()
+
+
 def to_lab(rgb: Array) -> Array:
     """Convert colours (N, 3) of sRGB in [0, 1] to CIELAB."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
