@@ -20,6 +20,7 @@ from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pict
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
+from brushexp.tasks import paint
 
 TINY = {"width": 4, "widest": 8, "dense": [16], "checkpoint": None}
 
@@ -106,18 +107,22 @@ def test_the_one_that_ships_is_small_and_draws_strokes_that_it_has_not_seen():
     assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "as is the network that is at 43 dB of true strokes"
 
 
-def test_steps_that_take_minutes_are_told_beforehand(config, monkeypatch, caplog):
+@pytest.mark.parametrize("fewer", [None, "seconds=5", "finish_steps=9"])
+def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, caplog, fewer):
+    class BegunError(Exception):
+        pass
+
+    def begin(*_, **__):
+        raise BegunError
+
     monkeypatch.setattr(PatchRenderer, "seconds_per_stroke", lambda self: 0.01)
-    words = ["image=moon", "renderer=inverse_vgg", "strokes=600", "resolution=64"]
-    with caplog.at_level(logging.INFO):
-        check(config(*words), words)
-        assert (
-            "40 steps of 600 strokes with renderer=inverse_vgg take some 4 minutes; less: finish_steps=5" in caplog.text
-        )
-        caplog.clear()
-        for fewer in ("seconds=5", "finish_steps=9"):
-            check(config(*words, fewer), [*words, fewer])
-    assert "minutes" not in caplog.text
+    monkeypatch.setattr(paint, "fit", begin)
+    words = ["image=moon", "renderer=inverse_vgg", "strokes=600", "resolution=64", *([] if fewer is None else [fewer])]
+    with caplog.at_level(logging.INFO), pytest.raises(BegunError):
+        run_task(paint, *words)
+    told = "40 steps of 600 strokes with renderer=inverse_vgg take some 4 minutes; less: finish_steps=5"
+    assert (told in caplog.text) == (fewer is None)
+    assert ("minutes" in caplog.text) == (fewer is None)
 
 
 def test_measuring_how_long_a_stroke_takes_changes_nothing():

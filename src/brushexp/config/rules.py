@@ -71,13 +71,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.components import (  # noqa: PLC0415
-        build_stages,
-        check_losses,
-        check_size,
-        stroke_budget,
-        tell_of_slow_steps,
-    )
+    from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
@@ -102,8 +96,6 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     strokes = stroke_budget(cfg, size, keep_built(cfg.density), in_catalogue)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
-    if device_of(cfg.device).type == "cpu" and cfg.seconds is None:
-        tell_of_slow_steps([*warm_ups, last], strokes)
     if cfg.style.image is not None:
         keep_built(cfg.style.loss).check(size)
     official_lpips(cfg.lpips_backbone, cfg.lpips_weights)

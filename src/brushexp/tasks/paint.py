@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
+from brushexp.painting.components import tell_of_slow_steps
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
@@ -52,6 +53,8 @@ def paint_picture(
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
     trainer = make_trainer(cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan)
     if folder is not None:
+        if device.type == "cpu" and cfg.seconds is None and not is_job():
+            tell_of_slow_steps(painter.components.stages, len(painter.strokes()))
         for name, picture in painter.pictures.items():  # before the steps: a disk may be full
             write_picture(folder / f"{name}.png", picture)
     with trackers:
