@@ -36,7 +36,7 @@ from brushexp.plugins.init.grid import Grid
 from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.registry import build_named, plugin_of
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
@@ -286,17 +286,3 @@ def test_the_words_for_a_picture_paint_a_film_too_and_a_painting_leaves_films_to
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
     with pytest.raises(UserError, match="task=paint leaves this to task=film"):
         check(composed(["image=clip.mp4"]))
-
-
-@pytest.mark.parametrize(("words", "name", "checkpoint"), [
-    ("look=plain", "predicted", "plain"),
-    ("look=oil", "predicted", "brushed"),
-    ("look=oil quality=draft", "predicted", "brushed"),
-    ("look=ink", "drawing", None),
-    ("look=vangogh", "layers", None),
-    ("look=oil init=layers", "layers", None),
-])  # fmt: skip
-def test_scenes_begin_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
-    film, painting = (composed([f"task={of}", *words.split()]) for of in ("film", "paint"))
-    assert (plugin_of(film.init).name, film.init.get("checkpoint")) == (name, checkpoint)
-    assert (film.steps, film.detail) == (painting.steps, painting.detail)

@@ -13,7 +13,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.check import check
+from brushexp.config.check import check, leave_to_others
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
@@ -80,6 +80,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
     words = [expand_shorthand(word) for word in words]
+    leave_to_others(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
         for word in words:

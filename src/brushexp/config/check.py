@@ -1,7 +1,7 @@
 """Check names, types, bounds, plugins and rules of a composed config before anything runs."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -18,11 +18,16 @@ NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at th
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
 
 
+def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
+    """Refuse (UserError) values of keys for which another task takes the place of a task."""
+    if (other := task_for(name, values)) != name:
+        raise UserError(f"task={name} leaves this to task={other}; type brushexp task={other} and the same words")
+
+
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     """Check a composed config; a UserError says which override mends it. Plugins are built and kept for the run."""
     schema = TASKS[cfg.task]
-    if (other := task_for(cfg.task, cfg)) != cfg.task:
-        raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
+    leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")

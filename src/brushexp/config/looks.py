@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.schema import PaintTask
+from brushexp.config.tasks import task_for
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, plugins
 
@@ -93,8 +94,9 @@ def as_scaled(key: str, value: object) -> object:
 
 
 def look_names() -> list[str]:
-    """List the published looks in alphabetical order."""
-    return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
+    """List the published looks of ``task=paint`` in alphabetical order; some ask for other tasks."""
+    names = sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
+    return [name for name in names if task_for("paint", {"look": name}) == "paint"]
 
 
 def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
