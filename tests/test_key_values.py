@@ -88,7 +88,7 @@ def declared():
     return options.values()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kernels=False)
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
     """A twelfth of the values of each key, others for the next one; all of them with ``BRUSHEXP_VALUES=all``."""
     configs, without, wrong = {}, {}, []
