@@ -13,10 +13,10 @@ from browser import browser, opened  # noqa: F401  (fixtures)
 from hypothesis import settings
 from omegaconf import DictConfig
 from program import ROOT, in_plain
+from typed import configured
 
 from brushexp.cli.program import expand_arguments
 from brushexp.config.check import check
-from brushexp.config.compose import composed
 from brushexp.config.publish import prepare
 from brushexp.runs.runner import perform
 
@@ -62,7 +62,7 @@ def config() -> Callable[..., DictConfig]:
     """Compose a config with overrides, as the command line would."""
 
     def compose_with(*overrides: str) -> DictConfig:
-        return composed(expand_arguments(in_plain(overrides)))
+        return configured(expand_arguments(in_plain(overrides)))
 
     return compose_with
 
