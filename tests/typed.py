@@ -17,15 +17,15 @@ from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
 
 PARSER = OverridesParser.create()
-GROUPS = chosen_groups()
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
 _composed = cache(lambda *words: composed(words))
+_groups = cache(chosen_groups)  # when tests run: this file is imported before the tasks of packages are known
 
 
 def configured(words: Sequence[str]) -> DictConfig:
     """The config of words; what several choose alike is composed once, and their values are set in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
-    choices = [word for word in words if names[word] in GROUPS or "/" in names[word]]
+    choices = [word for word in words if names[word] in _groups() or "/" in names[word]]
     try:
         cfg = _composed(*choices).copy()
         _set(PARSER.parse_overrides([word for word in words if word not in choices]), cfg)
