@@ -165,9 +165,9 @@ def main() -> None:
         if options.looks or options.runs:
             vectors([*(options.runs or ()), *(painted(look, folder) for look in options.looks or ())])
             return
-        program("look=plain", "report=false", f"output={folder / 'default'}")
+        program("look=even", "report=false", f"output={folder / 'default'}")
         program(
-            "look=plain",
+            "look=even",
             "steps=100",
             "resolution=1000",
             f"strokes={options.strokes}",

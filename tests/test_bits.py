@@ -4,7 +4,7 @@ import lzma
 
 import numpy as np
 import torch
-from scenes import random_strokes
+from scenes import random_strokes, with_shapes
 
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
@@ -24,14 +24,14 @@ def drawn(strokes):
 
 
 def test_a_painting_of_rounded_strokes_looks_the_same():
-    strokes = random_strokes(60, SIZE)
+    strokes = with_shapes(random_strokes(60, SIZE))
     difference = drawn(strokes) - drawn(restored(quantised(strokes)))
     assert psnr_of(float(difference.square().mean())) > 40
 
 
 def test_packing_loses_nothing():
     numbers = quantised(random_strokes(60, SIZE))
-    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(11, 2, -1)
+    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(13, 2, -1)
     assert (numbers == bytes_.transpose(0, 2, 1).copy().view("<i2")[..., 0].T).all()
 
 
