@@ -3,6 +3,8 @@
 import lightning as L
 import pytest
 import torch
+from brushexp_policies.accuracy import Accuracy
+from brushexp_policies.patches import Patches
 from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
 from lightning.pytorch.loggers import CSVLogger
 from painters import assert_resumes, error_of, fit, painter_of, take
@@ -15,9 +17,7 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.system.callbacks import TimedCheckpoint
 
 

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
+from brushexp_policies import traced
+from brushexp_policies.traced import Traced, traced_strokes
 from painters import take
 from test_density import SIZE, painted, painter_of, picture, state_of
 
@@ -12,10 +14,8 @@ from brushexp.compositing.profile import smooth_rise
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density import traced
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.density.traced import Traced, traced_strokes
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes, check_strokes

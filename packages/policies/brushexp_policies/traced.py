@@ -9,8 +9,8 @@ from torch import Tensor
 
 from brushexp.bounds import at_least
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
-from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.density.rounds import CHANNELS, Rounds
 from brushexp.registry import register
 from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
