@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import DURATION, FILE, FOLDER, INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.bounds import DURATION, FILE, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, PAGE
@@ -185,15 +185,6 @@ class ExportTask(Task):
     catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
     light: OtherLamp = field(default_factory=OtherLamp)
-
-
-@dataclass
-class CompareTask(Task):
-    """Compare finished runs: which are worth their time, and which was ahead when."""
-
-    module = "brushexp.tasks.compare"
-    alone = "runs"
-    runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
 
 
 @dataclass

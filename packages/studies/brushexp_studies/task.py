@@ -6,9 +6,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
+from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
-from brushexp.results.tables import over_seeds
-from brushexp.runs.sweep_report import write_comparison
+from brushexp.results.tables import over_seeds, write_run_tables
+from brushexp_studies.comparison import write_front_and_curves
 
 log = logging.getLogger(__name__)
 
@@ -24,5 +25,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         )
     if omitted := len(runs) - len(paintings):
         log.info("%d of %d runs are left out: no paintings, or not finished", omitted, len(runs))
-    log.info("%s: %d runs compared", write_comparison(folder, paintings), len(paintings))
+    front = write_front_and_curves(folder, paintings)
+    write_run_tables(folder, paintings)
+    write_sweep_page(folder, paintings)
+    log.info("%s: %d runs compared", front, len(paintings))
     return {"runs": len(paintings)}

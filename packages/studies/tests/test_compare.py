@@ -4,12 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brushexp_studies import task
+from brushexp_studies.anytime import quality_at, time_to, write_anytime
 from sweeps import collect, make_run, write_words
 
 from brushexp.errors import UserError
-from brushexp.results.anytime_curves import curve_from, leaders, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.anytime_curves import curve_from, leaders, mean_curve
 from brushexp.results.runs import gather
-from brushexp.tasks import compare as task
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
 NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15.0], [2.0, 25.0]]}

@@ -193,7 +193,6 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
     return [
         {
             "setting": one.option,
-            "against": one.reference,
             "metric": one.quantity.name,
             "difference": one.format_gain(one.mean),
             "interval": one.bounds,
@@ -229,8 +228,8 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
     differences = paired_differences(paired_table(frame))
     if not differences:
         return []
-    rows = [{k: v for k, v in row.items() if k != "against"} for row in difference_rows(differences)]
-    text = f"{explain_pairing(differences)}\n\n{markdown_table(rows, align='llrlrl')}\n"
+    table = markdown_table(difference_rows(differences), align="llrlrl")
+    text = f"{explain_pairing(differences)}\n\n{table}\n"
     write_text(folder / "differences.md", text)
     every = [
         {"setting": one.option, "against": one.reference, "metric": one.metric, one.unit: name, "gain": gain}

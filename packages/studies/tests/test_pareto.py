@@ -5,11 +5,11 @@ import warnings
 from pathlib import Path
 
 import pytest
+from brushexp_studies.pareto import front, front_table, write_front
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import collect, make_run, read_csv, write_words
 
-from brushexp.results.pareto import front, front_table, write_front
 from brushexp.results.runs import frame_of
 
 COSTS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=20)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brushexp_studies.anytime import MOST_CURVES, write_curves
+from brushexp_studies.effect import effects, write_effect
 from PIL import Image
 from sweeps import collect, make_grid, make_run, note, write_words
 
-from brushexp.results.anytime_curves import MOST_CURVES, write_curves
-from brushexp.results.effect import effects, write_effect
 from brushexp.results.runs import shorten
 from brushexp.runs.sweep_report import renew
 

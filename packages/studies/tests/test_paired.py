@@ -4,11 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from PIL import Image
-from scipy.stats import ttest_rel
-from sweeps import collect, make_run, read_csv
-
-from brushexp.results.paired import (
+from brushexp_studies.paired import (
     Difference,
     interval,
     paired_differences,
@@ -16,6 +12,9 @@ from brushexp.results.paired import (
     rule_for,
     write_differences,
 )
+from PIL import Image
+from scipy.stats import ttest_rel
+from sweeps import collect, make_run, read_csv
 
 A, B, C = (30.0, 25.0, 28.0, 33.0), (30.5, 25.2, 29.1, 33.2), (29.0, 25.5, 27.0, 33.1)
 PICTURES = ("a", "b", "c", "d")
