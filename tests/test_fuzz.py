@@ -23,6 +23,7 @@ import pytest
 import torch
 from brushexp_thesis.claims import read_claims
 from brushexp_thesis.published import read_published
+from brushexp_training.neural import Neural
 from catalogues import catalogue
 from hydra.errors import CompactHydraException
 from hypothesis import given, settings
@@ -49,7 +50,6 @@ from brushexp.painting.components import build_components
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import resume

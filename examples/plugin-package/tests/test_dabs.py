@@ -7,10 +7,10 @@ import pytest
 import torch
 from brushexp_dabs._stamps import _gauss, opacity_of, pressure_at
 from brushexp_dabs.engine import Dabs
+from brushexp_training.engine.disc import Disc
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.plugins.engine.disc import Disc
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.testing import contract

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from brushexp_training.neural import NUMBERS, Neural, shape_numbers
 
 from brushexp.compositing.layers import Layers
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.neural import NUMBERS, Neural, shape_numbers
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 
 
