@@ -21,6 +21,7 @@ import lightning as L
 import numpy as np
 import pytest
 import torch
+from brushexp_studio.view import read_painting
 from brushexp_thesis.claims import read_claims
 from brushexp_thesis.published import read_published
 from brushexp_training.neural import Neural
@@ -60,7 +61,6 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
-from brushexp.tasks.view import read_painting
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_losses.curvature import Curvature
+from brushexp_losses.direction import Direction
 from brushexp_losses.sinkhorn import Sinkhorn
 from networks import saved, state_of, torchvision_features
 from scenes import leaves, random_strokes
@@ -19,7 +20,6 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 
 from brushexp.features.distance import open_distance, perceptual_distance
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
 from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.lpips import Lpips

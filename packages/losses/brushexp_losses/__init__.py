@@ -1,5 +1,5 @@
 """Further losses, as members of the family ``loss``."""
 
-from brushexp_losses import curvature, sinkhorn
+from brushexp_losses import curvature, direction, sinkhorn
 
-__all__ = ["curvature", "sinkhorn"]
+__all__ = ["curvature", "direction", "sinkhorn"]

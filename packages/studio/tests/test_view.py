@@ -9,15 +9,15 @@ from urllib.parse import urlsplit
 
 import pytest
 import torch
+from brushexp_studio.serving import serve
+from brushexp_studio.view import pages_of
 from omegaconf import OmegaConf
 from program import Program, ask
 from scenes import random_strokes
 from sweeps import make_run
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import serve
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.tasks.view import pages_of
 
 
 def make_catalogue(path, renderer="analytic", config="renderer: {taper: 0.5}\n"):

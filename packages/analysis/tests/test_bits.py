@@ -4,13 +4,13 @@ import lzma
 
 import numpy as np
 import torch
+from brushexp_analysis.bits import BitsPerPixel, packed, quantised, restored
 from scenes import random_strokes
 
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.metric.base import Comparison
-from brushexp.plugins.metric.bits import BitsPerPixel, packed, quantised, restored
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Strokes
 

@@ -8,7 +8,6 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
-from brushexp.pages.serving import serve, show_until_interrupted
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.finished import Finished
 from brushexp.pictures.decode import open_picture
@@ -19,6 +18,7 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.terminal import as_shown
+from brushexp_studio.serving import serve, show_until_interrupted
 
 log = logging.getLogger(__name__)
 PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
