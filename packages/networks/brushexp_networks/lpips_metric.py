@@ -3,9 +3,9 @@
 from typing import Annotated
 
 from brushexp.bounds import FILE, one_of
-from brushexp.features.distance import CALIBRATED, open_distance
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register
+from brushexp_networks.calibrated import CALIBRATED, open_distance
 
 
 @register("metric", "lpips")

@@ -5,9 +5,9 @@ from typing import Annotated
 from torch import Tensor
 
 from brushexp.bounds import FILE, one_of
-from brushexp.features.distance import CALIBRATED, open_distance
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
+from brushexp_networks.calibrated import CALIBRATED, open_distance
 
 
 @register("loss", "lpips")
