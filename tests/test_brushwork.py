@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from brushexp_style.brushwork import BrushworkTransfer
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
@@ -15,7 +16,6 @@ from brushexp.painting.components import build_components, first_strokes
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import PaintedView, Surroundings
-from brushexp.plugins.loss.brushwork import BrushworkTransfer
 from brushexp.registry import build
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.strokes.bezier import curve_of, length_of

@@ -11,6 +11,7 @@ from brushexp_losses.curvature import Curvature
 from brushexp_losses.direction import Direction
 from brushexp_losses.sinkhorn import Sinkhorn
 from brushexp_networks.lpips_loss import Lpips
+from brushexp_style.style import Style
 from networks import saved, state_of, torchvision_features
 from scenes import leaves, random_strokes
 from torch import Tensor
@@ -26,7 +27,6 @@ from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.ssim import StructuralSimilarity
-from brushexp.plugins.loss.style import Style
 from brushexp.plugins.loss.width import Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes

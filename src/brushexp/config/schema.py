@@ -83,7 +83,8 @@ class Task:
     """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
 
     # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
-    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
+    # whose options are below ``style.loss``, if a package has it. Presets are values of the keys and win over those
+    # here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins

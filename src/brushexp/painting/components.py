@@ -99,8 +99,10 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses of one name, and a loss without a reference."""
-    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
+    """Refuse (UserError) two losses of one name, one that no package has, and a loss without a reference."""
+    for key, name, node in (("image", STYLE, cfg.style.loss), ("brushwork", BRUSHWORK, cfg.style.strokes)):
+        if cfg.style[key] is not None and "_target_" not in node:
+            raise UserError(f"style.{key}={cfg.style[key]} needs the loss {name}; install the package that has it")
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
     if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from brushexp_style.style import KERNELS, VARIANCE_OFFSET, Style
 from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
@@ -16,7 +17,6 @@ from brushexp.pictures.color import recolor
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings, weighted_sum
-from brushexp.plugins.loss.style import KERNELS, VARIANCE_OFFSET, Style
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.tasks import paint

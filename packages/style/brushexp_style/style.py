@@ -12,7 +12,7 @@ from brushexp.errors import UserError
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.pictures.color import recolor
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
-from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
+from brushexp.plugins.loss.base import PaintedView, StyleLoss, Surroundings
 from brushexp.registry import register
 
 # Taps for style, the first row that a network has: of effl0 the linear outputs of blocks (its rectified insides lead to
@@ -87,7 +87,7 @@ class TapStyle(NamedTuple):
 
 
 @register("loss", "style")
-class Style(Loss):
+class Style(StyleLoss):
     """Style loss (Gram matrices and other kernels, Gatys et al., Li et al.) against a style picture.
 
     For each tap, with E the mean over the positions of a picture, f a feature vector (C,) there and phi the embedding
@@ -146,7 +146,7 @@ class Style(Loss):
         self._rest: list[Tensor] = []  # sums over the canvas without its part
 
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture for a canvas of ``size`` (H, W); a UserError if too small."""
+        """Return the longer side of the style picture."""
         side = max(1, round(self.scale * max(size)))
         height, width = size if self.image is None else size_of_picture(self.image, "style", side)
         if (short := min(height, width)) < self.context and self.image is not None:
@@ -159,7 +159,6 @@ class Style(Loss):
         return side
 
     def picture(self, target: Tensor) -> Tensor:
-        """Load the style picture (3, h, w) for a whole target (3, H, W)."""
         if self.image is None:
             return target
         side = self.check((target.shape[1], target.shape[2]))
@@ -179,7 +178,6 @@ class Style(Loss):
 
     @torch.no_grad()
     def measure(self, picture: Tensor, target: Tensor) -> dict[str, float]:
-        """Measure the distance of a picture (3, H, W) from the style by each kernel."""
         every = {kernel: self._styles(target, kernel) for kernel in KERNELS}
         return {kernel: float(_distance(styles, self._tiled_sums(styles, picture))) for kernel, styles in every.items()}
 
