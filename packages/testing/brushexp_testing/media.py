@@ -3,7 +3,7 @@
 import torch
 
 from brushexp.plugins.paper.base import Rows
-from brushexp.testing.families import SIZE, Check, Make
+from brushexp_testing.families import SIZE, Check, Make
 
 
 def keeps_size_and_range(make: Make) -> None:

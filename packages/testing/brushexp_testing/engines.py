@@ -5,7 +5,7 @@ from torch import Tensor
 
 from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
-from brushexp.testing.families import Check, Make
+from brushexp_testing.families import Check, Make
 
 WINDOW = 32
 EXTREMES = [

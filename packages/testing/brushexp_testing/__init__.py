@@ -1,15 +1,15 @@
 """The contract of each family of plugins, as checks that a package runs over its own.
 
+    import brushexp
     import pytest
     from brushexp.registry import build_named
-    from brushexp.testing import contract
 
-    @pytest.mark.parametrize("check", contract("engine"), ids=lambda check: check.__name__)
+    @pytest.mark.parametrize("check", brushexp.testing.contract("engine"), ids=lambda check: check.__name__)
     def test_contract(check):
         check(lambda **options: build_named("engine", "dabs", options))
 
 A check takes a function that builds the plugin from options, and fails with an AssertionError. It needs no pytest;
-``pytest.register_assert_rewrite("brushexp.testing")`` in a conftest.py makes its messages longer.
+``pytest.register_assert_rewrite("brushexp_testing")`` in a conftest.py makes its messages longer.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ def contract(family: str) -> list[Callable[..., Any]]:
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth']
     """
-    from brushexp.testing import engines, families, media  # noqa: PLC0415  (torch)
+    from brushexp_testing import engines, families, media  # noqa: PLC0415  (torch)
 
     checks = families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}
     return checks.get(family, [])
