@@ -4,6 +4,7 @@ import lightning as L
 import pytest
 import torch
 from brushexp_losses.direction import Direction
+from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
 from brushexp_policies.patches import Patches
 from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
@@ -16,7 +17,6 @@ from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
-from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.system.callbacks import TimedCheckpoint
 

@@ -9,7 +9,9 @@ import pytest
 import torch
 from brushexp_losses.curvature import Curvature
 from brushexp_losses.direction import Direction
+from brushexp_losses.perceptual import Perceptual
 from brushexp_losses.sinkhorn import Sinkhorn
+from brushexp_losses.ssim import StructuralSimilarity
 from brushexp_networks.lpips_loss import Lpips
 from brushexp_style.style import Style
 from networks import saved, state_of, torchvision_features
@@ -25,8 +27,6 @@ from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
 from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.loss.width import Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from brushexp_style.imitation import brushwork_of
 from brushexp_style.style import KERNELS
 from scenes import random_strokes
 from torch import Tensor
@@ -18,7 +19,6 @@ from brushexp.errors import UserError
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.brushwork import brushwork_of
 from brushexp.strokes.catalogue import Strokes
 
 PRECISIONS = (torch.float64, torch.float32, torch.bfloat16, torch.float16)

@@ -4,6 +4,7 @@ from functools import partial
 
 import pytest
 import torch
+from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
 from brushexp_policies.patches import Patches, places
 from painters import SIZE, error_of, fit, gradient_of, painter_of, take
@@ -16,7 +17,6 @@ from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured

@@ -2,16 +2,18 @@
 
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, PaintedView
+from brushexp.plugins.loss.base import BrushworkLoss, PaintedView
 from brushexp.registry import register
-from brushexp.strokes.brushwork import distances, load_brushwork
+from brushexp.strokes.catalogue import Strokes
 from brushexp.system.precision import at_least_single
+from brushexp_style.imitation import distances, load_brushwork, with_brushwork
 
 
 @register("loss", "brushwork")
-class BrushworkTransfer(Loss):
+class BrushworkTransfer(BrushworkLoss):
     """Optimal transport of lengths, widths, curvatures and directional coherence to those of a painting's catalogue.
 
     It is the sum over these four measures (``strokes.measures``, which `task=analyse` reports) of the squared
@@ -40,3 +42,6 @@ class BrushworkTransfer(Loss):
         self.reference = self.reference.to(strokes.width)
         size = (view.whole_target.shape[1], view.whole_target.shape[2])
         return distances(strokes, size, self.reference).sum()
+
+    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+        return strokes if self.reference is None else with_brushwork(strokes, self.reference, size, generator)

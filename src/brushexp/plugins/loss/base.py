@@ -171,6 +171,14 @@ class StyleLoss(Loss):
         """Measure the distances of a picture (3, H, W) from the style, by their names."""
 
 
+class BrushworkLoss(Loss):
+    """A loss that compares the strokes of a painting with those of another one."""
+
+    @abstractmethod
+    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+        """Give first strokes on a canvas of ``size`` (H, W), in place and colour, the shapes of the other painting."""
+
+
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
     """Copy the states of losses, by name."""
     return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}

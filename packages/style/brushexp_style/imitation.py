@@ -6,7 +6,6 @@ as densely as their own.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,11 +16,10 @@ from brushexp.errors import UserError
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import is_visible, pitch_of
 from brushexp.strokes.prior import control_offset
 
 OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
-MIN_OPACITY = 0.1  # fainter strokes do not count
-MIN_WIDTH_PITCHES = 0.02  # thickness of a stroke that counts, pitches
 MIN_STROKES = 30  # a brushwork needs so many that count
 SHORTEST_CHORD_PITCHES = 0.25  # a chord counts as at least so long when the place of the control point is measured
 LOG_OFFSET_PITCHES = 0.1  # differences of size well below it are not seen in logarithms
@@ -78,16 +76,6 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
         deviation=0.5 * (torch.view_as_complex(ruler.direction_of(chord)) * around.conj()).angle(),
         measures=measures_to_match(counted, pitch).sort(1).values,
     )
-
-
-def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
-    """Compute the typical distance between neighbouring strokes: sqrt(pixels / strokes)."""
-    return math.sqrt(size[0] * size[1] / max(len(strokes), 1))
-
-
-def is_visible(strokes: Strokes, pitch: float) -> Tensor:
-    """Decide which strokes (N,) are opaque and thick enough to be seen, whether or not others hide them."""
-    return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)
 
 
 def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:

@@ -7,6 +7,17 @@ from pathlib import Path
 import pytest
 import torch
 from brushexp_style.brushwork import BrushworkTransfer
+from brushexp_style.imitation import (
+    MATCHED,
+    MIN_STROKES,
+    Brushwork,
+    brushwork_of,
+    distances,
+    load_brushwork,
+    measures_to_match,
+    transport_cost,
+    with_brushwork,
+)
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
@@ -19,20 +30,8 @@ from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.registry import build
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.strokes.bezier import curve_of, length_of
-from brushexp.strokes.brushwork import (
-    MATCHED,
-    MIN_STROKES,
-    Brushwork,
-    brushwork_of,
-    distances,
-    is_visible,
-    load_brushwork,
-    measures_to_match,
-    pitch_of,
-    transport_cost,
-    with_brushwork,
-)
 from brushexp.strokes.catalogue import Strokes, check_strokes
+from brushexp.strokes.measures import is_visible, pitch_of
 from brushexp.strokes.storage import Saved, save_catalogue
 
 SIZE = (60, 90)
