@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from pandas import DataFrame
 
-from brushexp.reporting import plotting
-from brushexp.reporting.plotting import COLORS, DASHES, FAINT, INK, SIZE
 from brushexp.reporting.tables import markdown_table
 from brushexp.results.anytime_curves import LEAD, Curve, curves_by_image, leaders, mean_curve, mean_curves
 from brushexp.results.tables import run_count
 from brushexp.system.files import write_text
+from brushexp_studies import plotting
+from brushexp_studies.plotting import COLORS, DASHES, FAINT, INK, SIZE
 
 TIMES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800)  # seconds
 LEVELS = (15, 20, 25, 28, 30, 33, 36, 40, 45)  # dB

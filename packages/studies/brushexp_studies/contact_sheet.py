@@ -13,11 +13,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
 from brushexp.pictures.decode import open_picture
-from brushexp.reporting.plotting import wrap_text
 from brushexp.results.quantities import digits
 from brushexp.results.runs import shorten
 from brushexp.results.tables import is_album, numbers, run_count, varying_settings
 from brushexp.system.files import write_picture
+from brushexp_studies.plotting import wrap_text
 
 SIDE = 400  # pixels: longer side of a picture, where the sheet has room
 LIMIT = 6000  # pixels: longest side of a sheet, about

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from brushexp.reporting import plotting
-from brushexp.reporting.plotting import COLORS, LABEL, MARKERS, SIZE, TALLEST
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.results.tables import over_seeds, run_count, varying_settings
+from brushexp_studies import plotting
+from brushexp_studies.plotting import COLORS, LABEL, MARKERS, SIZE, TALLEST
 
 # One panel each: the first of these metrics that some run has.
 PANELS = (

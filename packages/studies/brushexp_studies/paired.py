@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.reporting import plotting
-from brushexp.reporting.plotting import COLORS, GREY, INK, TALLEST
 from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.quantities import Quantity, quantities
 from brushexp.results.runs import differences
 from brushexp.results.tables import numbers
 from brushexp.system.files import write_text
+from brushexp_studies import plotting
+from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,12 +9,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from brushexp.reporting import plotting
-from brushexp.reporting.plotting import COLORS, GREY, INK
 from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.quantities import quantities
 from brushexp.results.tables import over_seeds
 from brushexp.system.files import write_text
+from brushexp_studies import plotting
+from brushexp_studies.plotting import COLORS, GREY, INK
 
 FRONTS = ("psnr", "perceptual")  # metrics that have a front
 FLAGS = ["front_psnr", "front_perceptual"]
