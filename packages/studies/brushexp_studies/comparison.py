@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from brushexp.results.comparisons import Comparison, PageTable
+from brushexp.results.comparisons import PageTable, RunComparison
 from brushexp.results.tables import is_album
 from brushexp_studies.anytime import write_anytime, write_curves
 from brushexp_studies.contact_sheet import write_contact_sheet
@@ -45,4 +45,4 @@ def differences_on_page(frame: DataFrame) -> PageTable | None:
     return PageTable("paired", "Differences", text, difference_rows(paired), numbers=("difference",))
 
 
-COMPARISON = Comparison(write_comparisons, differences_on_page)
+COMPARISON = RunComparison(write_comparisons, differences_on_page)

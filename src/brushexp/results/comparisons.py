@@ -13,7 +13,7 @@ from brushexp.plugin_loading import import_or_explain
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `Comparison`
+COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `RunComparison`
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class PageTable:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """What is made of runs, a frame of `brushexp.results.runs`: files in a folder, and a table, if there is one."""
 
     write: Callable[[Path, DataFrame], None]
     table: Callable[[DataFrame], PageTable | None]
 
 
-def comparisons() -> list[Comparison]:
+def comparisons() -> list[RunComparison]:
     """Load the comparisons of installed packages; a UserError says which one cannot be imported."""
     points = entry_points(group=COMPARISONS)
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]
