@@ -14,7 +14,7 @@ from brushexp.bounds import between, one_of
 from brushexp.compositing.layers import EDGE, REACH, SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import Loop, sheets_of
-from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, TEXELS, Renderer, initialise
+from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer, initialise
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -71,7 +71,7 @@ class Neural(Renderer):
         stages: Annotated[int, between(1, 4)] = 2,
         project: bool = True,
         precision: Annotated[str, one_of("auto", *PRECISIONS)] = "auto",
-        checkpoint: str | None = RENDERERS.shipped_name("neural"),
+        checkpoint: str | None = "neural",
     ) -> None:
         super().__init__()
         self.window, self.brushes, self.project, self.precision = window, brushes, project, precision
