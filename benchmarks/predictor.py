@@ -21,13 +21,13 @@ import brushexp
 
 # isort: split
 import torch
+from brushexp_studies.paired import interval
 from PIL import Image
 from torch import Tensor
 
 from brushexp.cli.many_pictures import all_pictures
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.pictures.load import load_picture
-from brushexp.results.paired import interval
 from brushexp.strokes.catalogue import Strokes
 
 INITS = ("predicted", "slic", "layers", "random")

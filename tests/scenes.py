@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import torch
+from brushexp_testing.families import some_strokes as random_strokes  # noqa: F401
+from brushexp_testing.families import with_gradients as leaves  # noqa: F401
 
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
-from brushexp.testing.families import some_strokes as random_strokes  # noqa: F401
-from brushexp.testing.families import with_gradients as leaves  # noqa: F401
 
 
 class Windowed(PatchRenderer):

@@ -16,6 +16,7 @@ import catalogues
 import numpy as np
 import pytest
 import torch
+from brushexp_analysis.stroke_lines import Csv
 from catalogues import CONFIG, assert_same, catalogue, changed, refused
 from films import decoded, pixels_of
 from hypothesis import given
@@ -32,7 +33,6 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png

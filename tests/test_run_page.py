@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 from browser import NARROW, WIDE
+from brushexp_studio.view import read_painting
 from films import pixels_of
 from numpy.testing import assert_allclose, assert_array_equal
 from omegaconf import OmegaConf
@@ -36,7 +37,6 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
 from brushexp.tasks.paint import try_to_write_page
-from brushexp.tasks.view import read_painting
 
 SIZE = (120, 160)
 COUNT = 300

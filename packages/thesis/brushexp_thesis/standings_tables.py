@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from brushexp_studies.paired import CONFIDENCE, interval
 
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, latex_table, markdown_table
-from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.runs import make_unique
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
