@@ -1,11 +1,11 @@
 """The contract of each family, checked for every registered plugin and preset, yours included."""
 
 import pytest
+from brushexp_testing import contract
 from omegaconf import OmegaConf
 from typed import members, nodes
 
 from brushexp.registry import FAMILIES, build, plugins
-from brushexp.testing import contract
 
 
 @pytest.mark.parametrize("plugin", plugins(), ids=lambda plugin: f"{plugin.family}={plugin.name}")
