@@ -32,6 +32,8 @@ MISTAKES = {
     "https://example.com/a.jpg": "is an address; download the picture, and give the path of its file",
     "light=off": "try light=315,45, or light.depth=0 for none",
     "to=pdf": "what else you want, when it is painted: brushexp export FOLDER to=jpg",
+    "clip.mp4 to=gif": "when it is painted: brushexp export FOLDER/frames/000000.h5 to=jpg",
+    "look=tubes to=plan": "when it is painted: brushexp export FOLDER to=jpg",
     "+loss=kl": "+loss=kl adds to no list; type all of them: loss=[...,kl]",
     "loss=mse,width": "type 'loss=[mse,width]' for all of them, or add -m for a sweep",
     "loss.mse=2": "type loss.mse.<option>=2, one of weight",
