@@ -2,13 +2,15 @@
 
 import logging
 import os
+import sys
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 from program import ended
 
-from brushexp.cli.opening import opening_line
+from brushexp.cli.opening import open_with, opening_line
 from brushexp.errors import UserError
 from brushexp.results.runs import newest_run
 from brushexp.runs.run_folder import take_name, warn_of_launcher
@@ -39,6 +41,21 @@ def test_the_first_line_says_what_begins(typed, said, tmp_path, monkeypatch):
         (tmp_path / name).touch()
     (tmp_path / "photos").mkdir()
     assert opening_line(typed.split()) == said
+
+
+def test_letters_that_the_terminal_has_not_are_escaped(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", TextIOWrapper(BytesIO(), "ascii"))
+    open_with(["coffee"])
+    print("é\udcff.png", flush=True)
+    assert sys.stdout.buffer.getvalue() == b"\\xe9\\udcff.png\n"
+
+
+def test_a_folder_that_is_gone_is_told_at_once(tmp_path, monkeypatch):
+    (gone := tmp_path / "gone").mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(SystemExit, match="the folder where this was typed is gone; go to one that is there: cd"):
+        open_with(["coffee"])
 
 
 def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, caplog, tmp_path, monkeypatch):

@@ -145,6 +145,13 @@ def setting_in(word: str) -> str | None:
     return f"resolution={pixels}" + f" or strokes={pixels}" * (not other and unit in (None, "k"))
 
 
+def at_home(word: str) -> str:
+    """Write the home folder of ``output=~/x`` in full, as not every shell does; readers of pictures do it."""
+    key, _, value = word.partition("=")
+    is_other = key in ("image", "pictures", "style", "style.image", "focus") or os.path.lexists(value)
+    return word if is_other or not re.fullmatch(r"~(/.*)?", value) else f"{key}={os.path.expanduser(value)}"
+
+
 def expand_shorthand(word: str, sweep: bool = False) -> str:
     """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs."""
     if word == RESUME_SWEEP:
