@@ -41,6 +41,8 @@ MISTAKES = {
     "loss.mse=2": "type loss.mse.<option>=2, one of weight",
     "steps=[3,": "cannot be read; a list is key=[a,b]",
     "output=": "output= names no folder; type output=FOLDER",
+    "~strokes": "~strokes deletes a key that every run has; drop it, or type strokes=...",
+    "tasks": "type task= and one of analyse, ",
     "look=": "look= is not there; choose one of ",
     "looks": "type look= and one of gouache, impasto, ink, oil, ",
     "train src": "task=train takes no file or folder alone; type its key before it, KEY=src",
@@ -217,6 +219,11 @@ def test_short_forms_are_written_out(typed, meant):
     several = typed.startswith(("-", "resume", "export", "view", "compare"))
     words = [text.split(" ") if several else [text] for text in (typed, meant)]
     assert expand_arguments(words[0]) == words[1]
+
+
+def test_a_flag_that_cannot_be_is_told_in_a_line():
+    with pytest.raises(UserError, match="--help/-h: ignored explicit argument 'elp'; --help lists the keys"):
+        expand_arguments(["-help"])
 
 
 def test_the_home_folder_is_found_behind_a_key(monkeypatch):

@@ -49,7 +49,7 @@ class RunFolder(Callback):
             warn_of_launcher(config)
             take(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
-            is_theirs = isinstance(error, OmegaConfBaseException)
+            is_theirs = isinstance(error, OmegaConfBaseException | OSError)
             message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
             raise SystemExit(f"brushexp: {message}") from error
 
