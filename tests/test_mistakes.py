@@ -32,7 +32,7 @@ MISTAKES = {
     "https://example.com/a.jpg": "is an address; download the picture, and give the path of its file",
     "light=off": "try light=315,45, or light.depth=0 for none",
     "to=pdf": "what else you want, when it is painted: brushexp export FOLDER to=jpg",
-    "clip.mp4 to=gif": "when it is painted: brushexp export FOLDER/frames/000000.h5 to=jpg",
+    "image=clip.mp4 to=gif": "when it is painted: brushexp export FOLDER/frames/000000.h5 to=jpg",
     "look=tubes to=plan": "when it is painted: brushexp export FOLDER to=jpg",
     "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
     "resolution=1e3": "is not a whole number; try resolution=1000",
