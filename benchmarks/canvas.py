@@ -25,7 +25,7 @@ from skimage import data
 
 SMALL = 16  # megapixels
 FAR = 40  # pixels from a border, where a painting has none
-SETTINGS = ("look=plain", "steps=40", "report=false", "pyramid=none")
+SETTINGS = ("look=even", "steps=40", "report=false", "pyramid=none")
 
 
 def mirrored(side: int) -> Image.Image:

@@ -19,6 +19,7 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 # isort: split
 import numpy as np
 import torch
+from brushexp_studies.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
 from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
@@ -30,7 +31,6 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
-from brushexp.reporting.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.runtime import peak_memory
 

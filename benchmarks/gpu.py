@@ -116,7 +116,7 @@ def painting(picture: Path | None) -> Iterator[str]:
     """A painting of a picture of Kodak's size, until it is as near as was asked."""
     source: Any = picture or transform.resize(data.rocket(), (512, 768))
     for again in ("first", "again"):
-        done = brushexp.paint(source, look="plain", strokes=STROKES, psnr=PSNR, steps=1500, device="cuda")
+        done = brushexp.paint(source, look="even", strokes=STROKES, psnr=PSNR, steps=1500, device="cuda")
         found = done.metrics
         seconds, taken = float(found["seconds"]), int(found["steps"])
         name = picture.name if picture else "rocket"

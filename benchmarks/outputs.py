@@ -124,11 +124,12 @@ def vectors(runs: Iterable[Path]) -> None:
 
 def page(run: Path) -> None:
     """Print how long the page of a run takes to write and to open, and how smoothly it replays."""
+    from brushexp_studio.view import finished_in  # noqa: PLC0415
+
     from brushexp.config.publish import prepare  # noqa: PLC0415
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415
     from brushexp.plugins.export.job import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
-    from brushexp.tasks.view import finished_in  # noqa: PLC0415
 
     prepare(ROOT)
     finished = finished_in(run, export_job(load_catalogue(run / "catalogue.h5")))
@@ -165,9 +166,9 @@ def main() -> None:
         if options.looks or options.runs:
             vectors([*(options.runs or ()), *(painted(look, folder) for look in options.looks or ())])
             return
-        program("look=plain", "report=false", f"output={folder / 'default'}")
+        program("look=even", "report=false", f"output={folder / 'default'}")
         program(
-            "look=plain",
+            "look=even",
             "steps=100",
             "resolution=1000",
             f"strokes={options.strokes}",

@@ -17,11 +17,11 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 # isort: split
 import lightning as L
 import torch
+from brushexp_policies.patches import Patches
 from step import scene
 
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.system.runtime import peak_memory

@@ -2,10 +2,10 @@
 
     python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
 
-Each picture is painted with as many strokes and steps: by `tubes=`, and by look=plain, whose strokes then get the same
+Each picture is painted with as many strokes and steps: by `tubes=`, and by look=even, whose strokes then get the same
 mixtures and brushes. Of the latter the better of two is taken: laid in the order of the plan, or in their own. Both are
 played back, with brushes that run dry. Told is the median CIEDE2000 from the target: if each pixel had its nearest
-mixture (pixels), of the painting by look=plain before it gets mixtures (plain) and after (afterwards), of the plan
+mixture (pixels), of the painting by look=even before it gets mixtures (plain) and after (afterwards), of the plan
 (planned), and of the plan from the photograph, whose tones are not yet between those of the paints. Means are
 geometric, with two standard errors.
 """
@@ -50,9 +50,9 @@ def best_pixels(target: Tensor, table: Table) -> Tensor:
 
 
 def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
-    """Paint a target by look=plain, with as many strokes and steps."""
+    """Paint a target by look=even, with as many strokes and steps."""
     same = {"strokes": strokes, "steps": cfg.steps, "resolution": cfg.resolution, "threads": cfg.threads}
-    free = settings_of(PLAIN, {"image": cfg.image, "look": "plain", **same, **QUIET})
+    free = settings_of(PLAIN, {"image": cfg.image, "look": "even", **same, **QUIET})
     with free.as_asked():
         return paint_picture(free.cfg, build=lambda cfg: build_painter(cfg, target)).job
 

@@ -21,13 +21,13 @@ import brushexp
 
 # isort: split
 import torch
+from brushexp_studies.paired import interval
 from PIL import Image
 from torch import Tensor
 
 from brushexp.cli.many_pictures import all_pictures
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.pictures.load import load_picture
-from brushexp.results.paired import interval
 from brushexp.strokes.catalogue import Strokes
 
 INITS = ("predicted", "slic", "layers", "random")
@@ -61,7 +61,7 @@ def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[S
 
 def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
     """Paint a picture: PSNR in dB, perceptual distance, and CPU seconds without those of the start."""
-    keys: dict[str, str | int] = {"look": "plain", "strokes": n, "init": init, "steps": steps, "threads": 1}
+    keys: dict[str, str | int] = {"look": "even", "strokes": n, "init": init, "steps": steps, "threads": 1}
     if init == "predicted" and not steps:
         keys["painter"] = "predictor"  # which keeps its order; an optimiser begins by its own
     painting = brushexp.paint(name, **keys, **({"resolution": side} if side else {}))

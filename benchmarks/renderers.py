@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from brushexp_studies import plotting
+from brushexp_studies.pareto import front
 
-from brushexp.reporting import plotting
 from brushexp.reporting.tables import markdown_table
-from brushexp.results.pareto import front
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import gather
 

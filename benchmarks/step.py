@@ -22,11 +22,11 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 
 # isort: split
 import torch
+from brushexp_policies.topk import TopK
 
 from brushexp.painting.components import Components, standard_components
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.loss.base import PaintedView, weighted_sum
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Catalogue, Strokes

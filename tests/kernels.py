@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 from hypothesis import strategies as st
-from scenes import random_strokes, straight
+from scenes import random_strokes, straight, with_shapes
 from torch import Tensor
 
 from brushexp.plugins.blend.base import Canvas
@@ -28,6 +28,9 @@ DEGENERATE = {
     "control at the start": replace(straight((4, 8), (12, 9)), control=straight((4, 8), (12, 9)).start),
     "folded": replace(straight((4, 8), (9, 8)), control=torch.tensor([[1.9, 0.0]])),
     "almost folded": replace(straight((4, 8), (9, 8)), control=torch.tensor([[1.9, 0.01]])),
+    "from nothing": replace(straight((2, 3), (14, 9)), widening=torch.ones(1)),
+    "to nothing": replace(straight((2, 3), (14, 9)), widening=-torch.ones(1)),
+    "softer than the canvas": replace(straight((2, 3), (14, 9)), softness=torch.tensor([1e3])),
 }
 
 SCENES = st.fixed_dictionaries(
@@ -37,6 +40,7 @@ SCENES = st.fixed_dictionaries(
         "seed": st.integers(0, 10_000),
         "bend": st.sampled_from([0.0, 0.05, 0.15, 1.0, 3.0]),
         "thick": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+        "shaped": st.booleans(),
     }
 )
 
@@ -70,11 +74,13 @@ def assert_agree(
         assert error <= slack * scale + 1e-5 * weight.norm(), f"{name}: off by {error:.2g}, its gradient is {scale:.2g}"
 
 
-def check_random_scene(renderer, blend, n, size, seed, bend, thick, fields=tuple(FIELDS)):
+def check_random_scene(renderer, blend, n, size, seed, bend, thick, shaped, fields=tuple(FIELDS)):
     # Where two points of a curve are equally near, a taper or a texture jumps; only gently bent ones have none nearby.
     textured = isinstance(renderer, Textured)
-    bend = min(bend, 0.15) if textured or getattr(renderer, "taper", 0) else bend
+    bend = min(bend, 0.15) if textured or shaped or getattr(renderer, "taper", 0) else bend
     strokes = random_strokes(n, size, seed=seed, bend=bend, width=(0.0, thick))
+    if shaped:
+        strokes = with_shapes(strokes, seed)
     order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
     # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
     # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.

@@ -1,12 +1,14 @@
 """Random strokes for tests."""
 
+from dataclasses import replace
+
 import torch
+from brushexp_testing.families import some_strokes as random_strokes  # noqa: F401
+from brushexp_testing.families import with_gradients as leaves  # noqa: F401
 
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
-from brushexp.testing.families import some_strokes as random_strokes  # noqa: F401
-from brushexp.testing.families import with_gradients as leaves  # noqa: F401
 
 
 class Windowed(PatchRenderer):
@@ -33,3 +35,9 @@ def straight(start, end, *, width=4.0, color=(1.0, 0.0, 0.0), opacity=1.0) -> St
     points = {"start": ends[:1], "control": torch.zeros(1, 2), "end": ends[1:]}
     numbers = {"scale": scale, "width": width / scale, "color": color, "opacity": opacity}
     return Strokes(position=centre[None], **points, **{name: torch.tensor([v]) for name, v in numbers.items()})
+
+
+def with_shapes(strokes: Strokes, seed: int = 0) -> Strokes:
+    """The same strokes with edges and growths of their own."""
+    draws = torch.rand(2, len(strokes), generator=torch.Generator().manual_seed(seed)).to(strokes.position)
+    return replace(strokes, softness=0.5 * draws[0], widening=2 * draws[1] - 1)

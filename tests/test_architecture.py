@@ -66,7 +66,7 @@ def test_layers_of_the_design_are_those_of_the_imports():
     order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
     graph = imports_by(ROOMS["top"])
     assert {path.stem for path in SOURCE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()} - {
-        "__init__", "__main__", "conf", "testing",
+        "__init__", "__main__", "conf",
     } == set(order)  # fmt: skip
     for place, name in enumerate(order):
         assert graph.get(name, set()) - {"conf"} <= set(order[:place]), name

@@ -5,6 +5,9 @@ from dataclasses import replace
 
 import pytest
 import torch
+from brushexp_policies.accuracy import Accuracy
+from brushexp_policies.patches import Patches
+from brushexp_policies.strays import Strays
 from painters import error_of, take
 from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
@@ -16,12 +19,9 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch import TorchOptim
-from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import check_strokes
 

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from brushexp_policies.patches import Patches
 from brushexp_training.dataset import Origin
 from brushexp_training.writer import simulate_set
 from filelock import FileLock
@@ -33,7 +34,6 @@ from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import has_finished

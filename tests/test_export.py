@@ -16,6 +16,7 @@ import catalogues
 import numpy as np
 import pytest
 import torch
+from brushexp_analysis.stroke_lines import Csv
 from catalogues import CONFIG, assert_same, catalogue, changed, refused
 from films import decoded, pixels_of
 from hypothesis import given
@@ -23,7 +24,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from PIL import Image, ImageCms
 from program import disturb_move, run
-from scenes import random_strokes, straight
+from scenes import random_strokes, straight, with_shapes
 
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
@@ -32,7 +33,6 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png
@@ -171,10 +171,13 @@ def test_an_exporter_that_may_not_write_says_so_in_one_line(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("taper", "outlines", "least"), [(0.0, 1, 33), (0.0, 2, 38), (0.0, 4, 38), (0.7, 1, 33), (1.0, 2, 36)]
-)
-def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least, tmp_path):
+    ("taper", "outlines", "least", "shaped"),
+    [(0.0, 1, 33, False), (0.0, 2, 38, False), (0.0, 4, 38, False), (0.7, 1, 33, False), (1.0, 2, 36, False),
+     (0.0, 1, 31, True), (0.5, 2, 35, True)],
+)  # fmt: skip
+def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least, shaped, tmp_path):
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3)
+    strokes = with_shapes(strokes) if shaped else strokes
     what = job_of(strokes, (96, 128), taper=taper)
     (path,) = Svg(outlines=outlines).write(what, tmp_path)
     assert psnr(drawn(path.read_bytes()), what.picture()) > least
@@ -209,7 +212,7 @@ def test_a_thin_stroke_fades_as_it_does_in_the_painting(width, tmp_path):
 def test_outlines_cover_what_a_soft_stroke_does():
     half = torch.tensor([0.02, 0.4, 0.99, 1.0, 3.0, 20.0], dtype=torch.float64)
     for count in (1, 2, 3, 8):
-        middle, offset, alpha = soft_edge(half, torch.full_like(half, 0.7), 2.0, count)
+        middle, offset, alpha = soft_edge(half, torch.full_like(half, 0.7), torch.full_like(half, 2.0), count)
         widths = middle[:, None] + offset
         assert (widths > 0).all()
         assert (widths.diff(dim=1) <= 0).all(), "the widest lies below"
@@ -453,7 +456,7 @@ def test_edited_strokes_are_painted(tmp_path):
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda d: d.update(format="x"), "not a brushexp catalogue"),
-    (lambda d: d.update(format_version=3), "has format_version 3, and this brushexp reads 2; update brushexp"),
+    (lambda d: d.update(format_version=4), "has format_version 4, and this brushexp reads 3; update brushexp"),
     (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
     (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
     (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
@@ -522,8 +525,8 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
     assert numbers == pytest.approx(
         {
             "stroke": 1, "start_x_px": 5, "start_y_px": 30, "control_x_px": 5, "control_y_px": 20, "end_x_px": 5,
-            "end_y_px": 10, "width_px": 1, "red": 0, "green": 0.5, "blue": 1, "opacity": 0.25, "length_px": 20,
-            "direction_deg": -90,
+            "end_y_px": 10, "width_px": 1, "red": 0, "green": 0.5, "blue": 1, "opacity": 0.25, "softness_px": 0,
+            "widening": 0, "length_px": 20, "direction_deg": -90,
         }
     )  # fmt: skip
     assert (second["stroke"], second["direction_deg"], second["length_px"]) == ("0", "0", "20")

@@ -21,8 +21,10 @@ import lightning as L
 import numpy as np
 import pytest
 import torch
+from brushexp_studio.view import read_painting
 from brushexp_thesis.claims import read_claims
 from brushexp_thesis.published import read_published
+from brushexp_training.neural import Neural
 from catalogues import catalogue
 from hydra.errors import CompactHydraException
 from hypothesis import given, settings
@@ -49,7 +51,6 @@ from brushexp.painting.components import build_components
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import resume
@@ -60,7 +61,6 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
-from brushexp.tasks.view import read_painting
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit

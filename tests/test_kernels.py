@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from brushexp_policies.topk import TopK
 from dabs import DabRenderer
 from hypothesis import given, settings
 from kernels import (
@@ -29,7 +30,6 @@ from brushexp.compositing.tile_lists import tile_lists
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured

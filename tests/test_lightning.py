@@ -3,6 +3,10 @@
 import lightning as L
 import pytest
 import torch
+from brushexp_losses.direction import Direction
+from brushexp_losses.perceptual import Perceptual
+from brushexp_policies.accuracy import Accuracy
+from brushexp_policies.patches import Patches
 from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
 from lightning.pytorch.loggers import CSVLogger
 from painters import assert_resumes, error_of, fit, painter_of, take
@@ -13,11 +17,7 @@ from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
-from brushexp.plugins.loss.direction import Direction
-from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.system.callbacks import TimedCheckpoint
 
 

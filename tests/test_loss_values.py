@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 import torch
 from brushexp_losses.curvature import Curvature
+from brushexp_losses.direction import Direction
+from brushexp_losses.perceptual import Perceptual
 from brushexp_losses.sinkhorn import Sinkhorn
+from brushexp_losses.ssim import StructuralSimilarity
+from brushexp_networks.lpips_loss import Lpips
+from brushexp_style.style import Style
 from networks import saved, state_of, torchvision_features
 from scenes import leaves, random_strokes
 from torch import Tensor
@@ -17,16 +22,11 @@ from torch.testing import assert_close
 from torchmetrics.functional.image import lpips as published
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from brushexp.features.distance import open_distance, perceptual_distance
+from brushexp.features.distance import bundled_distance, perceptual_distance
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
 from brushexp.plugins.loss.l1 import MeanAbsoluteError
-from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.ssim import StructuralSimilarity
-from brushexp.plugins.loss.style import Style
 from brushexp.plugins.loss.width import Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
@@ -153,7 +153,7 @@ def test_lpips_has_the_right_slope_and_is_by_default_the_distance_of_the_metrics
 
 
 def test_positions_without_activation_have_a_slope():
-    distance = open_distance()
+    distance = bundled_distance()
     distance.network.stem.weight.zero_()
     distance.network.stem.bias.zero_()
     picture = torch.rand(3, 6, 8, requires_grad=True)

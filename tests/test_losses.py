@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from brushexp_style.imitation import brushwork_of
+from brushexp_style.style import KERNELS
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
@@ -16,9 +18,7 @@ from torch.testing import assert_close
 from brushexp.errors import UserError
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.style import KERNELS
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.brushwork import brushwork_of
 from brushexp.strokes.catalogue import Strokes
 
 PRECISIONS = (torch.float64, torch.float32, torch.bfloat16, torch.float16)

@@ -4,6 +4,8 @@ from copy import deepcopy
 
 import pytest
 import torch
+from brushexp_policies.patches import Patches
+from brushexp_policies.strays import Strays
 from painters import error_of, take
 from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
@@ -14,10 +16,8 @@ from brushexp.painting import stroke_optimizer
 from brushexp.painting.components import Stage
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.patches import Patches
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior
 

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import pytest
 import torch
+from brushexp_losses.perceptual import Perceptual
+from brushexp_networks.lpips_loss import Lpips
 from networks import saved, state_of
 from torch import Tensor
 from torch.testing import assert_close
@@ -13,8 +15,6 @@ from brushexp.features import open_backbone
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, weighted_sum
-from brushexp.plugins.loss.lpips import Lpips
-from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 

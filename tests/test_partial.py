@@ -4,6 +4,9 @@ from functools import partial
 
 import pytest
 import torch
+from brushexp_losses.perceptual import Perceptual
+from brushexp_policies.accuracy import Accuracy
+from brushexp_policies.patches import Patches, places
 from painters import SIZE, error_of, fit, gradient_of, painter_of, take
 from scenes import Windowed, random_strokes
 from torch.testing import assert_close
@@ -14,13 +17,10 @@ from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.optimizer.torch import TorchOptim
-from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View
-from brushexp.plugins.sampler.patches import Patches, places
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.prior import clamp_to_prior

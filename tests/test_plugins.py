@@ -3,11 +3,11 @@
 from itertools import zip_longest
 
 import pytest
+from brushexp_testing import contract
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
-from brushexp.testing import contract
 
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
 

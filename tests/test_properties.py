@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
+from brushexp_policies.topk import TopK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import leaves, random_strokes, straight
@@ -19,7 +20,6 @@ from brushexp.compositing.tile_lists import TILE, tile_lists
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from brushexp_policies.strays import Strays
 from omegaconf import OmegaConf
 from program import ROOT, publish
 
@@ -95,6 +96,13 @@ def test_a_broken_plugin_or_folder_stops_the_program(tmp_path, monkeypatch, name
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path) if name else "/nowhere/at/all")
     with pytest.raises(UserError, match=message):
         load_plugins(ROOT / "plugins")
+
+
+def test_a_config_of_an_earlier_version_may_have_a_member_in_the_core():
+    node = OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Strays", "after": 0.5})
+    assert type(build(node)) is Strays
+    with pytest.raises(UserError, match="is not a registered plugin"):
+        build(OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Other"}))
 
 
 def test_published_plugins_are_found_and_all_load_without_the_extras(tmp_path):

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brushexp_studies import contact_sheet
+from brushexp_studies.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from films import pixels_of
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import RunMode
@@ -15,8 +17,6 @@ from sweeps import collect, make_grid, make_run, note, read_csv, write_words
 
 from brushexp.errors import UserError, first_line
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
-from brushexp.results import contact_sheet
-from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
 from brushexp.results.tables import write_run_tables
 from brushexp.runs import sweep_report

@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 import torch
 from browser import NARROW, WIDE
+from brushexp_studio.view import read_painting
 from films import pixels_of
 from numpy.testing import assert_allclose, assert_array_equal
 from omegaconf import OmegaConf
 from PIL import Image
-from scenes import random_strokes
+from scenes import random_strokes, with_shapes
 
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
@@ -31,12 +32,11 @@ from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.shading.light import Light, normals_of, shade_picture
-from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
+from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at, softness_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
 from brushexp.tasks.paint import try_to_write_page
-from brushexp.tasks.view import read_painting
 
 SIZE = (120, 160)
 COUNT = 300
@@ -56,7 +56,7 @@ METRICS = {
 
 def saved_with(count: int, size: tuple[int, int] = SIZE, *, taper: float = 0.0, renderer: str = "analytic") -> Saved:
     strokes = random_strokes(count, size, width=(0.05, 0.4))
-    strokes = replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
+    strokes = with_shapes(replace(strokes, opacity=0.3 + 0.7 * strokes.opacity))
     depth = torch.randperm(count, generator=torch.Generator().manual_seed(3)).to(torch.int32)
     config = CONFIG.format(options=f"{{soft: 2.0, taper: {taper}}}" if renderer == "analytic" else "{}")
     return Saved(strokes, depth, size, torch.tensor([0.8, 0.7, 0.6]), renderer, config=config)
@@ -266,7 +266,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     measures = measure_strokes(saved.strokes, saved.depth, saved.size)
     packed = replay_of(export_job(saved), measures)
     data = base64.b64decode(packed["data"])
-    assert len(data) == 34 * 200
+    assert len(data) == 38 * 200
     result, at = {}, 800
     for name, each, low, high in packed["columns"]:
         shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / STEPS
@@ -275,6 +275,8 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert_array_equal(np.frombuffer(data, "<u4", 200), order)
     assert_allclose(result["points"].reshape(200, 3, 2), curve_of(saved.strokes).numpy()[order], atol=0.01)
     assert_allclose(2 * result["half"][:, 0], measures.width[order], atol=0.001)
+    assert_allclose(result["softness"][:, 0], softness_of(saved.strokes).numpy()[order], atol=0.001)
+    assert_allclose(result["widening"][:, 0], saved.strokes.widening.numpy()[order], atol=1e-4)
     assert_allclose(result["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
     assert_allclose(result["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3
@@ -446,10 +448,12 @@ def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
     """The uppermost stroke at each point; None where rounding may decide."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
     place = torch.as_tensor(points, dtype=torch.float32)[None].expand(len(half), -1, -1)
-    away = (point_at(curve[:, None], closest_parameter(curve[:, None], place)) - place).norm(dim=-1)
+    t = closest_parameter(curve[:, None], place)
+    away = (point_at(curve[:, None], t) - place).norm(dim=-1)
+    half = half[:, None] * (1 + saved.strokes.widening[:, None] * (2 * t - 1))
     result: list[int | None] = []
-    for margin in (half[:, None] - away).T:
-        sure, maybe = (margin > 0.3).nonzero().ravel(), (margin.abs() <= 1.5).nonzero().ravel()
+    for margin in (half - away).T:
+        sure, maybe = (margin > 0.3).nonzero().ravel(), (margin.abs() <= 2).nonzero().ravel()
         top = max(sure.tolist(), key=lambda k: int(saved.depth[k]), default=None)
         doubt = top is None or any(saved.depth[k] > saved.depth[top] for k in maybe.tolist() if margin[k] <= 0.3)
         result.append(None if doubt else top)
@@ -461,7 +465,7 @@ def test_pointing_tells_the_uppermost_stroke(visited):
     scrub(visited, COUNT)
     see(visited, "#replay")
     size = np.array([SIZE[1], SIZE[0]])
-    points = np.random.default_rng(2).uniform([2, 2], size - 2, (60, 2))
+    points = np.random.default_rng(2).uniform([2, 2], size - 2, (150, 2))
     expected = [(*xy / size, k) for xy, k in zip(points, oracle(saved, points), strict=True) if k is not None]
     assert len(expected) > 15
     measures = measure_strokes(saved.strokes, saved.depth, saved.size)

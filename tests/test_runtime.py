@@ -23,7 +23,7 @@ from brushexp.plugins.blend.tiled import Tiled
 Tiled()
 assert "numba" not in sys.modules, "it takes a second to import, and comes with the first call of a kernel"
 torch.set_num_threads(1)
-from brushexp.plugins.engine.disc import Disc
+from brushexp_training.engine.disc import Disc
 Disc(window=8)(torch.zeros(2, 10), seed=0)
 assert torch.get_num_threads() == 1
 """

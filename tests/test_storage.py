@@ -11,7 +11,7 @@ import torch
 from catalogues import CONFIG, assert_same, catalogue, give_attribute, refused, refused_if_foreign, spoil_every
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS
+from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS
 from brushexp.strokes.saved import alpha_of, json_lines, parse, png_of
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 
@@ -44,11 +44,26 @@ def test_the_file_says_what_it_holds(stored):
     with h5py.File(stored) as file:
         assert set(file) == {*FIELDS, "brush", "depth"}
         assert file.attrs["format"] == b"brushexp catalogue"
-        assert file.attrs["format_version"] == 2
+        assert file.attrs["format_version"] == 3
         for name, field in FIELDS.items():
             assert file[name].dtype == np.float32
             assert file[name].attrs["unit"].decode() == field.unit
         assert file["depth"].dtype == file["brush"].dtype == np.int32
+
+
+def test_a_file_without_softness_and_widening_is_one_of_before_them(tmp_path):
+    saved = catalogue()
+    shapes = {name: torch.zeros(len(saved.strokes)) for name in LATER_FIELDS}
+    saved = replace(saved, strokes=replace(saved.strokes, **shapes))
+    save_catalogue(tmp_path / "a.h5", saved)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert set(file) == {*FIELDS, "brush", "depth"} - set(LATER_FIELDS)
+        assert file.attrs["format_version"] == 2
+    text = "".join(json_lines(saved))
+    assert '"format_version": 2' in text
+    assert not any(name in text for name in LATER_FIELDS)
+    for read in (load_catalogue(tmp_path / "a.h5"), parse(text)):
+        assert_same(read, saved)
 
 
 def test_strokes_keep_their_brushes_in_files_and_an_older_file_has_those_of_its_rows(tmp_path, stored):
@@ -123,7 +138,7 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
 @pytest.mark.parametrize(("name", "value", "message"), [
     ("format", "brushexp strokes", "not a brushexp catalogue"),
     ("format", 3, "attribute format is"),
-    ("format_version", 3, "has format_version 3, and this brushexp reads 2; update brushexp"),
+    ("format_version", 4, "has format_version 4, and this brushexp reads 3; update brushexp"),
     ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
     ("height", 0, "the canvas is 0 x 50 pixels"),
     ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import NARROW, WIDE
+from brushexp_studies.pareto import front_table
 from sweeps import collect, make_run
 
 from brushexp.pages.sweep_page import AREA, SIDES, _thumbnail, side_for, sweep_page, thumbnail, write_sweep_page
-from brushexp.results.pareto import front_table
 from brushexp.results.runs import gather
 from brushexp.system.files import write_picture
 

@@ -8,9 +8,8 @@ A row begins with a title and the left, the top and the side of the part, in pix
 import sys
 from pathlib import Path
 
+from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
-
-from brushexp.results.contact_sheet import SheetCell, draw_sheet
 
 
 def part_of(folder: str, left: int, top: int, side: int, zoom: int) -> Image.Image:

@@ -65,6 +65,10 @@ class Plugin:
         return f"{self.cls.__module__}.{self.cls.__qualname__}"
 
     @property
+    def target_in_core(self) -> str:
+        return f"{__package__}.plugins.{PACKAGES[self.family]}.{self.name}.{self.cls.__qualname__}"
+
+    @property
     def summary(self) -> str:
         return (inspect.getdoc(self.cls) or "").partition("\n")[0]
 
@@ -179,10 +183,14 @@ def plugins(family: str | None = None) -> list[Plugin]:
 
 
 def plugin_of(node: DictConfig) -> Plugin:
-    """Find the plugin that a config node describes; a UserError if its ``_target_`` is not registered."""
+    """Find the plugin that a config node describes; a UserError if its ``_target_`` is not registered.
+
+    A config of an earlier version may have a member in the core, ``brushexp.plugins.<family>.<name>``, that is in a
+    package now.
+    """
     target = node._target_
     for plugin in _plugins.values():
-        if plugin.target == target:
+        if target in (plugin.target, plugin.target_in_core):
             return plugin
     raise UserError(f"{target} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
 

@@ -7,18 +7,18 @@ import pytest
 import torch
 from brushexp_dabs._stamps import _gauss, opacity_of, pressure_at
 from brushexp_dabs.engine import Dabs
+from brushexp_training.engine.disc import Disc
 from torch.testing import assert_close
 
+import brushexp
 from brushexp.errors import UserError
-from brushexp.plugins.engine.disc import Disc
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.testing import contract
 
 LEVEL = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]])  # 0.2 windows wide
 
 
-@pytest.mark.parametrize("check", contract("engine"), ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", brushexp.testing.contract("engine"), ids=lambda check: check.__name__)
 def test_it_keeps_the_contract_of_engines(check):
     check(lambda **options: build_named("engine", "dabs", options))
 

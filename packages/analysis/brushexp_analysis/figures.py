@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from brushexp_studies.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
 from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.reporting.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
 from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direction_shares
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes

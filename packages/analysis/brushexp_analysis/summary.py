@@ -19,9 +19,8 @@ from brushexp.results.stroke_table import (
     measure_strokes,
     sizes_set_by,
 )
-from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import NEIGHBOURS, Measure
+from brushexp.strokes.measures import MIN_OPACITY, MIN_WIDTH_PITCHES, NEIGHBOURS, Measure, is_visible, pitch_of
 from brushexp.strokes.storage import Saved
 
 EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
@@ -71,7 +70,7 @@ class Analysis:
 def analysis_of(
     saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
 ) -> Analysis:
-    """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
+    """Measure the strokes of a catalogue that count, see `strokes.measures.is_visible` and `thinnest_of`.
 
     Neighbours lie within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than the
     share ``visible`` is seen does not count. A painting without strokes that count is a UserError about ``option``.

@@ -8,8 +8,7 @@ import numpy as np
 
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, markdown_table
 from brushexp.results.stroke_table import MEASURES, SIZES
-from brushexp.strokes.brushwork import MIN_OPACITY
-from brushexp.strokes.measures import Measure
+from brushexp.strokes.measures import MIN_OPACITY, Measure
 from brushexp.system.files import write_json, write_text
 from brushexp_analysis.summary import (
     OVERALL,

@@ -10,13 +10,13 @@ from typing import Any
 
 import lightning as L
 import numpy as np
+from brushexp_studies.plotting import INK, new_figure, save_figure, without_math
 from matplotlib.colors import ListedColormap
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named, plugins
-from brushexp.reporting.plotting import INK, new_figure, save_figure, without_math
 from brushexp.reporting.tables import csv_table
 from brushexp.system.files import write_json, write_text
 from brushexp.system.progress import with_progress

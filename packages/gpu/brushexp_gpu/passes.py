@@ -73,7 +73,7 @@ def _seek(part, j, sx, sy, fx, fy, bx, by, here):
 
 
 @inline
-def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, sharp, taper, here, TEXTURED: tl.constexpr):
+def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper, here, TEXTURED: tl.constexpr):
     """Coverage before opacity, its slopes in a texture, and tone and its slopes, all (TILES, AREA); 0 if not here."""
     x, y = pixels()
     if TEXTURED:
@@ -83,7 +83,9 @@ def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, sharp
         )
         cover, cover_u, cover_v = cover / 255.0, cover_u / 255.0, cover_v / 255.0
     else:
-        cover = plain_cover(t, sx, sy, fx, fy, bx, by, x, y, _load_number(strokes, at, 6, here), sharp, taper)
+        half, sharp = _load_number(strokes, at, 6, here), _load_number(strokes, at, 8, here)
+        widening = _load_number(strokes, at, 9, here)
+        cover = plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper)
         tone = tl.zeros_like(cover)
         cover_u, cover_v, tone_u, tone_v = tone, tone, tone, tone
     return tl.where(here[:, None], cover, 0.0), cover_u, cover_v, tone, tone_u, tone_v
@@ -108,7 +110,7 @@ def _store_state(states, chunk, own, clear, here, C: tl.constexpr, CP: tl.conste
 
 @jit(do_not_specialize=SIZES)
 def forward_pass(
-    strokes, begin, cells, frames, sharp, taper, stroke, slot, part, first, chunks, background, opaque, target, image,
+    strokes, begin, cells, frames, taper, stroke, slot, part, first, chunks, background, opaque, target, image,
     used, near, above, states, errors, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     JUDGE: tl.constexpr, KEEP: tl.constexpr,
@@ -139,10 +141,10 @@ def forward_pass(
             sx, sy, fx, fy, bx, by = load_curve(strokes, row, ox, oy, here)
             t = _seek(part, at + k, sx, sy, fx, fy, bx, by, here)
             cover, _, _, tone, _, _ = _look(
-                t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, sharp, taper, here, TEXTURED
+                t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
             )
             alpha = cover * _load_number(strokes, row, 7, here)
-            paint = _load_colors(strokes + 8 + TEXTURED, row, here, C, CP)
+            paint = _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP)
             shown = paint * (1.0 - tl.abs(tone))[None] + tl.maximum(tone, 0.0)[None]
             if KEEP:
                 pair = (at + k)[:, None] * AREA + q
@@ -207,7 +209,7 @@ def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: t
 
 @jit(do_not_specialize=SIZES)
 def backward_pass(
-    strokes, begin, cells, frames, sharp, taper, stroke, slot, first, chunks, chunk_tile, near, above, behinds,
+    strokes, begin, cells, frames, taper, stroke, slot, first, chunks, chunk_tile, near, above, behinds,
     picture, pairs, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     WEIGHS: tl.constexpr,
@@ -236,9 +238,12 @@ def backward_pass(
         t, light = tl.load(near + pair, here[:, None], 0.0), tl.load(above + pair, here[:, None], 0.0)
         sx, sy, fx, fy, bx, by = load_curve(strokes, row, ox, oy, here)
         cover, cover_u, cover_v, tone, tone_u, tone_v = _look(
-            t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, sharp, taper, here, TEXTURED
+            t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
         )
-        opacity, paint = _load_number(strokes, row, 7, here), _load_colors(strokes + 8 + TEXTURED, row, here, C, CP)
+        opacity, paint = (
+            _load_number(strokes, row, 7, here),
+            _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP),
+        )
         alpha, pure, white = cover * opacity, 1.0 - tl.abs(tone), tl.maximum(tone, 0.0)
         out = pairs + tl.load(slot + at + k, here, 0) * (1 if WEIGHS else numbers)
         if WEIGHS:
@@ -259,7 +264,8 @@ def backward_pass(
                 scale = _load_number(strokes, row, 8, here)
                 textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here)
             else:
-                plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, taper, here)
+                sharp, widening = _load_number(strokes, row, 8, here), _load_number(strokes, row, 9, here)
+                plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, here)
             behind += alpha * (shown - behind)
 
 
@@ -268,7 +274,7 @@ def _pull_color(out, cover, ga, given, seen, here, C: tl.constexpr, CP: tl.const
     """Write the gradient of opacity and colour from that of alpha ``ga``, and how much of the colour is ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     c = tl.arange(0, CP)[:, None]
-    tl.store(out[None] + 8 + TEXTURED + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
+    tl.store(out[None] + (9 if TEXTURED else 10) + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
 
 
 @jit(do_not_specialize=["numbers"])

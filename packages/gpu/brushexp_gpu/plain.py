@@ -30,31 +30,35 @@ def _offset(t, sx, sy, fx, fy, bx, by, x, y):
 
 
 @inline
-def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, taper):
-    """How far pixels are covered, before opacity; ``half`` (TILES, 1) is the half width."""
+def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
+    """How far pixels are covered, before opacity; ``half``, ``sharp`` and ``widening`` are (TILES, 1)."""
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
-    ht = half - half * taper * u * u
+    ht = half * (1.0 - taper * u * u) * (1.0 + widening * u)
     cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
     return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may leave less, or more of what is not there
 
 
 @inline
-def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, taper, here):
-    """Write the gradient of curve and half width to ``out`` + 0 to 6, from that of alpha ``ga``."""
+def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, here):
+    """Write the gradient of all but opacity and colour to ``out`` + 0 to 9, from that of alpha ``ga``."""
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
-    thin = 1.0 - taper * u * u
-    inner, outer = _slope((half * thin - d) * sharp), _slope((half * thin + d) * sharp)
+    thin, grown = 1.0 - taper * u * u, 1.0 + widening * u
+    ht = half * thin * grown
+    inner, outer = _slope((ht - d) * sharp), _slope((ht + d) * sharp)
     gh, gd = ga * (inner + outer), ga * (outer - inner) / tl.maximum(d, 1e-6)  # both slopes agree at d = 0
     scale = 6.0 * opacity * sharp
-    tl.store(out + 6, sum_pixels(scale * gh * thin), here)
+    tl.store(out + 6, sum_pixels(scale * gh * thin * grown), here)
+    tl.store(out + 8, sum_pixels(6.0 * opacity * ga * (inner * (ht - d) + outer * (ht + d))), here)
+    tl.store(out + 9, sum_pixels(scale * gh * half * thin * u), here)
     gx, gy = scale * gd * rx, scale * gd * ry  # to the point of the curve
     # The thickness depends on t, and t on the control points.
     dx, dy = bx * t + fx, by * t + fy
     size = bx * bx + by * by + 3.0 * tl.abs(bx * fx + by * fy) + 2.0 * (fx * fx + fy * fy)
     bend = 2.0 * (dx * dx + dy * dy) + bx * rx + by * ry
-    gt = 4.0 * scale * gh * half * taper * u / tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
+    thins = 2.0 * (2.0 * taper * u * grown - widening * thin)  # in t, by half the width
+    gt = scale * gh * half * thins / tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
     gt = tl.where((t > 0.0) & (t < 1.0), gt, 0.0)  # held at an end, t does not move
     gx, gy, vx, vy = gx + gt * dx, gy + gt * dy, gt * rx, gt * ry  # and to half of the velocity there
     ux, uy = t * gx, t * gy

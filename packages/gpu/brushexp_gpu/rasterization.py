@@ -26,10 +26,10 @@ class TritonRasterization:
         self.lists = tile_lists(layers.curve.detach(), layers.reach.detach(), front_to_back, size)
         self.size, self.opaque, self.order, self.background = size, opaque, front_to_back, background.contiguous()
         self._strokes, self._textured = inputs.strokes.detach().contiguous(), inputs.kernel is TEXTURED
-        nothing, zero = background.new_empty(0), 0.0
-        sharp, taper = (zero, zero) if self._textured else (float(part) for part in inputs.data)
+        nothing = background.new_empty(0)
+        taper = 0.0 if self._textured else float(inputs.data[0])
         looks = inputs.data if self._textured else (nothing, nothing, nothing)
-        self._numbers = self._strokes, *(part.contiguous() for part in looks), sharp, taper
+        self._numbers = self._strokes, *(part.contiguous() for part in looks), taper
         channels = len(background)
         self._kind = {"C": channels, "CP": triton.next_power_of_2(channels), "TILES": TILES, "num_warps": min(TILES, 8)}
 

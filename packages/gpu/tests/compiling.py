@@ -18,6 +18,7 @@ import brushexp_gpu
 import torch
 import triton
 from brushexp_colors.pigment import Pigment
+from brushexp_testing.families import some_strokes
 from triton.backends.compiler import GPUTarget
 from triton.runtime.driver import driver
 from triton.runtime.jit import JITFunction
@@ -26,7 +27,6 @@ from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
-from brushexp.testing.families import some_strokes
 
 DUMP = Path(triton.__file__).parent / "backends" / "nvidia" / "bin" / "cuobjdump"
 DONE: set[int] = set()

@@ -10,6 +10,7 @@ import torch
 from brushexp_media import papers
 from brushexp_media.noise import evened, fractal_noise
 from brushexp_media.wetness import density_of_edges, gather_pigment
+from brushexp_testing.families import some_strokes
 from PIL import Image
 from torch.testing import assert_close
 
@@ -18,7 +19,6 @@ from brushexp.plugins.paper.base import Rows
 from brushexp.registry import build_named, plugins
 from brushexp.shading.light import Light, overlay
 from brushexp.strokes.saved import Saved
-from brushexp.testing.families import some_strokes
 
 PAPERS = [plugin.name for plugin in plugins("paper") if not plugin.cls.is_smooth]
 WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5}

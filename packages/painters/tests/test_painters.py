@@ -10,6 +10,7 @@ import pytest
 import torch
 from brushexp_painters.gatys import lattice_dots
 from brushexp_painters.hertzmann import fit_curves
+from brushexp_testing.families import request_of
 from lightning.pytorch.callbacks import LambdaCallback
 from painters import fit, painter_of
 from torch.testing import assert_close
@@ -29,7 +30,6 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.prior import sample_prior
 from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.tasks import paint
-from brushexp.testing.families import request_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
 NAMES = [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)]

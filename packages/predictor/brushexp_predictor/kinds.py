@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
-from brushexp.strokes.brushwork import is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import is_visible, pitch_of
 
 Array = NDArray[Any]
 

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from brushexp_studies.plotting import FAINT, INK, new_figure, save_figure, without_math
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.reporting.plotting import FAINT, INK, new_figure, save_figure, without_math
 from brushexp.system.files import to_bytes
 from brushexp_predictor.doubts import SHARE
 from brushexp_predictor.sampled import SampledBrushwork

@@ -8,13 +8,13 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 import pytest
 import torch
+from brushexp_testing.families import some_strokes
 from PIL import Image
 
 from brushexp.plugins.export.job import export_job
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
 from brushexp.strokes.saved import Saved
-from brushexp.testing.families import some_strokes
 
 SIZE = (24, 40)
 N = 11

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from brushexp_policies.topk import TopK
 from brushexp_prints.process import Process, schedule, shrink_to_side, states
 from catalogues import changed, job_of
 from films import decoded, unrolled
@@ -13,7 +14,6 @@ from scenes import Windowed, random_strokes
 
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light

@@ -58,7 +58,7 @@ def gradient(image: Array, count: int) -> Given:
 
     size = image.shape[:2]
     words: dict[str, Any] = {"max_strokes": max(count, 1), "steps": STEPS, "frames": 0, "report": False}
-    painting = brushexp.paint(image.astype(np.float32), look="plain", strokes=max(count, 1), **words)
+    painting = brushexp.paint(image.astype(np.float32), look="even", strokes=max(count, 1), **words)
     return given_catalogue(painting.finished.job.saved, size)
 
 

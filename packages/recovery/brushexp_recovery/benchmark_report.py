@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from brushexp_studies.plotting import COLORS, INK, MARKERS, new_figure, save_figure, tidy
 from PIL import Image
 
-from brushexp.reporting.plotting import COLORS, INK, MARKERS, new_figure, save_figure, tidy
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
 from brushexp_recovery.calibration import join_reliability

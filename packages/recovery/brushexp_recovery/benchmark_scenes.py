@@ -104,7 +104,7 @@ def laid_by(kind: str, subject: Array, count: int, random: np.random.Generator) 
     import brushexp  # noqa: PLC0415
 
     words: dict[str, Any] = {"painter": kind, "frames": 0, "max_strokes": count, "seed": int(random.integers(2**31))}
-    painting = brushexp.paint(subject.astype(np.float32), look="plain", strokes=count, report=False, **words)
+    painting = brushexp.paint(subject.astype(np.float32), look="even", strokes=count, report=False, **words)
     return laid_from(painting.finished.job.saved)
 
 

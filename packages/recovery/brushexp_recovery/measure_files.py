@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from brushexp_studies.plotting import COLORS, INK, new_figure, tidy, without_math
 
-from brushexp.reporting.plotting import COLORS, INK, new_figure, tidy, without_math
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 from brushexp.system.files import write_bytes, write_json, write_text

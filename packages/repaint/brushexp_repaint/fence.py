@@ -7,15 +7,24 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from brushexp.compositing.layers import REACH
 from brushexp.compositing.tile_lists import TILE
 from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.renderer.base import reach_of
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
 SAMPLES = 33  # points of a curve at which its distance from the outside is looked up
 SLACK = 0.75  # pixels: a point is at most 0.71 from the middle of its pixel; the rest is for rounding
-SHAPE = ("position", "scale", "start", "control", "end", "width")  # fields that say where a stroke is
+SHAPE = (
+    "position",
+    "scale",
+    "start",
+    "control",
+    "end",
+    "width",
+    "softness",
+    "widening",
+)  # fields that say where a stroke is
 
 
 class Fence(nn.Module):
@@ -57,7 +66,7 @@ class Fence(nn.Module):
         apart = (points[:, 1:] - points[:, :-1]).square().sum(2).sqrt().amax(1)
         size = torch.tensor(self.room.shape, device=points.device)
         x, y = (points[..., k].nan_to_num().long().clamp_min(0).minimum(size[1 - k] - 1) for k in (0, 1))
-        return self.room[y, x].amin(1) - SLACK - apart / 2 > REACH * half_width_of(strokes) + self.edge
+        return self.room[y, x].amin(1) - SLACK - apart / 2 > reach_of(strokes, self.edge)
 
 
 def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str]) -> Strokes:

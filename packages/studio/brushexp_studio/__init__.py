@@ -2,4 +2,6 @@
 
 photos (files of the user) -> wishes (what is chosen, as keys of the command line) -> works (paintings, one at a
 time); tab (controls beside an easel, made of elements, of one visit) -> server (for this machine alone)
+
+``task=view`` shows finished pages: view -> serving (to this machine alone), without the extra.
 """

@@ -1,10 +1,18 @@
-"""Keys of ``task=studio``."""
+"""Keys of ``task=studio`` and ``task=view``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
-from brushexp.bounds import between
+from omegaconf import DictConfig
+
+from brushexp.bounds import Rule, between
 from brushexp.config.keys import key
+from brushexp.config.rules import canvas_of
 from brushexp.config.schema import Task
+
+PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 
 
 @dataclass
@@ -17,3 +25,27 @@ class StudioTask(Task):
     keep: str | None = key(None, "folder where finished paintings stay; null = they go with the page")
     port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
     open: bool = key(True, "in the browser, or only print the address")
+
+
+@dataclass
+class ViewTask(Task):
+    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
+
+    module = "brushexp_studio.view"
+    alone = "catalogue"
+    groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
+
+    catalogue: str | None = key(
+        None, "folder of a run or sweep, or a catalogue (.h5, .json); null = the newest in outputs/", PAGE
+    )
+    output: str = key("${scratch:}", "folder that keeps the page; by default none does")
+    port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
+    open: bool = key(True, "open the page in the browser; false = only print the address")
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        """Check that there is something to look at."""
+        from brushexp.results.runs import newest_run  # noqa: PLC0415  (``--help`` does not need it)
+
+        if cfg.catalogue is None:
+            newest_run()

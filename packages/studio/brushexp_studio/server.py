@@ -25,8 +25,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import HOST, port_error
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
+from brushexp_studio.serving import HOST, port_error
 from brushexp_studio.tab import add_page
 from brushexp_studio.works import Work, Works
 

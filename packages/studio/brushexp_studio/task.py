@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import show_until_interrupted
+from brushexp_studio.serving import show_until_interrupted
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """Test paired gains beside Student's interval: by ranks, by medians, and many claims together.
 
-``gains`` are one number for each picture or seed, see `brushexp.results.paired.Difference`.
+``gains`` are one number for each picture or seed, see `brushexp_studies.paired.Difference`.
 """
 
 import math

@@ -3,7 +3,8 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brushexp.results.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
+from brushexp_studies.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
+
 from brushexp_thesis.claims import CANNOT, NOT_RUN, UNCLEAR, Claim
 from brushexp_thesis.evidence import holm, median_of, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study

@@ -10,15 +10,15 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from brushexp_studies import plotting
+from brushexp_studies.paired import CONFIDENCE, interval
+from brushexp_studies.plotting import COLORS, DASHES, INK, SIZE
 from matplotlib.axes import Axes
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pages.html import page
 from brushexp.pages.sweep_page import side_for, thumbnail
-from brushexp.reporting import plotting
-from brushexp.reporting.plotting import COLORS, DASHES, INK, SIZE
-from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.runs import gather, words_of
 from brushexp.system.files import write_text
 from brushexp_thesis import standings_tables as tables

@@ -12,11 +12,12 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
+from brushexp_studies.anytime import TIMES, quality_at
+from brushexp_studies.paired import interval
 from pandas import DataFrame
 
 from brushexp.reporting.tables import MISSING
-from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
-from brushexp.results.paired import interval
+from brushexp.results.anytime_curves import Curve, curve_from, mean_curve
 from brushexp.results.quantities import Quantity, quantities
 from brushexp.results.runs import differences, image_name, setting_of, words_of
 from brushexp.system.run_files import UNFINISHED

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
+from brushexp_studies.paired import Difference, paired_differences, paired_table
 
 from brushexp.errors import UserError
-from brushexp.results.paired import Difference, paired_differences, paired_table
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import JOBS, gather
 from brushexp.system.files import write_text

@@ -8,11 +8,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from omegaconf import DictConfig
-
-from brushexp.config.vocabulary import SHIPPED
-from brushexp.reporting.tables import markdown_table
-from brushexp.results.paired import (
+from brushexp_studies.paired import (
     CONFIDENCE,
     PANELS,
     PICTURE,
@@ -21,6 +17,10 @@ from brushexp.results.paired import (
     rule_for,
     write_paired_plot,
 )
+from omegaconf import DictConfig
+
+from brushexp.config.vocabulary import SHIPPED
+from brushexp.reporting.tables import markdown_table
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import words_of
 from brushexp.system.files import write_text

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from brushexp_studies.paired import paired_differences
 from brushexp_thesis import verdicts
 from brushexp_thesis.claims import Claim, read_claims
 from brushexp_thesis.evidence import p_of_mean
@@ -21,7 +22,6 @@ from test_paired import PICTURES, A, C, gap, make_study
 
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
-from brushexp.results.paired import paired_differences
 from brushexp.system.files import write_json
 from brushexp.system.reading import read_text, yaml_of
 

@@ -1,10 +1,10 @@
 """Sheets show strokes with labels, as renderers draw them and as the engine painted them."""
 
+from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
 from torch import Tensor
 
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.results.contact_sheet import SheetCell, draw_sheet
 from brushexp.system.files import to_bytes
 from brushexp_training.benchmark import EXTREMES, ExtremeDrawings, draw_batch
 from brushexp_training.datamodule import StrokeBatch

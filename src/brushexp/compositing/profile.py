@@ -21,7 +21,8 @@ from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
-COLOR = 8  # column of the first channel; before it are the control points, the half width and the opacity
+SHARP, WIDENING = 8, 9  # columns after the control points, the half width and the opacity
+COLOR = 10  # column of the first channel
 DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the curve, coverage before opacity
 
 
@@ -29,34 +30,43 @@ DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the c
 class Profile(Layers):
     """Strokes of one colour each, with round ends and a soft edge.
 
-    alpha = opacity * C(d), where d is the distance to the curve, h = half_width * (1 - taper * (2t - 1)^2) the half
-    thickness at the nearest parameter t, and C(d) = S(h + d) + S(h - d) - 1 with the smooth step S of width ``soft``:
-    the box of half width h smoothed by S, so that a line thinner than the edge fades instead of disappearing.
+    alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
+    S of width ``soft`` + ``softness``: the box of half width h smoothed by S, so that a line thinner than the edge
+    fades instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u)
+    with u = 2t - 1.
     """
 
-    per_stroke = ("curve", "half_width", "color", "opacity")
+    per_stroke = ("curve", "half_width", "color", "opacity", "softness", "widening")
 
     curve: Tensor
     half_width: Tensor  # (N,) pixels
     color: Tensor
     opacity: Tensor  # (N,)
-    soft: float  # width of the edge, pixels, > 0
-    taper: float  # how much thinner the ends are, 0 (not) to 1 (pointed)
+    soft: float  # least width of an edge, pixels, > 0
+    taper: float  # how much thinner both ends are, 0 (not) to 1 (pointed)
+    softness: Tensor = None  # type: ignore[assignment]  # (N,) by how many pixels edges are wider; 0 if not given
+    widening: Tensor = None  # type: ignore[assignment]  # (N,) growth from the middle to the end, -1 to 1; 0 if not given
+
+    def __post_init__(self) -> None:
+        for name in ("softness", "widening"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, torch.zeros_like(self.half_width))
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        return self.half_width + 0.5 * self.soft
+        return self.half_width * (1 + self.widening.abs()) + 0.5 * (self.soft + self.softness)
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         curve = self.curve[index][:, :, None]  # (T, K, 1, 3, 2)
         points = points[:, None]  # (T, 1, P, 2)
         t = closest_parameter(curve, points)  # (T, K, P)
-        if not self.taper:
+        if not self.taper and not self.widening.any():
             t = t.detach()  # t is where the distance is least: to first order it does not matter
         offset = (point_at(curve, t) - points).square().sum(-1)
         distance = (offset + 1e-12 * (offset == 0)).sqrt()  # the slope at 0 is 0, not 0/0
-        half = self.half_width[index][..., None] * (1 - self.taper * (2 * t - 1) ** 2)
-        coverage = smooth_rise((half + distance) / self.soft) + smooth_rise((half - distance) / self.soft)
+        half, soft = self.half_width[index][..., None], self.soft + self.softness[index][..., None]
+        half = half * (1 - self.taper * (2 * t - 1) ** 2) * (1 + self.widening[index][..., None] * (2 * t - 1))
+        coverage = smooth_rise((half + distance) / soft) + smooth_rise((half - distance) / soft)
         coverage = coverage.clamp_min(0)  # rounding may leave less
         return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
 
@@ -64,8 +74,9 @@ class Profile(Layers):
         return replace(self, color=encode(self.color))
 
     def compiled(self) -> KernelInput:
-        strokes = [self.curve.flatten(1), self.half_width[:, None], self.opacity[:, None], self.color]
-        return KernelInput(KERNEL, torch.cat(strokes, dim=1), (F(1) / F(self.soft), F(self.taper)))
+        numbers = self.half_width, self.opacity, 1 / (self.soft + self.softness), self.widening
+        strokes = [self.curve.flatten(1), torch.stack(numbers, dim=1), self.color]
+        return KernelInput(KERNEL, torch.cat(strokes, dim=1), (F(self.taper),))
 
 
 def smooth_rise(x: Tensor) -> Tensor:
@@ -88,23 +99,35 @@ def _slope(x):
 
 
 @inline
-def _is_wide(h, sharp, taper):
+def _is_even(p, i, taper):
+    """Whether the stroke is as thick all along the curve."""
+    return taper == F(0) and p[i, WIDENING] == F(0)
+
+
+@inline
+def _is_wide(p, i, taper):
     """Whether the stroke is everywhere as thick as its edge, so that only one side of it is to be seen at a point."""
-    return taper == F(0) and h * sharp >= F(0.5)
+    return _is_even(p, i, taper) and p[i, 6] * p[i, SHARP] >= F(0.5)
+
+
+@inline
+def _shape(taper, widening, u):
+    """Thickness at u = 2t - 1, that in the middle being 1."""
+    return (F(1) - taper * u * u) * (F(1) + widening * u)
 
 
 @inline
 def _cover(p, i, data, ox, oy, own, temporary):
-    sharp, taper = data
-    if _is_wide(p[i, 6], sharp, taper):
-        _cover_pixels(p, i, ox, oy, sharp, taper, own, True)
+    if _is_wide(p, i, data[0]):
+        _cover_pixels(p, i, ox, oy, data[0], own, True)
     else:
-        _cover_pixels(p, i, ox, oy, sharp, taper, own, False)
+        _cover_pixels(p, i, ox, oy, data[0], own, False)
     return True
 
 
 @inline
-def _cover_pixels(p, i, ox, oy, sharp, taper, own, wide):
+def _cover_pixels(p, i, ox, oy, taper, own, wide):
+    sharp, widening = p[i, SHARP], p[i, WIDENING]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
     h = p[i, 6]
@@ -117,7 +140,7 @@ def _cover_pixels(p, i, ox, oy, sharp, taper, own, wide):
         if wide:
             own[COVER * AREA + q] = F(0.5) + _rise(h * sharp - d * sharp)
         else:
-            ht = h - h * taper * u * u
+            ht = h * _shape(taper, widening, u)
             cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
             own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
 
@@ -139,27 +162,28 @@ def _tone(look, seen, own, q, c):
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
-    sharp, taper = data
-    if _is_wide(p[i, 6], sharp, taper):
-        _pull_curve(p, i, ox, oy, sharp, taper, own, temporary, buf, out, True)
+    if _is_wide(p, i, data[0]):
+        _pull_curve(p, i, ox, oy, data[0], own, temporary, buf, out, True)
     else:
-        _pull_curve(p, i, ox, oy, sharp, taper, own, temporary, buf, out, False)
+        _pull_curve(p, i, ox, oy, data[0], own, temporary, buf, out, False)
     for c in range(CHANNELS):
         total = F(0)
         for q in range(AREA):
             total += own[COVER * AREA + q] * of_color(own, buf, q, c)
         out[COLOR + c] = p[i, 7] * total
-    if taper > F(0):
-        _add_taper(p, i, ox, oy, taper, own, temporary, out)
+    if not _is_even(p, i, data[0]):
+        _add_shape(p, i, ox, oy, data[0], own, temporary, out)
 
 
 @inline
-def _pull_curve(p, i, ox, oy, sharp, taper, own, of_thickness, buf, out, wide):
-    """Gradient of the control points at fixed t, half width and opacity."""
+def _pull_curve(p, i, ox, oy, taper, own, of_thickness, buf, out, wide):
+    """Gradient of the control points at fixed t, half width, opacity, sharpness and widening."""
+    sharp, widening = p[i, SHARP], p[i, WIDENING]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
     h, scale, color = p[i, 6], F(6) * p[i, 7] * sharp, first_of(p[i, COLOR:], CHANNELS)
-    x0, x1, x2, y0, y1, y2, g6, g7 = F(0), F(0), F(0), F(0), F(0), F(0), F(0), F(0)
+    x0, x1, x2, y0, y1, y2 = F(0), F(0), F(0), F(0), F(0), F(0)
+    g6, g7, g8, g9 = F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t, d = own[NEAREST * AREA + q], own[DISTANCE * AREA + q]
         ga = buf[PULL_ALPHA * AREA + q] + _of_all(color, own, buf, q)
@@ -168,12 +192,16 @@ def _pull_curve(p, i, ox, oy, sharp, taper, own, of_thickness, buf, out, wide):
             gh = ga * _slope(h * sharp - d * sharp)
             gd = -gh
             g6 += gh
+            g8 += gh * (h - d)
+            g9 += gh * (t + t - F(1))
         else:
             u = t + t - F(1)
-            profile = F(1) - taper * u * u
-            inner, outer = _slope((h * profile - d) * sharp), _slope((h * profile + d) * sharp)
+            ht = h * _shape(taper, widening, u)
+            inner, outer = _slope((ht - d) * sharp), _slope((ht + d) * sharp)
             gh, gd = ga * (inner + outer), ga * (outer - inner)  # both slopes agree at d = 0
-            g6 += gh * profile
+            g6 += gh * _shape(taper, widening, u)
+            g8 += ga * (inner * (ht - d) + outer * (ht + d))
+            g9 += gh * (F(1) - taper * u * u) * u
             of_thickness[q] = scale * gh
         gd /= max(d, F(1e-6))
         px, py = gd * ((bx * t + fx) * t + (sx - CENTER_X[q])), gd * ((by * t + fy) * t + (sy - CENTER_Y[q]))
@@ -185,7 +213,7 @@ def _pull_curve(p, i, ox, oy, sharp, taper, own, of_thickness, buf, out, wide):
         y2 += py * t * t
     out[0], out[2], out[4] = scale * (x0 - F(2) * x1 + x2), scale * F(2) * (x1 - x2), scale * x2
     out[1], out[3], out[5] = scale * (y0 - F(2) * y1 + y2), scale * F(2) * (y1 - y2), scale * y2
-    out[6], out[7] = scale * g6, g7
+    out[6], out[7], out[SHARP], out[WIDENING] = scale * g6, g7, F(6) * p[i, 7] * g8, scale * h * g9
 
 
 @inline
@@ -198,12 +226,12 @@ def _of_all(color, own, buf, q):
 
 
 @inline
-def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
+def _add_shape(p, i, ox, oy, taper, own, of_thickness, out):
     """Add to the gradient of the curve that the thickness depends on t, and t on the control points."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)
-    floor = LEAST_SLOPE * size + F(1e-20)
+    floor, widening = LEAST_SLOPE * size + F(1e-20), p[i, WIDENING]
     g0, g1, g2, g3, g4, g5 = F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
@@ -214,7 +242,8 @@ def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
         ry = b0 * sy + b1 * cy + b2 * ey - CENTER_Y[q]
         dx, dy = bx * t + fx, by * t + fy
         bend = max(F(2) * (dx * dx + dy * dy) + bx * rx + by * ry, floor, LEAST_BEND)
-        gt = F(4) * of_thickness[q] * p[i, 6] * taper * u / bend
+        thins = F(2) * taper * u * (F(1) + widening * u) - widening * (F(1) - taper * u * u)  # in t, by half
+        gt = F(2) * of_thickness[q] * p[i, 6] * thins / bend
         gt = gt if t > F(0) else F(0)  # held at an end, t does not move
         gt = gt if t < F(1) else F(0)
         g0 += gt * (b0 * dx - v * rx)

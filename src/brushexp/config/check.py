@@ -9,7 +9,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import INSTEAD, KEYS, MEMBERS, plain_name
+from brushexp.config.vocabulary import plain_name, spellings
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 
@@ -125,7 +125,7 @@ def members_of(family: str) -> str:
 def nearest_first(word: str, names: Sequence[str]) -> str:
     """List the three names for a message that are most like the word, the one that others call so first."""
     plain = plain_name(word)
-    ours = [name for name in (KEYS.get(plain, ""), MEMBERS.get(plain, "")) if name in names]
+    ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
     return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, NEAREST, 0)])][:NEAREST])
 
 
@@ -151,9 +151,9 @@ def unknown_key(typed: str, task: str) -> str:
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *groups_of(TASKS[task])]
-    if (meant := KEYS.get(plain)) in keys:
+    if (meant := spellings("keys").get(plain)) in keys:
         return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
-    cure = INSTEAD.get(plain, "")
+    cure = spellings("instead").get(plain, "")
     if cure.split("=")[0] in names or cure.startswith("brushexp "):
         return f"{typed} is no key of task={task}; type {cure}"
     if family in MULTI_SELECT and rest:
@@ -172,7 +172,7 @@ def unknown_key(typed: str, task: str) -> str:
     above = typed.rpartition(".")[0]
     beside = [name for name in names if name.rpartition(".")[0] == above] or names
     near = f"nearest first: {nearest_first(typed, beside)} (all: --help)"
-    name = KEYS.get(plain, typed)
+    name = spellings("keys").get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
         near = f"type {' or '.join([*dict.fromkeys(owners)][:NEAREST])}"

@@ -58,7 +58,7 @@ def offer(folders: Sequence[Path]) -> None:
 def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
     """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
     for name, schema in tasks.items():
-        groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
+        groups = [{f"optional /{name}" if "@" in name else f"/{name}": one} for name, one in schema.groups.items()]
         ConfigStore.instance().store(group=MEMBERS, name=name, node={"defaults": groups}, provider=PUBLISHER)
         store_when_read("task", name, partial(config_of_task, name, schema, tuned), PUBLISHER)  # a run reads one
 

@@ -61,7 +61,6 @@ CATALOGUE = Rule(canvas_of)
 COLOR = Rule(named_color)
 DEVICE = Rule(device_of)
 FOCUS = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, "), besides=(AUTO,))
-PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -157,11 +156,3 @@ def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
         if node.get("save_top_k", 1) > 1 and node.monitor is None:
             some = f"callbacks.{name}.save_top_k={node.save_top_k}"
             raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
-
-
-def check_view(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that there is something to look at."""
-    from brushexp.results.runs import newest_run  # noqa: PLC0415
-
-    if cfg.catalogue is None:
-        newest_run()

@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import DURATION, FILE, FOLDER, INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.bounds import DURATION, FILE, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
-from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, PAGE
+from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
@@ -83,7 +83,8 @@ class Task:
     """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
 
     # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
-    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
+    # whose options are below ``style.loss``, if a package has it. Presets are values of the keys and win over those
+    # here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
@@ -185,29 +186,3 @@ class ExportTask(Task):
     catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
     light: OtherLamp = field(default_factory=OtherLamp)
-
-
-@dataclass
-class CompareTask(Task):
-    """Compare finished runs: which are worth their time, and which was ahead when."""
-
-    module = "brushexp.tasks.compare"
-    alone = "runs"
-    runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
-
-
-@dataclass
-class ViewTask(Task):
-    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
-
-    module = "brushexp.tasks.view"
-    check = staticmethod(rules.check_view)
-    alone = "catalogue"
-    groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
-
-    catalogue: str | None = key(
-        None, "folder of a run or sweep, or a catalogue (.h5, .json); null = the newest in outputs/", PAGE
-    )
-    output: str = key("${scratch:}", "folder that keeps the page; by default none does")
-    port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
-    open: bool = key(True, "open the page in the browser; false = only print the address")

@@ -2,6 +2,8 @@
 
 import os
 import re
+import tomllib
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -14,66 +16,15 @@ WORDS = {  # what a painter types -> what it means
     "abstract": "abstraction=0.7",
     **{f"{key}={no}": "frames=0" for key in ("timelapse", "film") for no in ("none", "null", "no", "false")},
 }
-KEYS = {  # names that others have for a key of ours
-    **dict.fromkeys(("time", "duration"), "seconds"),
-    **dict.fromkeys(("size", "width", "height", "side", "pixels"), "resolution"),
-    **dict.fromkeys(("iterations", "iters", "epochs"), "steps"),
-    **dict.fromkeys(("out", "folder", "save", "output_dir", "destination"), "output"),
-    **dict.fromkeys(("input", "photo", "picture", "file", "path"), "image"),
-    **dict.fromkeys(("gpu", "cuda", "accelerator"), "device"),
-    **dict.fromkeys(("medium", "filter"), "look"),
-    **dict.fromkeys(("brushes", "n_strokes", "num_strokes", "brush_strokes"), "strokes"),
-    **dict.fromkeys(("cores", "cpus", "jobs", "n_jobs"), "threads"),
-    **dict.fromkeys(("canvas", "canvas_color", "bg", "ground"), "background"),
-    "learning_rate": "lr",
-    **dict.fromkeys(("fps", "frame_rate", "framerate"), "film.every"),
-    **dict.fromkeys(("format", "export"), "to"),
-}
-PRINT = "brushexp export FOLDER to=png to.png.size_cm=60x40 to.png.dpi=300, with the FOLDER of a painting"
-INSTEAD = {  # names that others have for what is said here with other keys, and what to type
-    **dict.fromkeys(("dpi", "ppi", "cm", "inch", "inches", "print", "print_size", "paper_size"), PRINT),
-    **dict.fromkeys(
-        ("brush_size", "brush_width", "stroke_size", "stroke_width", "thickness"),
-        "strokes=300 for few large ones, or detail=2 for smaller ones",
-    ),
-    **dict.fromkeys(("speed", "fast"), "quality=draft, or seconds=10"),
-    **dict.fromkeys(
-        ("colors", "n_colors", "num_colors", "palette_size"),
-        "palette=toned palette.values=5 for few tones, "
-        "or palette=picture palette.image=FILE for the colours of another picture",
-    ),
-    **dict.fromkeys(("fps", "frame_rate", "framerate"), "timelapse_seconds=10, in which frames=60 pictures are shown"),
-    **dict.fromkeys(("video", "movie", "animation"), "timelapse=mp4, frames=60 and timelapse_seconds=10"),
-    # options of Lightning's Trainer
-    **dict.fromkeys((f"trainer.{name}" for name in ("accelerator", "devices", "strategy", "num_nodes")), "device=cpu"),
-    **dict.fromkeys((f"trainer.{name}" for name in ("fast_dev_run", "overfit_batches")), "steps=3"),
-    "trainer.logger": "logger=csv",
-    "trainer.callbacks": "callbacks=early_stopping",
-    "trainer.default_root_dir": "output=FOLDER",
-    "trainer.enable_checkpointing": "checkpoint_every=null",
-}
-MEMBERS = {  # names that others have for a member of a family, a look or a quality
-    **dict.fromkeys(("fast", "quick", "low", "preview"), "draft"),
-    **dict.fromkeys(("high", "slow"), "fine"),
-    **dict.fromkeys(("highest", "ultra", "max"), "best"),
-    **dict.fromkeys(("medium", "standard", "default"), "normal"),
-    **dict.fromkeys(("acrylic", "tempera", "poster"), "gouache"),
-    **dict.fromkeys(("pencil", "charcoal", "pen", "sketch", "drawing", "line"), "ink"),
-    **dict.fromkeys(("chalk", "crayon"), "pastel"),
-    **dict.fromkeys(("knife", "palette_knife", "thick"), "impasto"),
-    **dict.fromkeys(("pointillism", "seurat", "dots"), "pointillist"),
-    **dict.fromkeys(("impressionist", "impressionism", "monet", "oil_paint", "oil_painting", "oils"), "oil"),
-    **dict.fromkeys(("van_gogh", "gogh", "starry_night"), "vangogh"),
-    **dict.fromkeys(("tif", "tiff", "bmp", "webp", "image"), "png"),
-    "jpeg": "jpg",
-    **dict.fromkeys(("mp4", "gif", "film", "video", "movie", "mov"), "process"),
-    **dict.fromkeys(("print", "paper"), "pdf"),
-    **dict.fromkeys(("eps", "ai", "vector", "dxf"), "svg"),
-    **dict.fromkeys(("nc", "ngc", "cnc", "plotter"), "gcode"),
-    "plt": "hpgl",
-    **dict.fromkeys(("psd", "kra", "xcf", "layers", "openraster"), "ora"),
-}
+SPELLINGS = Path(__file__).with_name("spellings.toml")
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
+
+
+@cache
+def spellings(table: str) -> dict[str, str]:
+    """Read what others say for ``keys``, ``members`` or what is typed ``instead``, and what we say."""
+    tables = tomllib.loads(SPELLINGS.read_text(encoding="utf-8"))
+    return {theirs: ours for ours, others in tables[table].items() for theirs in others}
 
 
 def members_alone() -> dict[str, str]:
@@ -137,4 +88,4 @@ def plain_name(name: str) -> str:
     ('brush_size', 'colors')
     """
     name = re.sub("[- ]", "_", name.lower())
-    return name if name in KEYS or name in INSTEAD else respelt(name)
+    return name if name in spellings("keys") or name in spellings("instead") else respelt(name)

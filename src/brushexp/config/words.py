@@ -33,9 +33,6 @@ from brushexp.config.compose import chosen_groups, quote
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS, task_for
 from brushexp.config.vocabulary import (
-    INSTEAD,
-    MEMBERS,
-    PRINT,
     WORDS,
     is_path,
     meaning_of,
@@ -43,6 +40,7 @@ from brushexp.config.vocabulary import (
     members_of_group,
     plain_name,
     respelt,
+    spellings,
 )
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -106,7 +104,8 @@ def unknown_word(word: str) -> str:
     if meant := setting_in(word):
         return f"{word} is no file, no task and no key=value; type {meant}"
     known = [*TASKS, *members_alone(), *WORDS, *samples()]
-    near = [MEMBERS[plain_name(word)]] if MEMBERS.get(plain_name(word)) in known else []
+    ours = spellings("members").get(plain_name(word), "")
+    near = [ours] if ours in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
     near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     near += nearest_folders(word)
@@ -135,10 +134,10 @@ def setting_in(word: str) -> str | None:
         return f"{pair[1]}={pair[2]}" if {pair[1]} & {*types_of_keys(), *chosen_groups()} else None
     size = re.fullmatch(r"(\d+)(?:[x×](\d+))?(px|p|s|sec|k|cm|mm|in|dpi)?|(a[0-6])", word.lower())
     if not size:
-        return INSTEAD.get(plain_name(word))
+        return spellings("instead").get(plain_name(word))
     number, other, unit, _ = size.groups()
     if number is None or unit in ("cm", "mm", "in", "dpi"):
-        return PRINT
+        return spellings("instead")["print_size"]
     if unit in ("s", "sec"):
         return f"seconds={number}"
     pixels = max(int(number), int(other or 0)) * (1000 if unit == "k" else 1)

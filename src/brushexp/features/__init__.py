@@ -1,13 +1,14 @@
 """Feature networks, from pictures to named activations, for losses and metrics, without access to any network."""
 
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from brushexp.errors import UserError
 from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
-from brushexp.features.classic import ARCHITECTURES, ClassicNetwork
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 
-NETWORKS = ("effl0", *ARCHITECTURES)  # names that `open_backbone` takes
+PUBLISHED = {point.name: point for point in entry_points(group="brushexp.networks")}  # functions: name, tensors -> it
+NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` takes
 
 
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
@@ -22,4 +23,5 @@ def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -
             f"backbone {name} needs a file with torchvision's weights, .pth or .safetensors; set {option}=path, "
             f"or take another network: {option.replace('weights', 'backbone')}=effl0"
         )
-    return ClassicNetwork(name, read_tensors(Path(weights), option))
+    network: Backbone = PUBLISHED[name].load()(name, read_tensors(Path(weights), option))
+    return network

@@ -1,4 +1,4 @@
-"""Measure the perceptual distance of two pictures in the form of LPIPS, in any feature network."""
+"""Measure the perceptual distance of two pictures in the form of LPIPS."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -7,19 +7,11 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.features import open_backbone
-from brushexp.features.base import Backbone, mean_squares, packaged_file, read_tensors
+from brushexp.features.base import OPTION, Backbone, mean_squares
 
 # Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures; leaving out the picture
 # at hand, it orders the pairs as LPIPS does at a Spearman correlation of 0.95.
 WEIGHTS = {"stem": 0.42, "b8.expand": 1.13}
-# The published weights of the channels (LPIPS 0.1), which come with torchmetrics, and the taps they are for.
-PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"
-CALIBRATED = {
-    "alexnet": ("alex.pth", ("relu1", "relu2", "relu3", "relu4", "relu5")),
-    "squeeze": ("squeeze.pth", ("relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9")),
-    "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
-}
-OPTION = "loss.lpips.weights"  # key that errors name by default
 # Added to the squared length of a feature vector: a position without any activation is the zero vector.
 LEAST_SQUARED_LENGTH = 1e-8
 
@@ -57,21 +49,16 @@ class Distance(nn.Module):
         return self.compare(self.look(image), self.look(target))
 
 
-def open_distance(backbone: str = "effl0", weights: str | None = None, option: str = OPTION) -> Distance:
-    """Open a distance in a network of `open_backbone`, LPIPS with its published weights where there are such."""
-    network = open_backbone(backbone, weights, option)
-    if backbone == "effl0":
-        return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, backbone)
-    file, taps = CALIBRATED[backbone]
-    published = read_tensors(packaged_file(PACKAGE, f"{FOLDER}/{file}"))
-    tensors = {tap: published[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
-    return Distance(network, tensors, f"lpips-{backbone}")
+def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distance:
+    """Open the distance in the network that comes with the program; a file may have other ``weights`` of it."""
+    network = open_backbone("effl0", weights, option)
+    return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, "effl0")
 
 
 @torch.no_grad()
 def perceptual_distance(image: Tensor, target: Tensor) -> float:
     """Measure the distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
-    return float(_effl0().to(image.device)(image, target))
+    return float(_bundled().to(image.device)(image, target))
 
 
-_effl0 = cache(open_distance)
+_bundled = cache(bundled_distance)

@@ -13,7 +13,7 @@ from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
-from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.bezier import curve_of, half_width_of, softness_of
 from brushexp.strokes.saved import config_of
 
 MAX_STROKES = 200_000  # browsers can still draw a page of so many
@@ -50,9 +50,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
     number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
-    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Textured strokes also
-    have half width (``thick``) and opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats
-    of its loop, and whether it is flipped; textures are counted as in ``looks``, sorted, None for all of them.
+    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Plain strokes also have
+    ``softness``, in pixels, and ``widening``; textured ones half width (``thick``) and opacity (``strength``) of their
+    renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is flipped; textures are counted as
+    in ``looks``, sorted, None for all of them.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -65,7 +66,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
         "paint": (saved.strokes.color.numpy(), 0, 1),
         "opacity": (saved.strokes.opacity.numpy(), 0, 1),
     } | dict(about or {})
-    if textured is not None:
+    if textured is None:
+        soft = softness_of(saved.strokes).numpy().clip(0, far)
+        values |= {"softness": (soft, 0, soft.max(initial=0)), "widening": (saved.strokes.widening.numpy(), -1, 1)}
+    else:
         thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
         look = textured.look.numpy() if looks is None else np.searchsorted(looks, textured.look.numpy())
         chosen = np.stack([look, textured.repeats.numpy(), textured.flip.numpy() < 0], axis=1)

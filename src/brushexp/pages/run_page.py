@@ -228,7 +228,7 @@ def line_of(config: Mapping[str, Any]) -> str:
             continue
         below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a table has the user's keys
         keys.append(f"{'++' * (below in chosen)}{key}={text}")
-    return shlex.join(["brushexp", "look=plain", *words, *keys])
+    return shlex.join(["brushexp", "look=even", *words, *keys])
 
 
 def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

@@ -13,7 +13,7 @@ from brushexp.pictures.decode import open_picture
 from brushexp.reporting.tables import as_text
 from brushexp.results import tables
 from brushexp.results.anytime_curves import curve_from, curves_by_image, leaders, mean_curves
-from brushexp.results.paired import LEAST_UNITS, difference_rows, explain_pairing, paired_differences, paired_table
+from brushexp.results.comparisons import comparisons
 from brushexp.results.quantities import digits, quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.system.files import write_text
@@ -38,8 +38,6 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 def sweep_page(folder: Path, frame: DataFrame) -> str:
     """Make the page of at least one run, with pictures in it; names of runs are folders as seen from ``folder``."""
     data = _page_data(frame)
-    paired = [one for one in paired_differences(paired_table(frame)) if len(one.gains) >= LEAST_UNITS]
-    text = explain_pairing(paired).replace("*", "").replace("`", "") if paired else ""
     return page(
         "sweep.html.j2",
         title=folder.resolve().name,
@@ -47,7 +45,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         shown=data,
         metrics=quantities(),
         means=_means(frame),
-        paired={"text": text, "rows": difference_rows(paired)} if paired else None,
+        tables=[table for comparison in comparisons() if (table := comparison.table(frame))],
         best=_best(data),
         plotted=_plotted(data),
         data=_script_data(data),

@@ -13,7 +13,7 @@ from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
-from brushexp.plugins.loss.style import Style
+from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.painter.base import Painter
 from brushexp.plugins.palette.base import Palette
 from brushexp.registry import take_built
@@ -84,6 +84,6 @@ def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tenso
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
     """Give the target the colours of the style picture, unless the style takes its own; return both."""
     style = parts.losses[STYLE]
-    assert isinstance(style, Style)
+    assert isinstance(style, StyleLoss)
     picture = style.picture(target)
     return (target if style.colors == "content" else recolor(target, like=picture)), picture

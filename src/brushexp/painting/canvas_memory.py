@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import REACH, Canvas, Layers
+from brushexp.compositing.layers import Canvas, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView, Surroundings
-from brushexp.plugins.renderer.base import PatchRenderer, Renderer
+from brushexp.plugins.renderer.base import PatchRenderer, Renderer, reach_of
 from brushexp.plugins.sampler.base import View
-from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
 COMPARED_ROWS = 256  # pixel rows of two pictures that are compared at once, to save memory
@@ -133,7 +133,7 @@ def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
     """Compute the corners (N, 2) of a box around all that each stroke may cover; ``edge`` is that of its renderer."""
-    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + edge
+    curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 

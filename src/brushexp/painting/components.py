@@ -20,7 +20,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.loss.base import Loss
+from brushexp.plugins.loss.base import BrushworkLoss, Loss
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch import TorchOptim
@@ -30,8 +30,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.registry import build_named, keep_built, plugin_of, take_built
-from brushexp.strokes.brushwork import load_brushwork, with_brushwork
+from brushexp.registry import build, build_named, keep_built, plugin_of, take_built
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.runtime import check_memory
@@ -99,8 +98,10 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses of one name, and a loss without a reference."""
-    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
+    """Refuse (UserError) two losses of one name, one that no package has, and a loss without a reference."""
+    for key, name, node in (("image", STYLE, cfg.style.loss), ("brushwork", BRUSHWORK, cfg.style.strokes)):
+        if cfg.style[key] is not None and "_target_" not in node:
+            raise UserError(f"style.{key}={cfg.style[key]} needs the loss {name}; install the package that has it")
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
     if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
@@ -167,7 +168,8 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
     initializer: Initializer = take_built(cfg.init)
     strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)
     if cfg.style.brushwork is not None:
-        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
+        likeness: BrushworkLoss = build(cfg.style.strokes)
+        strokes = likeness.arranged(strokes, (height, width), generator)
     return strokes, n
 
 

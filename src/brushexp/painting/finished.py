@@ -24,7 +24,7 @@ from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.svg import Svg
-from brushexp.plugins.loss.style import Style
+from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.metric.base import Metric
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import plugin_of, take_built
@@ -157,7 +157,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, flo
     if cfg.style.image is None or not painter.resumable:  # only painters by steps have a style
         return {}
     style = painter.losses[STYLE]
-    assert isinstance(style, Style)
+    assert isinstance(style, StyleLoss)
     return {
         f"style_{name}": value for name, value in style.measure(painter.draw_whole(), painter.picture.target).items()
     }

@@ -1,1 +1,1 @@
-"""Tables and plots, whatever they show."""
+"""Tables, whatever they show."""

@@ -14,9 +14,8 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import plugins
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
-from brushexp.strokes.brushwork import pitch_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import LI, NEIGHBOURS, Measure
+from brushexp.strokes.measures import LI, NEIGHBOURS, Measure, pitch_of
 from brushexp.strokes.saved import Saved, config_of
 
 Array = NDArray[np.float64]
@@ -43,7 +42,7 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure N strokes, all of which count as neighbours of each other; see `strokes.brushwork.is_visible`.
+    """Measure N strokes, all of which count as neighbours of each other; see `strokes.measures.is_visible`.
 
     ``depth`` (N,) are ranks, 0 is the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
     are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches.

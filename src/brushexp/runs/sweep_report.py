@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError, first_line
 from brushexp.results.runs import gather
-from brushexp.results.tables import is_album, write_run_tables
+from brushexp.results.tables import write_run_tables
 from brushexp.system.files import write_json
 from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE
@@ -67,37 +67,14 @@ def renew(folder: Path) -> None:
 
 
 def _write_report(folder: Path) -> None:
-    from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
-    from brushexp.results.effect import write_effect  # noqa: PLC0415
-    from brushexp.results.paired import write_differences  # noqa: PLC0415
+    from brushexp.pages.sweep_page import write_sweep_page  # noqa: PLC0415
+    from brushexp.results.comparisons import comparisons  # noqa: PLC0415
 
     frame = gather([folder], folder)
-    if is_album(frame):
-        _write_tables_and_page(folder, frame)
-    else:
-        write_differences(folder, frame)  # the page shows them
-        write_comparison(folder, frame)
-        write_effect(folder, frame)
-    write_contact_sheet(folder, frame)
-
-
-def _write_tables_and_page(folder: Path, frame: Any) -> None:
-    from brushexp.pages.sweep_page import write_sweep_page  # noqa: PLC0415
-
     write_run_tables(folder, frame)
     write_sweep_page(folder, frame)
-
-
-def write_comparison(folder: Path, frame: Any) -> Path | None:
-    """Write tables, front, curves, quality at equal time and the page of some runs; return the table of the front."""
-    from brushexp.results.anytime_curves import write_anytime, write_curves  # noqa: PLC0415
-    from brushexp.results.pareto import write_front  # noqa: PLC0415
-
-    front = write_front(folder, frame)
-    write_anytime(folder, frame)
-    write_curves(folder, frame)
-    _write_tables_and_page(folder, frame)
-    return front
+    for comparison in comparisons():
+        comparison.write(folder, frame)
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:

@@ -34,6 +34,11 @@ def half_width_of(strokes: Strokes) -> Tensor:
     return 0.5 * strokes.width * strokes.scale
 
 
+def softness_of(strokes: Strokes) -> Tensor:
+    """Compute by how many pixels (N,) edges are wider than their renderer's."""
+    return strokes.softness * strokes.scale
+
+
 def roomy_window(pitch: float) -> float:
     """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 at 10 (thesis 2020)."""
     return max(6.4 * pitch, 4.0)

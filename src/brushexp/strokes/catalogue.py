@@ -41,7 +41,10 @@ FIELDS = {
     "width": Field(0, 0.0, 1e3, "full thickness as a fraction of the window's side"),
     "color": Field(3, 0.0, 1.0, "display-referred (sRGB) red, green, blue"),
     "opacity": Field(0, 0.0, 1.0, "1 covers what lies below"),
+    "softness": Field(0, 0.0, 1e3, "width of the edge, beyond the renderer's own, as a fraction of the window's side"),
+    "widening": Field(0, -1.0, 1.0, "growth of the thickness from the middle to the end; the start shrinks as much"),
 }
+LATER_FIELDS = ("softness", "widening")  # catalogues of versions 1 and 2 have none of them, where they are 0
 SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit of position
 
 
@@ -49,7 +52,8 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
-    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go.
+    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go. Not all
+    renderers draw ``softness`` and ``widening``; optimisers leave them at 0 unless their ``units`` say otherwise.
 
     >>> import torch
     >>> level = Strokes(
@@ -71,9 +75,14 @@ class Strokes:
     width: Tensor  # (N,)
     color: Tensor  # (N, 3)
     opacity: Tensor  # (N,)
+    softness: Tensor = None  # type: ignore[assignment]  # (N,) 0 if it is not given
+    widening: Tensor = None  # type: ignore[assignment]  # (N,) 0 if it is not given
     brush: Tensor = None  # type: ignore[assignment]  # (N,) int64, 0 or more
 
     def __post_init__(self) -> None:
+        for name in LATER_FIELDS:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, torch.zeros_like(self.width))
         if self.brush is None:
             object.__setattr__(self, "brush", torch.arange(len(self), device=self.position.device))
 

@@ -16,12 +16,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 NEIGHBOURS = 10  # strokes around a stroke
 POINT_LENGTH = 0.1  # pixels: a curve much shorter is a point, and loses curvature and direction smoothly
 LEG_SOFTENING = 1e-4  # a leg shorter than about this share of the curve does not count as a turn
 ISOTROPY_SOFTENING = 1e-3  # a curve that spreads about alike in all directions loses its direction smoothly
+MIN_OPACITY = 0.1  # fainter strokes do not count
+MIN_WIDTH_PITCHES = 0.02  # thickness of a stroke that counts, pitches
 LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 
@@ -163,3 +166,13 @@ def homogeneity_of(width: Tensor, near: Tensor) -> Tensor:
     mean = around.mean(1, keepdim=True) + tiny
     spread = ((around - mean).square().mean(1) + tiny**2).sqrt()
     return mean[:, 0] / (mean[:, 0] + spread)
+
+
+def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
+    """Compute the typical distance between neighbouring strokes: sqrt(pixels / strokes)."""
+    return math.sqrt(size[0] * size[1] / max(len(strokes), 1))
+
+
+def is_visible(strokes: Strokes, pitch: float) -> Tensor:
+    """Decide which strokes (N,) are opaque and thick enough to be seen, whether or not others hide them."""
+    return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)

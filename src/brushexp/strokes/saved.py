@@ -15,13 +15,14 @@ from PIL import Image
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, MOST, Strokes, check_strokes
+from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, MOST, Strokes, check_strokes
 from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
 
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
-VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
+VERSION = 3  # raise it whenever a file of the new kind would mislead an older reader
+VERSION_WITHOUT = 2  # of files without `LATER_FIELDS`
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
@@ -86,17 +87,19 @@ def json_lines(saved: Saved) -> Iterator[str]:
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     attributes = {"height": saved.size[0], "width": saved.size[1], "renderer": saved.renderer}
     attributes |= {"renderer_hash": saved.renderer_hash, "seed": saved.seed}
-    units = {name: field.unit for name, field in FIELDS.items()} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
-    head = {"format": FORMAT, "format_version": VERSION, **attributes}
+    names, version = fields_in(strokes)
+    units = {name: FIELDS[name].unit for name in names} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
+    head = {"format": FORMAT, "format_version": version, **attributes}
     head["background"] = [float(f"{level:.9g}") for level in saved.background.float().tolist()]
     if saved.alpha is not None:
         head["alpha"] = b64encode(png_of(saved.alpha)).decode()
     yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
     exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
-    slots = {name: f"[{', '.join([exact] * field.size)}]" if field.size else exact for name, field in FIELDS.items()}
+    sizes = {name: FIELDS[name].size for name in names}
+    slots = {name: f"[{', '.join([exact] * size)}]" if size else exact for name, size in sizes.items()}
     line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "brush": %d, "depth": %d}'
-    columns = [value.reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
+    columns = [getattr(strokes, name).reshape(len(strokes), size or 1) for name, size in sizes.items()]
     separator = "\n    "
     for *parts, ranks in zip(
         *(column.split(AT_ONCE) for column in (*columns, strokes.brush[:, None], saved.depth[:, None])), strict=True
@@ -106,6 +109,12 @@ def json_lines(saved: Saved) -> Iterator[str]:
         yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # -0 is a whole number
         separator = ",\n    "
     yield "\n  ]\n}\n" if len(strokes) else "]\n}\n"
+
+
+def fields_in(strokes: Strokes) -> tuple[list[str], int]:
+    """List the fields that a file of strokes needs, and its version: later ones are left out where they are all 0."""
+    needed = [name for name in LATER_FIELDS if bool(getattr(strokes, name).any())]
+    return [name for name in FIELDS if name not in LATER_FIELDS or needed], VERSION if needed else VERSION_WITHOUT
 
 
 def parse(text: str) -> Saved:
@@ -169,8 +178,9 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
                 f"stroke {index} has a field {shortened(unknown[0])}; it takes {', '.join(FIELDS)}, brush and depth"
             )
     values = {}
+    zeros = dict.fromkeys(LATER_FIELDS, 0)
     for name, field in FIELDS.items():
-        column = [_numbers(row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
+        column = [_numbers(zeros | row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
     brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
     within = [min(max(brush, -1), MOST) for brush in brushes]  # `check_strokes` refuses what lies outside

@@ -12,15 +12,16 @@ import numpy as np
 import torch
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, Strokes
 from brushexp.strokes.saved import (
     BRUSH_UNIT,
     DEPTH_UNIT,
     FORMAT,
-    VERSION,
+    VERSION_WITHOUT,
     Saved,
     alpha_of,
     check_version,
+    fields_in,
     parse,
     png_of,
 )
@@ -42,15 +43,16 @@ def save_catalogue(path: Path, saved: Saved) -> None:
     replace(saved, strokes=strokes).check()
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
-        for name, value in strokes.items():
-            _put(file, name, value.numpy(), FIELDS[name].unit)
+        names, version = fields_in(strokes)
+        for name in names:
+            _put(file, name, getattr(strokes, name).numpy(), FIELDS[name].unit)
         _put(file, "brush", strokes.brush.numpy().astype(np.int32), BRUSH_UNIT)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         if saved.alpha is not None:
             _put(file, "alpha", np.frombuffer(png_of(saved.alpha), np.uint8), ALPHA_UNIT)
         file.attrs.update(
             format=fixed(FORMAT),
-            format_version=VERSION,
+            format_version=version,
             height=saved.size[0],
             width=saved.size[1],
             background=saved.background.detach().to("cpu", torch.float32).numpy(),
@@ -88,10 +90,11 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
 def _read(file: h5py.File, cure: str) -> Saved:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
         raise UserError(f"an HDF5 file, but not a {FORMAT}; {cure}")
-    check_version(whole_number_of(file, "format_version"))
+    check_version(version := whole_number_of(file, "format_version"))
     depth = dataset_of(file, "depth", np.int32, None, MOST_STROKES)
     count = depth.shape[0]
-    values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in FIELDS.items()}
+    known = {name: FIELDS[name] for name in FIELDS if version > VERSION_WITHOUT or name not in LATER_FIELDS}
+    values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in known.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")

@@ -1,5 +1,5 @@
-"""Simulators of wet paint, as members of the family ``engine``."""
+"""Brush simulators, as members of the family ``engine``."""
 
-from brushexp_training.engine import fluid, wash
+from brushexp_training.engine import disc, fluid, wash
 
-__all__ = ["fluid", "wash"]
+__all__ = ["disc", "fluid", "wash"]

@@ -59,7 +59,7 @@
   }
 
   (window.brushexp ??= {}).brush = (strokes) => {
-    const { taper, soft, texture } = strokes;
+    const { taper, texture } = strokes;
     const texels = texture && Uint8Array.from(atob(texture.texels), (letter) => letter.charCodeAt(0));
     const seen = { alpha: 0, tone: 0 }; // of the pixel last looked at
 
@@ -67,12 +67,14 @@
     function plain(k, curve) {
       const half = strokes.half[k];
       const opacity = strokes.opacity[k];
+      const soft = strokes.soft + strokes.softness[k];
+      const widening = strokes.widening[k];
       const look = (t, wx, wy) => {
         const distance = Math.sqrt(wx * wx + wy * wy);
-        const wide = half * (1 - taper * (2 * t - 1) ** 2);
+        const wide = half * (1 - taper * (2 * t - 1) ** 2) * (1 + widening * (2 * t - 1));
         seen.alpha = opacity * Math.max(0, rise((wide + distance) / soft) + rise((wide - distance) / soft));
       };
-      return { reach: half > 0 ? half + soft / 2 : 0, look };
+      return { reach: half > 0 ? half * (1 + Math.abs(widening)) + soft / 2 : 0, look };
     }
 
     // A stroke with a texture along and across it, of which a piece repeats.

@@ -15,6 +15,7 @@
       strokes[name] = Float32Array.from(packed, (value) => low + (value / STEPS) * (high - low));
       at += packed.byteLength;
     }
+    for (const name of ["softness", "widening"]) strokes[name] ??= new Float32Array(count); // textured ones have none
     const hex = (share) => Math.round(255 * share).toString(16).padStart(2, "0");
     const colorOf = (k) => `#${[...strokes.paint.subarray(3 * k, 3 * k + 3)].map(hex).join("")}`;
     strokes.color = Array.from({ length: count }, (_, k) => colorOf(k));
@@ -23,52 +24,52 @@
 
   (window.brushexp ??= {}).strokes = (packed) => {
     const strokes = unpack(packed);
-    const { taper, soft } = strokes;
+    const { taper } = strokes;
     const probe = new OffscreenCanvas(1, 1).getContext("2d"); // for shapes alone
     probe.lineCap = "round";
 
     // Coverage at the middle of a stroke, see renderer/base.py: one thinner than its soft edge fades. It is drawn as
     // wide as leaves the paint the same.
-    function peak(half) {
-      const z = Math.min(0.5, half / soft);
+    function peak(k) {
+      const z = Math.min(0.5, strokes.half[k] / (strokes.soft + strokes.softness[k]));
       return 2 * z * (1.5 - 2 * z * z);
     }
 
     // How wide to each side stroke k is drawn.
-    const reach = (k) => strokes.half[k] / (peak(strokes.half[k]) || 1);
+    const reach = (k) => strokes.half[k] / (peak(k) || 1);
 
     // Begin a path with the shape of stroke k, so wide to each side; gives how a pen draws it.
     function outline(pen, k, wide) {
       const [x0, y0, x1, y1, x2, y2] = strokes.points.subarray(6 * k, 6 * k + 6);
-      const end = wide * (1 - taper); // half the width of an end
+      const widening = strokes.widening[k];
+      const halfAt = (t) => wide * (1 - taper * (2 * t - 1) ** 2) * (1 + widening * (2 * t - 1));
       pen.beginPath();
       if (Math.abs(x0 - x1) + Math.abs(y0 - y1) + Math.abs(x2 - x1) + Math.abs(y2 - y1) < 0.01) {
-        pen.arc(x0, y0, end, 0, 2 * Math.PI);
+        pen.arc(x0, y0, wide * (1 - taper), 0, 2 * Math.PI);
         return "fill";
       }
-      if (!taper) {
+      if (!taper && !widening) {
         pen.lineWidth = 2 * wide;
         pen.moveTo(x0, y0);
         pen.quadraticCurveTo(x1, y1, x2, y2);
         return "stroke";
       }
-      const [left, right] = [[], []];
-      let turn = 0;
+      const right = []; // side, which is come back along
+      let [turn, first] = [0, null];
       for (let i = 0; i <= PIECES; i++) {
         const t = i / PIECES;
         const [dx, dy] = [(1 - t) * (x1 - x0) + t * (x2 - x1), (1 - t) * (y1 - y0) + t * (y2 - y1)];
         if (dx || dy) turn = Math.atan2(dy, dx);
+        first ??= turn;
         const x = (1 - t) ** 2 * x0 + 2 * t * (1 - t) * x1 + t * t * x2;
         const y = (1 - t) ** 2 * y0 + 2 * t * (1 - t) * y1 + t * t * y2;
-        const h = wide * (1 - taper * (2 * t - 1) ** 2);
-        left.push([x - Math.sin(turn) * h, y + Math.cos(turn) * h]);
+        const h = halfAt(t);
+        pen.lineTo(x - Math.sin(turn) * h, y + Math.cos(turn) * h);
         right.unshift([x + Math.sin(turn) * h, y - Math.cos(turn) * h]);
       }
-      for (const [x, y] of [...left, ...right]) pen.lineTo(x, y);
-      for (const [x, y] of [[x0, y0], [x2, y2]]) { // round ends, turning as the outline does
-        pen.moveTo(x + end, y);
-        pen.arc(x, y, end, 0, 2 * Math.PI, true);
-      }
+      pen.arc(x2, y2, halfAt(1), turn + Math.PI / 2, turn - Math.PI / 2, true);
+      for (const [x, y] of right) pen.lineTo(x, y);
+      pen.arc(x0, y0, halfAt(0), first - Math.PI / 2, first - 1.5 * Math.PI, true);
       return "fill";
     }
 
@@ -82,8 +83,9 @@
       for (let k = shown - 1; k >= 0; k--) {
         if (!chosen[strokes.layer[k]] || strokes.opacity[k] < FAINTEST) continue;
         const wide = Math.max(strokes.half[k], least);
+        const most = wide * (1 + Math.abs(strokes.widening[k]));
         const [x0, y0, x1, y1, x2, y2] = strokes.points.subarray(6 * k, 6 * k + 6);
-        if (isBeside(x0, x1, x2, x, wide) || isBeside(y0, y1, y2, y, wide)) continue;
+        if (isBeside(x0, x1, x2, x, most) || isBeside(y0, y1, y2, y, most)) continue;
         if (outline(probe, k, wide) === "fill" ? probe.isPointInPath(x, y) : probe.isPointInStroke(x, y)) return k;
       }
       return -1;

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import along_edges, structure_tensor, worst_of_cells
-from brushexp.plugins.density._rounds import Rounds
 from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.density.rounds import Rounds
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 

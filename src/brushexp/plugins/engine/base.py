@@ -21,9 +21,9 @@ class Engine(ABC):
     Points of the curve are in half windows from the window's centre (-1 and 1 are its borders), the width in whole
     windows. So an engine with a larger window draws the same strokes, larger.
 
-    >>> from brushexp.plugins.engine.disc import Disc
+    >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import parameters_of, sample_prior
-    >>> simulated = Disc(window=32)(parameters_of(sample_prior(3)), seed=0)
+    >>> simulated = build_named("engine", "disc", {"window": 32})(parameters_of(sample_prior(3)), seed=0)
     >>> simulated.images.shape, simulated.heights.shape
     (torch.Size([3, 4, 32, 32]), torch.Size([3, 32, 32]))
     """

@@ -29,7 +29,10 @@ BISECTIONS = 40  # halvings of the interval in which the width of an outline is 
 LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
-SIDE_POINTS = 24  # points on each long side of a tapered stroke
+SIDE_POINTS, WEDGE_POINTS = 24, 12  # points on each long side of a stroke that tapers, and of one that only widens
+EVEN = 0.02  # widening up to which a stroke is drawn as if it were as thick all along
+PATH_EDGE = 3.0  # pixels of soft edge that one path makes, at most
+MOST_PATHS = 5  # of a stroke
 TURN = 1e-3  # a curve that folds is sampled so near to its sharpest bend, in the parameter, on either side
 LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG takes .5 for 0.5, and a minus without a space before it
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
@@ -40,10 +43,11 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 class Svg(Exporter):
     """``strokes.svg``: one path per stroke, bottom first, that browsers and Inkscape show like the painting.
 
-    A path is a curve with a width and round ends; with ``renderer.taper`` it is a filled outline. Sizes are pixels of
-    the canvas. Programs fill the pixels at an edge by the share that is covered, which is sharper than the soft edge of
-    the renderer; two ``outlines`` come close to it. A stroke thinner than that edge is drawn wider and fainter, as
-    the renderer does. One that cannot be seen (no width, no opacity) has no path; one without length is a dot.
+    A path is a curve with a width and round ends; where the thickness changes along the stroke it is a filled outline.
+    Sizes are pixels of the canvas. Programs fill the pixels at an edge by the share that is covered, which is sharper
+    than the soft edge of the renderer; two ``outlines`` come close to it, and a stroke with a softness of its own has
+    more. A stroke thinner than its edge is drawn wider and fainter, as the renderer does. One that cannot be seen (no
+    width, no opacity) has no path; one without length is a dot.
 
     Strokes with a texture are bitmaps with transparency, one image each, coarser than the picture where all would be
     too large; those of a slow renderer (``neural``) are paths without the texture. The lamp of a painting (``light.*``)
@@ -51,7 +55,7 @@ class Svg(Exporter):
 
     Args:
         digits: decimals of coordinates and widths.
-        outlines: how many paths, one on another, make the soft edge of a stroke.
+        outlines: how many paths, one on another, make the soft edge of a stroke; more where it is wider than 3 pixels.
         paths: nothing but paths, without textures and light, for programs that edit them.
     """
 
@@ -78,7 +82,7 @@ class Svg(Exporter):
         about += " Viewers mix its colours as light, not as color= said." * (not job.space.is_rgb)
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
-        stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
+        stroked = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
         yield f'<?xml version="1.0" encoding="UTF-8"?>\n<svg version="1.1" {NAMESPACES} '
         yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}" '
         yield 'style="max-width:100%;max-height:100vh">\n'
@@ -113,23 +117,37 @@ class Svg(Exporter):
             yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(pixels)}/>\n'
 
     def _paths(self, profile: Profile, number: Tensor) -> Iterator[str]:
-        curve, half, color, opacity = (
-            value.detach().cpu()[number].double()
-            for value in (profile.curve, profile.half_width, profile.color, profile.opacity)
-        )
-        middle, offset, alpha = soft_edge(half, opacity, profile.soft, self.outlines)
+        rows = {name: getattr(profile, name).detach().cpu()[number].double() for name in Profile.per_stroke}
+        changes = (rows["widening"].abs() > EVEN) | (profile.taper > 0)
+        counts = ((profile.soft + rows["softness"]) / PATH_EDGE).clamp(1, MOST_PATHS).ceil().long()
+        counts = counts.clamp_min(self.outlines)
+        texts = [""] * len(number)
+        for count in counts.unique().tolist():
+            for filled in (False, True):
+                if not len(alike := ((counts == count) & (changes == filled)).nonzero()[:, 0]):
+                    continue
+                part = Profile(soft=profile.soft, taper=profile.taper, **{k: v[alike] for k, v in rows.items()})
+                for index, text in zip(alike.tolist(), self._drawn(part, count, filled=filled), strict=True):
+                    texts[index] = text
+        yield from texts
+
+    def _drawn(self, profile: Profile, count: int, *, filled: bool) -> Iterator[str]:
+        """Draw each stroke by ``count`` paths, one on another: outlines that are ``filled``, or curves with a width."""
+        middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
         widths = _round(2 * (middle[:, None] + offset), self.digits).tolist()
-        kind = "fill" if profile.taper else "stroke"
-        shapes: Iterable[list[str]] = ([text] * self.outlines for text in curve_paths(curve, self.digits))
-        if profile.taper:
-            shapes = outline_paths(curve, middle, offset, profile.taper, self.digits)
-        rows = zip(shapes, hexadecimal(color), widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
+        kind = "fill" if filled else "stroke"
+        shapes: Iterable[list[str]] = ([text] * count for text in curve_paths(profile.curve, self.digits))
+        if filled:
+            shapes = outline_paths(profile, middle, offset, self.digits)
+        rows = zip(shapes, hexadecimal(profile.color), widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
         for paths, paint, path_widths, opacities in rows:
+            text = ""
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
                 if width > 0 and opaque > 0:
-                    more = "" if profile.taper else f' stroke-width="{width:.12g}"'
+                    more = "" if filled else f' stroke-width="{width:.12g}"'
                     more += "" if opaque == 1 else f' {kind}-opacity="{opaque:.12g}"'
-                    yield f'<path d="{d}" {kind}="{paint}"{more}/>\n'
+                    text += f'<path d="{d}" {kind}="{paint}"{more}/>\n'
+            yield text
 
 
 def _href(pixels: np.ndarray) -> str:
@@ -148,13 +166,13 @@ def profile_of(job: ExportJob) -> tuple[Profile, bool]:
     return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), False
 
 
-def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[Tensor, Tensor, Tensor]:
+def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
     """Choose strokes with hard edges, one on another, that together cover what a soft one does.
 
     One alone has the same opacity in its middle as the soft stroke, C(0) of `Profile`, and the same share of the light
     across it, so it is wider than a stroke that is thinner than the edge. Several have the half widths at which C(d)
     passes (k + 1/2) / count of C(0), drawn together so that, smoothed by a pixel, their edge is as soft as that of C:
-    its variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and ``soft``, the edge's width, are pixels.
+    its variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and ``soft`` (N,), the edges' widths, are pixels.
 
     Returns:
         Half width of one stroke alone (N,); what to add to it (N, K), the widest first; opacities (N, K).
@@ -166,18 +184,19 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[T
     if count == 1:
         return middle, torch.zeros_like(share), alpha
     distance = _distances(half, soft, count)
-    wide = _distances(half.new_tensor([soft]), soft, count).var(unbiased=False)
-    closer = ((soft**2 / 20 - PIXEL) / wide).clamp_min(0).sqrt()
+    wide = _distances(soft, soft, count).var(1, unbiased=False)
+    closer = ((soft**2 / 20 - PIXEL) / wide).clamp_min(0).sqrt()[:, None]
     return middle, closer * (distance - distance.mean(1, keepdim=True)), alpha
 
 
-def _distances(half: Tensor, soft: float, count: int) -> Tensor:
+def _distances(half: Tensor, soft: Tensor, count: int) -> Tensor:
     """Search by bisection where (N, count) C(d) has fallen to (k + 1/2) / count of C(0)."""
-    level = 2 * smooth_rise(half / soft)[:, None] * (torch.arange(count) + 0.5) / count
-    low, high = torch.zeros_like(level), (half + 0.5 * soft)[:, None].expand_as(level)
+    high, half, soft = half + 0.5 * soft, half[:, None], soft[:, None]
+    level = 2 * smooth_rise(half / soft) * (torch.arange(count) + 0.5) / count
+    low, high = torch.zeros_like(level), high[:, None].expand_as(level)
     for _ in range(BISECTIONS):
         d = 0.5 * (low + high)
-        inside = smooth_rise((half[:, None] + d) / soft) + smooth_rise((half[:, None] - d) / soft) > level
+        inside = smooth_rise((half + d) / soft) + smooth_rise((half - d) / soft) > level
         low, high = torch.where(inside, d, low), torch.where(inside, high, d)
     return low
 
@@ -204,19 +223,21 @@ def _round(values: Tensor, digits: int) -> Tensor:
     return values.round(decimals=digits) + 0.0  # not -0
 
 
-def outline_paths(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits: int) -> Iterator[list[str]]:
-    """Outline strokes that are thinner at their ends, with round ends; fill them by the rule nonzero.
+def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
+    """Outline strokes whose thickness changes, with round ends; fill them by the rule nonzero.
 
-    The half width at parameter t is ``middle * (1 - taper * (2 t - 1)^2) + offset``, and 0 where that is less. Sides
-    are chains of chords. A curve that folds gets a disc where it does, and one that is a point is a disc. Yields the K
-    outlines of each stroke; ``curve`` (N, 3, 2), ``middle`` (N,) and ``offset`` (N, K) are in pixels.
+    The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset`` with u = 2 t - 1, and
+    0 where that is less. Sides are chains of chords. A curve that folds gets a disc where it does, and one that is a
+    point is a disc. Yields the K outlines of each stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
     """
+    curve, taper, widening = profile.curve, profile.taper, profile.widening[:, None]
     bend, folds = sharpest_bend(curve, middle)
     point_like = (curve - curve[:, :1]).abs().amax((1, 2)) * 10**digits < 1
-    even = torch.linspace(0, 1, SIDE_POINTS).to(curve).expand(len(curve), -1)
+    even = torch.linspace(0, 1, SIDE_POINTS if taper else WEDGE_POINTS).to(curve).expand(len(curve), -1)
     t = torch.cat([even, bend[:, None] - TURN, bend[:, None] + TURN], dim=1).clamp(0, 1).sort(1).values  # (N, T)
     point, normal = point_at(curve[:, None], t)[:, None], _normal(curve, t)[:, None]  # (N, 1, T, 2)
-    half = middle[:, None] * (1 - taper * (2 * torch.cat([t, bend[:, None]], dim=1) - 1) ** 2)
+    along = 2 * torch.cat([t, bend[:, None]], dim=1) - 1
+    half = middle[:, None] * (1 - taper * along**2) * (1 + widening * along)
     half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last one at the bend
     reach = half[..., :-1, None] * normal
     sides = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...

@@ -153,6 +153,32 @@ class Loss(nn.Module, ABC):
         }
 
 
+class StyleLoss(Loss):
+    """A loss that compares a painting with the picture of another one."""
+
+    colors: str  # style: the target takes the colours of the style picture; content: that takes those of the target
+
+    @abstractmethod
+    def check(self, size: tuple[int, int]) -> int:
+        """Return the longer side of the style picture for a canvas of ``size`` (H, W); a UserError if too small."""
+
+    @abstractmethod
+    def picture(self, target: Tensor) -> Tensor:
+        """Load the style picture (3, h, w) for a whole target (3, H, W)."""
+
+    @abstractmethod
+    def measure(self, picture: Tensor, target: Tensor) -> dict[str, float]:
+        """Measure the distances of a picture (3, H, W) from the style, by their names."""
+
+
+class BrushworkLoss(Loss):
+    """A loss that compares the strokes of a painting with those of another one."""
+
+    @abstractmethod
+    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+        """Give first strokes on a canvas of ``size`` (H, W), in place and colour, the shapes of the other painting."""
+
+
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
     """Copy the states of losses, by name."""
     return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}

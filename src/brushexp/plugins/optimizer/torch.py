@@ -16,6 +16,7 @@ from brushexp.registry import register
 
 # A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
+UNITS |= {"softness": 0.0, "widening": 0.0}
 LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # name -> module
 
 
@@ -31,7 +32,7 @@ class TorchOptim(Optimizer):
         library: torch, or pytorch_optimizer (an extra) with its SOAP, Kron, Adan and a hundred more.
         lr: learning rate; see ``units`` for what it means to each field.
         units: field -> unit. ``lr`` times the unit is about one step of Adam: half-windows for position and points,
-            fractions of the window for width. 0 freezes a field.
+            fractions of the window for width and softness. 0 freezes a field.
         schedule: constant, linear (to 0) or cosine (to 0), after ``hold``.
         hold: fraction of the steps at the full rate before it falls; 1: it never falls.
         warmup: fraction of the steps over which the rate first rises from 0.

@@ -7,7 +7,7 @@ from brushexp.compositing.layers import EDGE
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.bezier import curve_of, half_width_of, softness_of
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -15,8 +15,11 @@ from brushexp.strokes.catalogue import Strokes
 class Analytic(Renderer):
     """Quadratic Bezier stroke of one colour with round ends and a soft edge.
 
+    It draws ``softness`` and ``widening`` of strokes, which move if ``optimizer.units`` says so, as in ``look=plain``.
+
     Args:
-        soft: width of the edge in pixels of the picture; wider gives smoother gradients and a softer picture.
+        soft: width of the edge in pixels of the picture, to which the softness of a stroke is added; wider gives
+            smoother gradients and a softer picture.
         taper: how much thinner the two ends are than the middle, 0 (not at all) to 1 (pointed).
     """
 
@@ -30,4 +33,6 @@ class Analytic(Renderer):
         self.taper = taper
 
     def forward(self, strokes: Strokes) -> Profile:
-        return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, self.soft, self.taper)
+        half, softness = half_width_of(strokes), softness_of(strokes)
+        numbers = strokes.color, strokes.opacity, self.soft, self.taper, softness, strokes.widening
+        return Profile(curve_of(strokes), half, *numbers)

@@ -13,11 +13,12 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.layers import EDGE, Layers
+from brushexp.compositing.layers import EDGE, REACH, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.registry import plugins
+from brushexp.strokes.bezier import half_width_of, softness_of
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
 from brushexp.system.checkpoint import CheckpointFormat
@@ -27,6 +28,11 @@ TEXELS = 2**26  # so many texels of windows are held at once when no gradient is
 FEW = 16  # strokes whose drawing is measured
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
 PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weights and pictures have 32 bits either way
+
+
+def reach_of(strokes: Strokes, edge: float) -> Tensor:
+    """Bound how far (N,), in pixels, strokes paint from their curves; ``edge`` is that of their renderer."""
+    return REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
 def weight_folders() -> list[Path]:
@@ -60,7 +66,7 @@ class Renderer(nn.Module, ABC):
     strokes: ClassVar[str] = "all"  # strokes that it can draw
     warm_up: str | None = None  # a slow renderer names the one that had better take most of the steps of a painting
     weights_hash: str = ""  # hash of the trained weights; "" without any
-    edge: float = EDGE  # pixels beyond ``REACH`` half widths in which a stroke may still paint
+    edge: float = EDGE  # pixels beyond ``REACH`` half widths, and softness, in which a stroke may still paint
     at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 
     def restore(self, checkpoint: str | None, **options: Any) -> None:

@@ -1,5 +1,5 @@
 // In a worker, which has brush.js and strokes.js too: the strokes of cells are drawn into tiles, and found under a
-// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured ones are drawn pixel by pixel.
+// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones are drawn pixel by pixel.
 "use strict";
 if (!self.document) {
   const EVERY = { undefined: true }; // strokes in cells have no layers
@@ -10,7 +10,7 @@ if (!self.document) {
 
   function isIn(strokes, k, { left, top, right, bottom }) {
     const [x0, y0, x1, y1, x2, y2] = strokes.points.subarray(6 * k, 6 * k + 6);
-    const wide = strokes.reach(k) + strokes.soft;
+    const wide = strokes.reach(k) * (1 + Math.abs(strokes.widening[k])) + strokes.soft + strokes.softness[k] / 2;
     return Math.max(x0, x1, x2) + wide > left && Math.min(x0, x1, x2) - wide < right
       && Math.max(y0, y1, y2) + wide > top && Math.min(y0, y1, y2) - wide < bottom;
   }
@@ -29,7 +29,7 @@ if (!self.document) {
   function draw_pixels(pen, strokes, tile) {
     const picture = pen.getImageData(0, 0, tile.width, tile.height);
     const points = strokes.points.map((value, i) => value - (i % 2 ? tile.top : tile.left));
-    const lay = self.brushexp.brush({ ...strokes, points });
+    const lay = self.brushexp.brush({ ...strokes, points, soft: strokes.soft / Math.max(1, tile.zoom) });
     for (let k = 0; k < strokes.count; k++) if (isIn(strokes, k, tile)) lay(picture, k, tile.zoom);
     pen.putImageData(picture, 0, 0);
   }
@@ -39,7 +39,7 @@ if (!self.document) {
     const pen = canvas.getContext("2d", { alpha: false, willReadFrequently: true });
     pen.fillStyle = strokes.background;
     pen.fillRect(0, 0, tile.width, tile.height);
-    (strokes.texture ? draw_pixels : draw_shapes)(pen, strokes, tile);
+    (strokes.texture || strokes.isSoft ? draw_pixels : draw_shapes)(pen, strokes, tile);
     return canvas.transferToImageBitmap();
   }
 
@@ -61,7 +61,7 @@ if (!self.document) {
     const known = cells.get(name);
     if (!("data" in known)) return known;
     const strokes = self.brushexp.strokes({ ...known, texture: cells.get("textures") ?? null });
-    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count) }));
+    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count), isSoft: strokes.softness.some(Boolean) }));
     return strokes;
   }
 

@@ -1,0 +1,55 @@
+"""Write strokes as a table."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, length_of, softness_of
+from brushexp.strokes.saved import AT_ONCE
+from brushexp.system.files import write_text
+
+POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
+PAINT = ("red", "green", "blue", "opacity", "softness_px", "widening")
+COLUMNS = (*POINTS, "width_px", *PAINT, "length_px", "direction_deg")
+
+
+@register("to", "csv")
+class Csv(Exporter):
+    """``strokes.csv``: one stroke a line, the bottom one first, for spreadsheets, pandas and R.
+
+    Columns: ``stroke``, its number in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
+    pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
+    ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, by which its edge is wider than
+    its renderer's; ``widening``, the share by which it is thicker than that at its end, and thinner at its start;
+    ``length_px`` along the curve; ``direction_deg`` from start to end, clockwise as one sees it: 0 is to the right, 90
+    down, -90 up; empty where both are one point.
+    Numbers have seven digits, which is what float32 holds. Lengths and widths of a painting by gradient descent are
+    those that ``init`` gave.
+    """
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        write_text(folder / "strokes.csv", _lines(job))
+        return [folder / "strokes.csv"]
+
+
+def _lines(job: ExportJob) -> Iterator[str]:
+    yield ",".join(("stroke", *COLUMNS)) + "\n"
+    line = "%d" + ",%.7g" * len(COLUMNS) + "\n"
+    for number in job.bottom_up.cpu().split(AT_ONCE):
+        strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
+        curve, width = curve_of(strokes), strokes.width * strokes.scale
+        paint = strokes.color, strokes.opacity, softness_of(strokes), strokes.widening
+        shape = length_of(curve), heading_degrees(curve)
+        rows = torch.column_stack((number, curve.flatten(1), width, *paint, *shape)).tolist()
+        yield "".join([line % tuple(row) for row in rows]).replace("nan\n", "\n")
+
+
+def heading_degrees(curve: Tensor) -> Tensor:
+    """Compute the clockwise angle (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
+    x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
+    angle = torch.atan2(y, x).rad2deg()
+    return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0

@@ -1,0 +1,44 @@
+"""Bits of strokes: rounding changes a painting little, packing loses nothing, and more strokes take more."""
+
+import lzma
+
+import numpy as np
+import torch
+from brushexp_analysis.bits import BitsPerPixel, packed, quantised, restored
+from scenes import random_strokes, with_shapes
+
+from brushexp.painting.picture import Picture
+from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.metric.base import Comparison
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.strokes.catalogue import Strokes
+
+SIZE = (64, 96)
+
+
+def drawn(strokes):
+    painter = Picture(torch.zeros(3, *SIZE), None, torch.zeros(3), Tiled(opaque=0))
+    painter.renderer = Analytic()
+    return painter.draw(strokes, torch.arange(len(strokes)))
+
+
+def test_a_painting_of_rounded_strokes_looks_the_same():
+    strokes = with_shapes(random_strokes(60, SIZE))
+    difference = drawn(strokes) - drawn(restored(quantised(strokes)))
+    assert psnr_of(float(difference.square().mean())) > 40
+
+
+def test_packing_loses_nothing():
+    numbers = quantised(random_strokes(60, SIZE))
+    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(13, 2, -1)
+    assert (numbers == bytes_.transpose(0, 2, 1).copy().view("<i2")[..., 0].T).all()
+
+
+def test_more_strokes_take_more_bits_and_equal_ones_few():
+    picture = torch.zeros(3, *SIZE)
+    few, many = (BitsPerPixel()(Comparison(picture, picture, None, random_strokes(n, SIZE))) for n in (50, 500))
+    assert 5 < many / few < 12
+    alike = Strokes.join(*[random_strokes(1, SIZE)] * 500)
+    assert BitsPerPixel()(Comparison(picture, picture, None, alike)) < 0.2 * many
+    assert BitsPerPixel()(Comparison(picture, picture, None, Strokes.none())) < few

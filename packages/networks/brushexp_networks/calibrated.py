@@ -1,0 +1,25 @@
+"""LPIPS with its published weights, or the distance in the network that comes with the program."""
+
+from brushexp.features import open_backbone
+from brushexp.features.base import packaged_file, read_tensors
+from brushexp.features.distance import Distance, bundled_distance
+
+# The published weights of the channels (LPIPS 0.1), which come with torchmetrics, and the taps they are for.
+PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"
+CALIBRATED = {
+    "alexnet": ("alex.pth", ("relu1", "relu2", "relu3", "relu4", "relu5")),
+    "squeeze": ("squeeze.pth", ("relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9")),
+    "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
+}
+OPTION = "loss.lpips.weights"  # key that errors name by default
+
+
+def open_distance(backbone: str, weights: str | None = None, option: str = OPTION) -> Distance:
+    """Open a distance in a network of `open_backbone`, LPIPS with its published weights where there are such."""
+    if backbone == "effl0":
+        return bundled_distance(weights, option)
+    network = open_backbone(backbone, weights, option)
+    file, taps = CALIBRATED[backbone]
+    published = read_tensors(packaged_file(PACKAGE, f"{FOLDER}/{file}"))
+    tensors = {tap: published[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
+    return Distance(network, tensors, f"lpips-{backbone}")

@@ -1,0 +1,223 @@
+"""Trace lines through what is missing, and put new strokes there in place of those that matter least."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+import numpy as np
+from torch import Tensor
+
+from brushexp.bounds import at_least
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.density.rounds import CHANNELS, Rounds
+from brushexp.registry import register
+from brushexp.strokes.bezier import roomy_window, strokes_along
+from brushexp.strokes.catalogue import Strokes
+
+POINTS = 10  # steps of a line to each side of its seed
+STEP = 1.2  # pixels of the picture on which lines of a width are sought
+OLD = 0.2  # share of the direction so far in that of a step
+SEEDS = 0.7  # quantile of the error above which its peaks are seeds
+PEAK = 3  # pixels: side of the square in which a seed is the worst place
+SMOOTHING = 1.5  # pixels over which the picture's direction is measured
+WIDTHS = (0.15, 0.3, 0.6)  # of lines, in pitches (mean distances between strokes)
+MIN_WIDTH, FINE = 1.5, 3.0  # pixels: of any line, and of one on the picture on which it is sought
+SOFT = 2.0  # pixels: the edge that strokes are taken to have
+SAMPLES = 7  # across a line
+SPARE = 3  # seeds of each width for each stroke that is wanted
+CROWDED = 0.25  # share of a line that may lie on better ones
+OPACITY = 0.95
+DOT = 0.1  # length of a stroke without direction, in its width
+
+Array = np.ndarray
+
+
+@register("density", "traced")
+@dataclass(kw_only=True)
+class Traced(Rounds):
+    """Start with fewer strokes, add whole ones that explain most of the error, also in place of the least important.
+
+    From each peak of the error a line grows both ways along the picture's edges, as far as the error falls; its colour
+    is that of least squares. What it gains is known before it is painted, so that a stroke goes only if what it is
+    worth is outweighed.
+
+    Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual from the peaks of its
+    worst eighth. Differs from it: lines of three widths are sought at once, each on a picture so small that it is about
+    three pixels wide; seeds are more, and closer together; a line becomes one quadratic stroke; and there are as many
+    strokes as asked for.
+
+    Args:
+        start: share of the strokes to begin with, above 0 to 1.
+        rounds: times at which strokes are added and removed, with 8 steps at least between them.
+        until: share of the steps after which the strokes stay.
+        moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
+        price: least gain of a stroke that is laid elsewhere, over what it was worth; below 1, since steps improve it.
+        tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
+        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
+    """
+
+    price: Annotated[float, at_least(0)] = 0.1
+
+    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
+        offered = gain[missing:]  # the best gain goes to what is missing, the next to the weakest stroke
+        pays = int((offered > self.price * weakest[: len(offered)]).long().cumprod(0).sum())
+        return new[: missing + pays], pays
+
+
+@dataclass(frozen=True)
+class Lines:
+    """M lines in pixels, with what each would take from the squared error if it were painted on top."""
+
+    points: Array  # (M, 2 * POINTS + 1, 2) on both sides of the seed
+    used: Array  # (M, 2 * POINTS + 1) bool: the points between which it lies
+    width: Array  # (M,)
+    color: Array  # (M, 3)
+    gain: Array  # (M,)
+
+
+def traced_strokes(state: DensificationState, n: int, least: float) -> tuple[Strokes, Tensor]:
+    """Make at most ``n`` strokes that gain more than ``least``, the best first, and tell what each gains (n,).
+
+    The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls with the
+    stroke on top.
+    """
+    target, like = state.target.cpu().numpy(), state.strokes.position
+    maps, pitch = _maps(state), math.sqrt(target[0].size / max(state.budget, 1))
+    widths = np.unique(np.maximum(MIN_WIDTH, np.multiply(WIDTHS, pitch)))
+    found = [lines_of_width(target, maps, width, SPARE * n) for width in widths]
+    lines = Lines(*(np.concatenate([getattr(part, one.name) for part in found]) for one in fields(Lines)))
+    best = _apart(lines, n, least, target.shape[1:])
+    curve, width, color, gain = map(
+        like.new_tensor, (_curves(lines, best), lines.width[best], lines.color[best], lines.gain[best])
+    )
+    place = curve.mean(1)
+    reach = (curve - place[:, None]).abs().amax((1, 2)) * 2 + width
+    window = reach.clamp_min(roomy_window(pitch))
+    return strokes_along(curve - place[:, None], width, color, OPACITY, window=window, position=place), gain
+
+
+def _maps(state: DensificationState) -> Array:
+    """Compute maps (10, H, W), weighted by the focus: picture P, residual R = target - P, 1, P.P, P.R and R.R."""
+    image, residual = state.image.cpu().numpy(), (state.target - state.image).cpu().numpy()
+    products = [(a * b).sum(0) for a, b in ((image, image), (image, residual), (residual, residual))]
+    maps = np.concatenate([image, residual, np.ones_like(image[:1]), np.stack(products)])
+    return maps if state.focus is None else maps * state.focus.cpu().numpy()
+
+
+def lines_of_width(target: Array, maps: Array, width: float, most: int) -> Lines:
+    """Find lines of a ``width`` in pixels through at most ``most`` peaks of the error, ``maps[9]``, the worst first."""
+    from scipy.ndimage import maximum_filter, uniform_filter  # noqa: PLC0415  (--help does not need it)
+
+    zoom = max(1, min(round(width / FINE), *target.shape[1:]))
+    target, maps = _reduced(target, zoom), _reduced(maps, zoom)
+    error = uniform_filter(maps[9], 3, mode="constant")
+    row, column = np.nonzero((error == maximum_filter(error, PEAK)) & (error >= np.quantile(error, SEEDS)))
+    worst = np.argsort(-error[row, column], kind="stable")[:most]
+    seeds = np.stack([column[worst], row[worst]], 1) + 0.5
+    angle = along_edges(structure_tensor(target, SMOOTHING))
+    back, forth = (_traced(angle, seeds, sign) for sign in (-1, 1))
+    points = np.concatenate([back[:, ::-1], seeds[:, None], forth], axis=1)
+    used, color, gain = best_parts(points, maps, width / zoom, SOFT / zoom)
+    return Lines(points * zoom, used, np.full(len(points), width), color, gain * zoom**2)
+
+
+def _reduced(maps: Array, zoom: int) -> Array:
+    """Average maps (C, H, W) over squares; what is left over at the right and below is cut off."""
+    channels, height, width = maps.shape
+    rows, columns = height // zoom, width // zoom
+    squares = maps[:, : rows * zoom, : columns * zoom].reshape(channels, rows, zoom, columns, zoom)
+    return maps if zoom == 1 else squares.mean((2, 4))
+
+
+def _traced(angle: Array, seeds: Array, sign: int) -> Array:
+    """Walk from ``seeds`` (M, 2: x, y) along directions (H, W), radians, one way or the other, to points (M, ., 2)."""
+    points, place, direction = [], seeds, np.zeros_like(seeds)
+    for number in range(POINTS):
+        here = sampled_at(angle, place[:, 0], place[:, 1])
+        new = np.stack([np.cos(here), np.sin(here)], 1)
+        same_way = (new * direction).sum(1, keepdims=True) >= 0 if number else sign > 0
+        direction = (1 - OLD) * np.where(same_way, new, -new) + OLD * direction
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        place = place + STEP * direction
+        points.append(place)
+    return np.stack(points, 1)
+
+
+def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[Array, Array, Array]:
+    """Choose how far lines (M, 2 * POINTS + 1, 2) go from their middle: first one way, then the other.
+
+    With coverage a of a stroke of one colour c on top, the squared error falls by the sum of 2 a (c - P).R -
+    a^2 |c - P|^2, where it is greatest for c = sum(a^2 P + a R) / sum(a^2). Returns the points between which the stroke
+    lies, whose round ends reach one farther (bool), its colour (M, 3) and what it gains (M,).
+    """
+    each, numbers = np.arange(len(points)), np.arange(points.shape[1])
+    sums = np.pad(_moments(points, maps, width, soft).cumsum(2), ((0, 0), (0, 0), (1, 0)))  # (5, M, .)
+    ahead = sums[:, :, POINTS + 2 :] - sums[:, :, POINTS, None]
+    end = POINTS + 1 + _explained(ahead)[1].argmax(1)
+    behind = sums[:, each, end + 1, None] - sums[:, :, POINTS - 1 :: -1]
+    color, gain = _explained(behind)
+    back = gain.argmax(1)
+    begin = POINTS - 1 - back
+    used = (numbers > begin[:, None]) & (numbers < end[:, None])
+    return used, color[:, each, back].T, gain[each, back]
+
+
+def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
+    """Sum across lines, for each of their points: a^2 P + a R (3), a^2, and a^2 P.P + 2 a P.R; (5, M, points)."""
+    forward = np.gradient(points, axis=1)
+    across = np.stack([-forward[..., 1], forward[..., 0]], -1)
+    across /= np.linalg.norm(across, axis=2, keepdims=True).clip(1e-6)
+    reach = (width + soft) / 2
+    offset = ((np.arange(SAMPLES) + 0.5) / SAMPLES * 2 - 1) * reach
+    place = points[:, :, None] + offset[:, None] * across[:, :, None]  # (M, points, SAMPLES, 2)
+    inside = ((place >= 0) & (place < np.array(maps.shape[:0:-1]))).all(-1)
+    seen = sampled_at(maps[:9], place[..., 0], place[..., 1])
+    alpha = (OPACITY * _coverage(offset, width, soft) * inside).astype(seen.dtype)
+    square, pixels = alpha**2, STEP * 2 * reach / SAMPLES
+    parts = [*(square * seen[:3] + alpha * seen[3:6]), square * seen[6], square * seen[7] + 2 * alpha * seen[8]]
+    return pixels * np.stack(parts).sum(3, dtype=np.float64)
+
+
+def _coverage(distance: Array, width: float, soft: float) -> Array:
+    """Compute how much a stroke covers at a distance from its curve, as `compositing.profile` has it."""
+    inner, outer = (np.clip((width / 2 + sign * np.abs(distance)) / soft, -0.5, 0.5) for sign in (-1, 1))
+    total: Array = inner * (1.5 - 2 * inner**2) + outer * (1.5 - 2 * outer**2)
+    return total
+
+
+def _explained(moments: Array) -> tuple[Array, Array]:
+    """Compute the best colour (3, ...) of strokes from their moments (5, ...), and what it gains (...)."""
+    color = (moments[:3] / moments[3].clip(1e-9)).clip(0, 1)
+    return color, 2 * (color * moments[:3]).sum(0) - (color**2).sum(0) * moments[3] - moments[4]
+
+
+def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
+    """Choose at most ``n`` lines, those that gain most, which hardly lie on each other."""
+    taken = np.zeros(size, bool)
+    chosen: list[int] = []
+    x, y = (lines.points[..., axis].astype(int).clip(0, size[1 - axis] - 1) for axis in (0, 1))
+    reach = (lines.width / 2).round().astype(int).clip(1)
+    for k in np.argsort(-lines.gain, kind="stable")[: int((lines.gain > least).sum())]:
+        if len(chosen) == n:
+            break
+        column, row = x[k, lines.used[k]], y[k, lines.used[k]]
+        if np.count_nonzero(taken[row, column]) > CROWDED * len(row):
+            continue
+        chosen.append(k)
+        for i, j in zip(column.tolist(), row.tolist(), strict=True):
+            taken[max(0, j - reach[k]) : j + reach[k] + 1, max(0, i - reach[k]) : i + reach[k] + 1] = True
+    return np.array(chosen, int)
+
+
+def _curves(lines: Lines, chosen: Array) -> Array:
+    """Draw quadratic curves (n, 3, 2) through the ends and the middle of lines; short level ones through dots."""
+    points, used, each = lines.points[chosen], lines.used[chosen], np.arange(len(chosen))
+    first = used.argmax(1)
+    last = first + used.sum(1) - 1
+    start, end = points[each, first], points[each, last]
+    middle = (points[each, (first + last) // 2] + points[each, (first + last + 1) // 2]) / 2
+    curves = np.stack([start, 2 * middle - (start + end) / 2, end], 1)
+    short = DOT * lines.width[chosen][:, None, None] * np.array([[-0.5, 0.0], [0.0, 0.0], [0.5, 0.0]])
+    return np.where((first == last)[:, None, None], middle[:, None] + short, curves)

@@ -1,0 +1,48 @@
+"""What the report of a sweep gains: verdicts, fronts, curves, effects and a sheet of all its paintings."""
+
+from pathlib import Path
+
+from pandas import DataFrame
+
+from brushexp.results.comparisons import PageTable, RunComparison
+from brushexp.results.tables import is_album
+from brushexp_studies.anytime import write_anytime, write_curves
+from brushexp_studies.contact_sheet import write_contact_sheet
+from brushexp_studies.effect import write_effect
+from brushexp_studies.paired import (
+    LEAST_UNITS,
+    difference_rows,
+    explain_pairing,
+    paired_differences,
+    paired_table,
+    write_differences,
+)
+from brushexp_studies.pareto import write_front
+
+
+def write_comparisons(folder: Path, frame: DataFrame) -> None:
+    """Write what compares the runs of a sweep; an album has its sheet alone."""
+    if not is_album(frame):
+        write_differences(folder, frame)
+        write_front_and_curves(folder, frame)
+        write_effect(folder, frame)
+    write_contact_sheet(folder, frame)
+
+
+def write_front_and_curves(folder: Path, frame: DataFrame) -> Path | None:
+    """Write front, curves and quality at equal time of some runs; return the table of the front."""
+    write_anytime(folder, frame)
+    write_curves(folder, frame)
+    return write_front(folder, frame)
+
+
+def differences_on_page(frame: DataFrame) -> PageTable | None:
+    """Tabulate the differences that have enough units for a verdict; None without such."""
+    paired = [one for one in paired_differences(paired_table(frame)) if len(one.gains) >= LEAST_UNITS]
+    if not paired:
+        return None
+    text = explain_pairing(paired).replace("*", "").replace("`", "")
+    return PageTable("paired", "Differences", text, difference_rows(paired), numbers=("difference",))
+
+
+COMPARISON = RunComparison(write_comparisons, differences_on_page)

@@ -1,0 +1,279 @@
+"""Compare settings by paired differences on the same pictures, or with the same seeds if there is one picture.
+
+Of each unit, a picture or a seed, the difference between the means of its runs counts once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from string import ascii_lowercase, ascii_uppercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brushexp.reporting.tables import csv_table, markdown_table
+from brushexp.results.quantities import Quantity, quantities
+from brushexp.results.runs import differences
+from brushexp.results.tables import numbers
+from brushexp.system.files import write_text
+from brushexp_studies import plotting
+from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+CONFIDENCE = 0.95
+LEAST_UNITS = 3  # units from which on there is a verdict
+LEAST_ODD, LEAST_SHARE = 3, 0.2  # pictures each way, and share of all, from which on an answer depends on the picture
+NOT_DECIDED = "not decided"
+PICTURE, SEED = "picture", "seed"
+PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # first metrics of the plot
+MOST_PANELS = 4
+LETTER_HEIGHT = 0.16  # inches: of the letter of a unit in the plot
+LETTERS = ascii_uppercase + ascii_lowercase
+LARGEST_LOGARITHM = 700.0  # no ratio has a larger one: exp(710) overflows
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Gains of a setting over a reference in one metric, of the units ("picture" or "seed") that have both.
+
+    ``gains`` by unit, ``mean``, ``low`` and ``high`` are positive where the setting is better; those of ratios are
+    natural logarithms.
+    """
+
+    option: str
+    reference: str
+    metric: str
+    unit: str
+    gains: dict[str, float]
+    mean: float
+    low: float
+    high: float
+
+    @property
+    def quantity(self) -> Quantity:
+        """Quantity of the metric."""
+        return quantities()[self.metric]
+
+    def units_that_gain(self, sign: int = 1) -> list[str]:
+        """List the units on which the setting is better by more than what matters; with ``sign`` -1, worse."""
+        return [unit for unit, gain in self.gains.items() if sign * gain > self.quantity.matters]
+
+    @property
+    def verdict(self) -> str:
+        """Decide between ``depends``, ``same``, ``better``, ``worse`` and ``not decided``, see `rule_for`."""
+        if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
+            return NOT_DECIDED
+        matters = self.quantity.matters
+        smaller = min(len(self.units_that_gain(1)), len(self.units_that_gain(-1)))
+        if self.unit == PICTURE and matters and smaller >= max(LEAST_ODD, LEAST_SHARE * len(self.gains)):
+            return "depends"
+        if max(-self.low, self.high) <= matters:
+            return "same"
+        if self.low > 0 or self.high < 0:
+            return "better" if self.low > 0 else "worse"
+        return NOT_DECIDED
+
+    @property
+    def is_no_worse(self) -> bool:
+        """Tell whether the interval allows no loss that matters, and no answer depends on the picture."""
+        allows_none = self.low >= -self.quantity.matters
+        return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
+
+    @property
+    def bounds(self) -> str:
+        """The interval, in the metric's own direction."""
+        ends = (self.low, self.high) if self.quantity.better == "higher" else (self.high, self.low)
+        return f"[{', '.join(map(self.format_gain, ends))}]"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words, with its numbers."""
+        numbers = f"{self.format_gain(self.mean)} {self.bounds}"
+        if self.verdict == "same":
+            metric, most = self.quantity, max(abs(self.low), abs(self.high))
+            largest = format_ratio(most) if metric.ratio else f"{most:.{metric.digits}f}"
+            return f"no difference larger than {largest}"
+        if self.verdict == "depends":
+            better, worse = (", ".join(self.units_that_gain(sign)) for sign in (1, -1))
+            return f"depends on the picture: better on {better}; worse on {worse}; {numbers} on average"
+        if self.verdict == NOT_DECIDED and len(self.gains) < LEAST_UNITS:
+            return f"{NOT_DECIDED}, {len(self.gains)} {self.unit}{'s' * (len(self.gains) != 1)}"
+        return f"{self.verdict}: {numbers}"
+
+    def format_gain(self, gain: float) -> str:
+        """Write a gain in the metric's own direction: ``+0.31``, or ``x 1.50`` for ratios."""
+        change = gain if self.quantity.better == "higher" else -gain
+        return format_ratio(change) if self.quantity.ratio else f"{change:+.{self.quantity.digits}f}"
+
+
+def format_ratio(logarithm: float) -> str:
+    """Write a ratio to three digits, of its natural logarithm: ``x 1.00``."""
+    return f"x {math.exp(logarithm) if logarithm < LARGEST_LOGARITHM else math.inf:#.3g}".removesuffix(".")
+
+
+def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[float, float, float]:
+    """Compute the mean of a sample and its interval by Student's t; infinite bounds for a single value."""
+    from scipy.stats import t  # noqa: PLC0415
+
+    sample = np.array(list(values), float)
+    mean = float(sample.mean())
+    if len(sample) < 2:
+        return mean, -math.inf, math.inf
+    half = float(t.ppf((1 + confidence) / 2, len(sample) - 1) * sample.std(ddof=1) / math.sqrt(len(sample)))
+    return mean, mean - half, mean + half
+
+
+def paired_table(frame: DataFrame) -> DataFrame | None:
+    """Tabulate the metrics of finished runs by setting and unit; None without two settings and two units.
+
+    Columns are metrics; the index has levels "option", the overrides in which runs differ but for image and seed, and
+    "picture" or "seed".
+    """
+    compared = frame[frame["run", "label"].notna()]
+    if compared.empty:
+        return None
+    typed = [{k: v for k, v in one.items() if k not in ("image", "seed")} for one in compared["run", "overrides"]]
+    options = np.array([" ".join(parts) or "default" for parts in differences(typed)], object)
+    pictures = compared["run", "image"].str.replace(r", \d+ x \d+ pixels", "", regex=True)
+    if compared["run", "target"].groupby([options, pictures]).nunique().max() > 1:
+        pictures = compared["run", "image"]  # several of one name, which differ in their sizes
+    unit = PICTURE if pictures.nunique() > 1 and (pictures != "").all() else SEED
+    by_unit = pictures if unit == PICTURE else compared["setting", SEED]
+    units = by_unit.fillna("0").astype(str).to_numpy()
+    if len(set(options)) < 2 or len(set(units)) < 2:
+        return None
+    return numbers(compared).groupby([options, units], sort=False).mean().rename_axis(["option", unit])
+
+
+def paired_differences(
+    table: DataFrame | None,
+    reference: str | None = None,
+    metrics: Sequence[str] = (),
+    comparisons: int | None = None,
+) -> list[Difference]:
+    """Compare all settings of a `paired_table` with one, by default the first, in metrics that have a better.
+
+    Intervals hold for so many ``comparisons`` together (Bonferroni); by default, those with the reference.
+    """
+    if table is None:
+        return []
+    options, units = (list(dict.fromkeys(table.index.get_level_values(level))) for level in (0, 1))
+    reference = options[0] if reference is None else reference
+    confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1 if comparisons is None else comparisons)
+    unit, result = str(table.index.names[1]), []
+    for metric in metrics or [key for key in table if quantities()[key].better]:
+        by_unit = table[metric].unstack(level=0).reindex(units) if metric in table else table.iloc[:0]
+        for option in options:
+            if option != reference and option in by_unit:
+                gains = gains_of(by_unit[option], by_unit[reference], metric)
+                if gains:
+                    mean_low_high = interval(gains.values(), confidence)
+                    result.append(Difference(option, reference, metric, unit, gains, *mean_low_high))
+    return result
+
+
+def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
+    """Subtract others from values by unit, so that more is better; see `Difference`."""
+    both = values.notna() & others.notna()
+    if quantities()[metric].ratio:
+        both &= (values > 0) & (others > 0)
+        values, others = np.log(values[both]), np.log(others[both])
+    sign = 1 if quantities()[metric].better == "higher" else -1
+    return {str(unit): float(gain) for unit, gain in (sign * (values[both] - others[both])).items()}
+
+
+def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
+    """Write a row per setting and metric, in words."""
+    return [
+        {
+            "setting": one.option,
+            "metric": one.quantity.name,
+            "difference": one.format_gain(one.mean),
+            "interval": one.bounds,
+            "better on": f"{sum(gain > 0 for gain in one.gains.values())} of {len(one.gains)}",
+            "verdict": one.sentence,
+        }
+        for one in differences
+    ]
+
+
+def rule_for(unit: str) -> str:
+    """Write the rule of verdicts in words, for pictures or seeds."""
+    depends = (
+        f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
+        "than what matters, where that is known, in each direction; "
+    ) * (unit == PICTURE)
+    return (
+        f"An interval is that of Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
+        f"its reference together (Bonferroni). In this order: {depends}there is *no difference larger "
+        "than* what the interval allows, if that does not matter; a setting is *better* or *worse* if the interval "
+        f"excludes zero; else it is *not decided*, as it is with fewer than {LEAST_UNITS} {unit}s."
+    )
+
+
+def explain_pairing(differences: Sequence[Difference]) -> str:
+    """Write the reference, what is paired, and the rule of the verdicts, as Markdown."""
+    unit = differences[0].unit
+    return f"Against `{differences[0].reference}`, paired by {unit}. {rule_for(unit)}"
+
+
+def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
+    """Write ``differences.md``, ``.csv`` and ``.png`` of runs with several settings on the same units; else nothing."""
+    differences = paired_differences(paired_table(frame))
+    if not differences:
+        return []
+    table = markdown_table(difference_rows(differences), align="llrlrl")
+    text = f"{explain_pairing(differences)}\n\n{table}\n"
+    write_text(folder / "differences.md", text)
+    every = [
+        {"setting": one.option, "against": one.reference, "metric": one.metric, one.unit: name, "gain": gain}
+        for one in differences
+        for name, gain in one.gains.items()
+    ]
+    write_text(folder / "differences.csv", csv_table(every))
+    write_paired_plot(folder / "differences.png", differences, folder.resolve().name)
+    return differences
+
+
+def write_paired_plot(path: Path, differences: Sequence[Difference], title: str) -> Path:
+    """Write a PNG with a panel per metric; a bar is the mean with its interval."""
+    by_metric: dict[str, dict[str, Difference]] = {}
+    for one in differences:
+        by_metric.setdefault(one.metric, {})[one.option] = one
+    metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in by_metric][:MOST_PANELS]
+    options = list(dict.fromkeys(one.option for one in differences if one.metric in metrics))
+    units = list(dict.fromkeys(unit for one in differences if one.metric in metrics for unit in one.gains))
+    row = max(0.6, LETTER_HEIGHT * (len(units) + 1))
+    figure = plotting.new_figure(min(TALLEST, 2.2 + row * len(options)))
+    panels = figure.subplots(1, len(metrics), squeeze=False, sharey=True)[0]
+    for axes, metric in zip(panels, metrics, strict=True):
+        _panel(axes, by_metric[metric], options, units)
+        quantity = quantities()[metric]
+        axes.set_xlabel(f"{quantity.name}\n{'natural log of the ratio, ' * quantity.ratio}better to the right")
+    against = f"against {plotting.without_math(differences[0].reference)}"
+    unit = differences[0].unit
+    plotting.add_title(figure, path.parent / title, f"{against}; letters are {unit}s, bars their mean and interval")
+    names = "   ".join(f"{letter} {plotting.without_math(unit)}" for letter, unit in zip(LETTERS, units, strict=False))
+    figure.supxlabel(plotting.wrap_text(names, 150, most=6), fontsize=9, color=INK)
+    return plotting.save_figure(figure, path)
+
+
+def _panel(axes: Axes, rows: dict[str, Difference], options: Sequence[str], units: Sequence[str]) -> None:
+    import pandas as pd  # noqa: PLC0415
+
+    plotting.tidy(axes)
+    axes.axvline(0, color=GREY, linewidth=1)
+    axes.locator_params(axis="x", nbins=4)
+    for row, one in ((row, rows[option]) for row, option in enumerate(options) if option in rows):
+        if np.isfinite(one.low):
+            axes.fill_betweenx([row - 0.42, row + 0.42], one.low, one.high, color=COLORS[0], alpha=0.16, linewidth=0)
+        axes.vlines(one.mean, row - 0.42, row + 0.42, color=COLORS[0], linewidth=1.6)
+    gains = pd.DataFrame([rows[option].gains if option in rows else {} for option in options], options, units, float)
+    markers = (rf"$\mathrm{{{LETTERS[k % len(LETTERS)]}}}$" for k in range(len(units)))
+    plotting.draw_strips(axes, gains, [{"marker": marker, "color": INK, "markersize": 5.5} for marker in markers])

@@ -1,0 +1,18 @@
+"""Keys of ``task=compare``."""
+
+from dataclasses import dataclass
+
+from omegaconf import MISSING
+
+from brushexp.bounds import FOLDER
+from brushexp.config.keys import key
+from brushexp.config.schema import Task
+
+
+@dataclass
+class CompareTask(Task):
+    """Compare finished runs: which are worth their time, and which was ahead when."""
+
+    module = "brushexp_studies.task"
+    alone = "runs"
+    runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)

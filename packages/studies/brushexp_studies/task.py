@@ -1,0 +1,32 @@
+"""``task=compare``: put finished runs beside each other, from wherever they are."""
+
+import logging
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.pages.sweep_page import write_sweep_page
+from brushexp.results.runs import gather
+from brushexp.results.tables import over_seeds, write_run_tables
+from brushexp_studies.comparison import write_front_and_curves
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
+    runs = gather([Path(path) for path in cfg.runs], folder)
+    paintings = runs[runs["run", "image"].fillna("") != ""]
+    if paintings.empty or over_seeds(paintings).groupby("image").size().max() < 2:
+        raise UserError(
+            f"runs={','.join(cfg.runs)}: {len(paintings)} of {len(runs)} runs are finished paintings, and no two of "
+            "them are of one picture with different settings; add more with 'runs=[...]'"
+        )
+    if omitted := len(runs) - len(paintings):
+        log.info("%d of %d runs are left out: no paintings, or not finished", omitted, len(runs))
+    front = write_front_and_curves(folder, paintings)
+    write_run_tables(folder, paintings)
+    write_sweep_page(folder, paintings)
+    log.info("%s: %d runs compared", front, len(paintings))
+    return {"runs": len(paintings)}

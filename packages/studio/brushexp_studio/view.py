@@ -1,0 +1,92 @@
+"""``task=view``: show the page of a saved painting, of a run or of a sweep in the browser."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
+from brushexp.pages.sweep_page import write_sweep_page
+from brushexp.painting.finished import Finished
+from brushexp.pictures.decode import open_picture
+from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
+from brushexp.registry import build
+from brushexp.results.runs import gather, newest_run, read_result
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import write_text
+from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.terminal import as_shown
+from brushexp_studio.serving import serve, show_until_interrupted
+
+log = logging.getLogger(__name__)
+PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Serve the page of a run or sweep until Ctrl-C; one that is not there is made, in this run's folder."""
+    source = newest_run() if cfg.catalogue is None else Path(cfg.catalogue)
+    pages = pages_of(cfg, source, folder)
+    with serve(pages, cfg.port) as address:
+        log.info("%s is at %s until Ctrl-C", as_shown(source), address)
+        show_until_interrupted(address, in_browser=cfg.open)
+    log.info("the page is no longer served")
+    return {}
+
+
+def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
+    """Return what is to be served of a catalogue, run or sweep: path of the address -> file.
+
+    A ``report.html`` that is not there is written into ``folder``. With a sweep come the pages of its runs. A source
+    that is neither a run nor a sweep raises a UserError.
+    """
+    page = folder / PAGE_NAME
+    if (source / PAGE_NAME).is_file() and cfg.get("renderer") is None:
+        jobs = (path.relative_to(source).as_posix() for path in source.glob(f"*/{PAGE_NAME}"))
+        return {"/": source / PAGE_NAME} | {f"/{name}": source / name for name in jobs}
+    if not source.is_dir():
+        path = source.resolve()
+        name = path.parent.name if path.stem == "catalogue" else path.stem
+        write_text(page, run_page(_draw(_reopen(cfg, source)), name=name or path.stem))
+    elif (source / "catalogue.h5").is_file():
+        painting = read_painting(source, _reopen(cfg, source / "catalogue.h5"))
+        write_text(page, page_in(source, painting))  # the folder of the run stays as it is
+    elif any(source.glob(f"*/{METRICS_FILE}")):
+        runs = gather([source], folder)
+        write_sweep_page(folder, runs)
+        links = [Path(name, PAGE_NAME) for name in runs.index]  # a browser goes from / by ../../sweep/3 to /sweep/3
+        return {"/": page} | {"/" + "/".join(p for p in link.parts if p != ".."): folder / link for link in links}
+    else:
+        raise UserError(
+            f"catalogue={source}: neither a run nor a sweep is in this folder; give a catalogue.h5, or the folder "
+            "of a finished run or sweep"
+        )
+    return {"/": page}
+
+
+def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
+    """Reopen a catalogue with the renderer that painted it, unless another one is chosen."""
+    saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
+    return export_job(saved, renderer, build(cfg.blend), source=str(path))
+
+
+def _draw(job: ExportJob) -> Finished:
+    small = job.at_most(LARGEST_SIDE)  # more would not fit into the page
+    pictures = {"painting": small.picture()}
+    if not job.is_bare:
+        pictures["flat"] = small.bare().picture()
+    return Finished(job, pictures, dict)
+
+
+def read_painting(folder: Path, job: ExportJob) -> Finished:
+    """Read the pictures and figures of a run; a damaged picture is omitted, with a warning."""
+    pictures = dict[str, np.ndarray]()
+    for name in PICTURES:
+        if (path := folder / f"{name}.png").exists():
+            try:
+                with open_picture(path) as image:
+                    pictures[name] = np.asarray(image.convert("RGB"))
+            except UserError as error:
+                log.warning("%s is left out: %s", path, error)
+    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})

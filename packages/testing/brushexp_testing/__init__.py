@@ -1,0 +1,28 @@
+"""The contract of each family of plugins, as checks that a package runs over its own.
+
+    import brushexp
+    import pytest
+    from brushexp.registry import build_named
+
+    @pytest.mark.parametrize("check", brushexp.testing.contract("engine"), ids=lambda check: check.__name__)
+    def test_contract(check):
+        check(lambda **options: build_named("engine", "dabs", options))
+
+A check takes a function that builds the plugin from options, and fails with an AssertionError. It needs no pytest;
+``pytest.register_assert_rewrite("brushexp_testing")`` in a conftest.py makes its messages longer.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+
+def contract(family: str) -> list[Callable[..., Any]]:
+    """List the checks of a family; there are none if its contract is only about types.
+
+    >>> [check.__name__ for check in contract("order")]
+    ['gives_every_stroke_a_depth']
+    """
+    from brushexp_testing import engines, families, media  # noqa: PLC0415  (torch)
+
+    checks = families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}
+    return checks.get(family, [])

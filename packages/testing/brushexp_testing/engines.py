@@ -1,0 +1,147 @@
+"""Check what every brush simulator must do."""
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.engine.base import Simulated
+from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+from brushexp_testing.families import Check, Make
+
+WINDOW = 32
+EXTREMES = [
+    [-0.5, 0, 0, 0.2, 0.5, 0, -1.3529, 0, 0, 0],  # no width
+    [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],  # less than that
+    [-0.5, 0, 0, 0.2, 0.5, 0, 10.41, 0, 0, 0],  # as wide as the window
+    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # no length
+    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],  # neither
+    [0.3, 0.1, -0.6, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # back and forth
+    [-0.5, 0, 3, -40, 0.5, 0, 0, 0, 0, 0],  # control far outside
+    [5, 5, 6, 5, 7, 6, 0, 0, 0, 0],  # all outside
+    [-1e30, 1e30, 1e30, -1e30, 3e38, 3e38, 3e38, -3e38, 3e38, 1e30],  # out of all bounds
+    [-0.5, 0, 0, 0.2, 0.5, 0, 0, -3, 3, 1.5],  # colour outside
+]
+
+
+def _valid(n: int) -> Tensor:
+    return parameters_of(sample_prior(n, seed=4))
+
+
+def _distances(parameters: Tensor) -> Tensor:
+    """Measure the distance from every pixel's centre to the curves, (n, S, S), in windows."""
+    strokes = strokes_of(parameters)
+    t = torch.linspace(0, 1, 101)[:, None, None]
+    curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
+    middle = 2 * (torch.arange(WINDOW) + 0.5) / WINDOW - 1
+    y, x = torch.meshgrid(middle, middle, indexing="ij")
+    offset = torch.stack([x, y], dim=-1) - curve[:, :, None, None]
+    return 0.5 * offset.norm(dim=-1).amin(0)
+
+
+def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
+    n = len(parameters)
+    assert simulated.images.shape == (n, 4, WINDOW, WINDOW)
+    assert simulated.heights.shape == (n, WINDOW, WINDOW)
+    for values in (simulated.images, simulated.heights):
+        assert values.dtype == torch.float32
+        assert (values >= 0).all()
+        assert values.isfinite().all()
+    assert (simulated.images <= 1).all()
+
+
+def returns_pictures_and_heights(make: Make) -> None:
+    """Paint on an empty canvas: of every stroke some, none in the corner, and its own colour where there is none."""
+    engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
+    simulated = engine(parameters, seed=1)
+    _is_simulated(parameters, simulated)
+    assert not simulated.images.requires_grad
+    assert torch.equal(parameters, _valid(6))
+    assert engine.window == WINDOW
+    assert (simulated.images[:, 3].amax((1, 2)) > 0.2).all()
+    assert (simulated.heights.amax((1, 2)) > 0).all()
+    color, alpha = simulated.images.split([3, 1], dim=1)
+    assert (alpha[..., 0, 0] == 0).all()
+    bare = (alpha == 0).expand_as(color)
+    own = strokes_of(parameters).color[:, :, None, None].expand_as(color)
+    torch.testing.assert_close(color[bare], own[bare])
+
+
+def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
+    """Any part of a set, simulated alone, is that part of the whole."""
+    engine, parameters = make(window=WINDOW), _valid(6)
+    whole = engine(parameters, seed=3, first=5)
+    for start, stop in ((0, 1), (2, 3), (2, 6)):
+        part = engine(parameters[start:stop], seed=3, first=5 + start)
+        assert torch.equal(part.images, whole.images[start:stop])
+        assert torch.equal(part.heights, whole.heights[start:stop])
+
+
+def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
+    """The same bits, for every seed that there may be."""
+    engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
+    for seed in (0, 2**63, 2**64 - 1):
+        one = engine(parameters, seed=seed)
+        try:
+            torch.set_num_threads(threads + 1)
+            two = engine(parameters, seed=seed)
+        finally:
+            torch.set_num_threads(threads)
+        assert torch.equal(one.images, two.images)
+        assert torch.equal(one.heights, two.heights)
+
+
+def draws_anything_finite(make: Make) -> None:
+    """Extreme strokes, and none, give valid pictures and leave their neighbours alone."""
+    engine, alone = make(window=WINDOW), _valid(1)
+    parameters = torch.cat([torch.tensor(EXTREMES), alone])
+    simulated = engine(parameters, seed=1)
+    _is_simulated(parameters, simulated)
+    assert torch.equal(simulated.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
+    _is_simulated(parameters[:0], engine(parameters[:0], seed=1))
+
+
+def lays_paint_where_the_stroke_is(make: Make) -> None:
+    """Most of the paint is on the stroke, and most of the stroke has paint."""
+    parameters = _valid(12)
+    alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
+    width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)
+    near = distance <= 0.5 * width + 2 / WINDOW
+    share = (alpha * near).sum((1, 2)) / alpha.sum((1, 2))
+    assert share.min() > 0.6
+    assert share.mean() > 0.8
+    covered = (alpha * near).sum((1, 2)) / (distance <= 0.5 * width).sum((1, 2)).clamp_min(1)
+    assert covered.min() > 0.25
+
+
+def centres_the_paint_on_the_stroke(make: Make) -> None:
+    """The centre of the paint is that of a straight stroke, and a wider stroke covers more."""
+    parameters = torch.tensor([[-0.6, 0.3, 0, 0.3, 0.6, 0.3, w, 0, 0, 0] for w in (-1.0, 0.0, 1.0)])
+    alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
+    middle = (torch.arange(WINDOW) + 0.5) / WINDOW
+    x = (alpha.sum(1) * middle).sum(1) / alpha.sum((1, 2))
+    y = (alpha.sum(2) * middle).sum(1) / alpha.sum((1, 2))
+    assert (x - 0.5).abs().max() < 0.06
+    assert (y - 0.65).abs().max() < 0.04
+    assert (alpha.mean((1, 2)).diff() > 0.01).all()
+
+
+def turns_its_picture_with_the_stroke(make: Make) -> None:
+    """Check that a stroke turned by a right angle is its picture turned, but for the grain."""
+    engine = make(window=WINDOW)
+    parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
+    turned = parameters.clone()
+    turned[:, 0:6:2], turned[:, 1:6:2] = -parameters[:, 1:6:2], parameters[:, 0:6:2]
+    straight, round_the_corner = (engine(p, seed=1).images[:, 3].mean(0) for p in (parameters, turned))
+    off = torch.nn.functional.avg_pool2d((round_the_corner - torch.rot90(straight, -1))[None], 4).abs()
+    assert off.max() < 0.2
+    assert off.mean() < 0.03
+
+
+CHECKS: list[Check] = [
+    returns_pictures_and_heights,
+    depends_on_the_number_of_a_stroke_and_not_on_its_batch,
+    gives_the_same_again_on_any_number_of_threads,
+    draws_anything_finite,
+    lays_paint_where_the_stroke_is,
+    centres_the_paint_on_the_stroke,
+    turns_its_picture_with_the_stroke,
+]

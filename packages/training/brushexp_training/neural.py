@@ -1,0 +1,171 @@
+"""Draw strokes by a network: from ten numbers and a brush to a texture along and across the stroke."""
+
+import math
+from collections.abc import Sequence
+from contextlib import nullcontext
+from itertools import pairwise
+from typing import Annotated
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from brushexp.bounds import between, one_of
+from brushexp.compositing.layers import EDGE, REACH, SPREAD
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import Loop, sheets_of
+from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer, initialise
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import WIDTH, clamp_to_prior, control_offset, parameters_of, rewindow
+
+THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
+COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
+SIZES = 3  # a texture has no more: for windows as large as in training, half and a quarter as large
+EMPTY = -1.5  # where opacity starts, before the sigmoid
+LAST_GAIN = 0.1  # gain of the last convolution at first
+NUMBERS = 12  # numbers that describe a stroke, see `shape_numbers`
+SHORTEST = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
+CHUNK = 256  # strokes that go through the network at once
+
+
+@register("renderer", "neural")
+class Neural(Renderer):
+    """Network that draws a texture for every stroke, along and across it, trained on simulated strokes.
+
+    Streaks run along a stroke, and a brush turns with it. So the network does not draw a picture of the window, as the
+    thesis's does (`inverse_vgg`), but a texture in coordinates of the stroke, which is a smooth function of a few
+    numbers: length, bend, thickness, direction and colour (for the light), and which of the brushes of the data set
+    painted it, a code that is learnt, as is a map of each brush at every size of the texture. Kernels look the texture
+    up at the pixels of the canvas, so that a stroke is as sharp as its texture at any size of the picture. Colours of
+    texels are the stroke's, mixed with white or black. In painting the texture follows the stroke, but the gradient
+    takes it as given: it goes through the place, which matters far more.
+
+    Args:
+        window: side in pixels of the pictures that it is trained on; where strokes' windows are smaller, textures are
+            averaged.
+        brushes: brushes of the data set (``engine.brushes``); a stroke's number decides which one paints it.
+        code: numbers that tell the network which brush it is.
+        dense: width of the two dense layers.
+        width: channels of the convolutions of a texture's last but one size; twice as many before.
+        stages: doublings of the texture before the last one: with 2 it has 32 texels across a stroke, and 64 along.
+        project: ask the network about the nearest stroke of its training; false shows what it makes of others.
+        precision: of the network in painting: float32, bfloat16, or auto, which is bfloat16 on processors that have it
+            (AVX-512 BF16, AMX) and are twice as fast with it; textures have 8 bits either way. Training has its own.
+        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
+            random weights, to be trained.
+    """
+
+    weights = "trained (task=train)"
+    warm_up = "textured"
+
+    def __init__(
+        self,
+        *,
+        window: Annotated[int, between(8, 1024)] = 64,
+        brushes: Annotated[int, between(1, 1000)] = 8,
+        code: Annotated[int, between(1, 1024)] = 16,
+        dense: Annotated[int, between(1, 65536)] = 256,
+        width: Annotated[int, between(1, 4096)] = 32,
+        stages: Annotated[int, between(1, 4)] = 2,
+        project: bool = True,
+        precision: Annotated[str, one_of("auto", *PRECISIONS)] = "auto",
+        checkpoint: str | None = "neural",
+    ) -> None:
+        super().__init__()
+        self.window, self.brushes, self.project, self.precision = window, brushes, project, precision
+        self.codes = nn.Parameter(0.5 * torch.randn(brushes, code))
+        self.dense = nn.ModuleList([nn.Linear(NUMBERS + code, dense), nn.Linear(dense, dense)])
+        channels = [2 * width] * stages + [width]
+        self.first = nn.Linear(dense, channels[0] * math.prod(COARSEST))
+        self.stages = nn.ModuleList(
+            _Stage(before, after, brushes, [side << k for side in COARSEST])
+            for k, (before, after) in enumerate(pairwise(channels), 1)
+        )
+        self.last = nn.Conv2d(width, 2 * 4, 3, padding=1)  # opacity and tone of four texels
+        self.apply(initialise)
+        with torch.no_grad():
+            self.last.weight.mul_(LAST_GAIN)
+            assert self.last.bias is not None
+            self.last.bias[:4] = EMPTY
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
+        self.restore(checkpoint, window=window, brushes=brushes, code=code, dense=dense, width=width, stages=stages)
+
+    def forward(self, strokes: Strokes) -> TexturedProfile:
+        half = half_width_of(strokes)
+        softened = (half.square() + THIN**2).sqrt()
+        valid = clamp_to_prior(rewindow(strokes)) if self.project and not self.training else strokes
+        with torch.set_grad_enabled(self.training and torch.is_grad_enabled()):
+            textures = self.textures(parameters_of(valid), strokes.brush % self.brushes)
+        smaller = (self.window / valid.scale.detach().clamp_min(1)).log2().floor().clamp(0, SIZES - 1).long()
+        sizes = 1 + max(smaller.tolist(), default=0)
+        each = torch.arange(len(strokes), device=half.device)
+        return TexturedProfile(
+            curve_of(strokes),
+            softened * (REACH / SPREAD),
+            strokes.color,
+            strokes.opacity * half / softened,
+            look=each * sizes + smaller,
+            repeats=torch.ones_like(each),
+            flip=torch.ones_like(each),
+            sheets=sheets_of(textures, sizes, Loop(0, 0), rounded=not self.training),
+        )
+
+    def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
+        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10) by their ``brush``."""
+        weight = self.last.weight
+        shapes = shape_numbers(parameters).to(weight.dtype)
+        chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()
+        rows, columns = (side << len(self.stages) + 1 for side in COARSEST)
+        raw = torch.cat([weight.new_zeros(0, 2, rows, columns), *(self._draw(*chunk) for chunk in chunks)])
+        return torch.cat([raw[:, :1].sigmoid(), raw[:, 1:].tanh()], dim=1)
+
+    def _draw(self, shapes: Tensor, brush: Tensor) -> Tensor:
+        able = shapes.device.type == "cpu" and torch.cpu._is_avx512_bf16_supported()
+        low = not self.training and (self.precision == "bfloat16" or (self.precision == "auto" and able))
+        with torch.autocast(shapes.device.type, torch.bfloat16) if low else nullcontext():
+            x = torch.cat([shapes, self.codes[brush]], dim=1)
+            for layer in self.dense:
+                x = functional.silu(layer(x))
+            x = functional.relu(self.first(x)).reshape(len(x), *COARSEST, -1).permute(0, 3, 1, 2)
+            for stage in self.stages:
+                x = stage(x, brush)
+            return functional.pixel_shuffle(self.last(x), 2).float()  # 16-bit steps would be visible
+
+    @property
+    def at_once(self) -> int:  # type: ignore[override]
+        return TEXELS // (math.prod(COARSEST) << 2 * len(self.stages) + 5)
+
+    def rows(self, strokes: Strokes) -> Tensor:
+        curve, reach = curve_of(strokes)[:, :, 1:], REACH * half_width_of(strokes)[:, None] + EDGE
+        return torch.cat([curve.amin(1) - reach, curve.amax(1) + reach], dim=1)
+
+
+class _Stage(nn.Module):
+    """Double rows and columns, and convolve twice, with a map of each brush in between."""
+
+    def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
+        super().__init__()
+        self.convolutions = nn.ModuleList([nn.Conv2d(n, after, 3, padding=1) for n in (before, after)])
+        self.maps = nn.Parameter(torch.zeros(brushes, after, *sides))
+
+    def forward(self, x: Tensor, brush: Tensor) -> Tensor:
+        first, second = self.convolutions
+        x = first(functional.interpolate(x, scale_factor=2))
+        x = functional.relu(x + self.maps.to(x.dtype)[brush])
+        return functional.relu(second(x))
+
+
+def shape_numbers(parameters: Tensor) -> Tensor:
+    """Describe strokes (n, 10), as `parameters_of` writes them, by NUMBERS numbers from about -2 to 2.
+
+    These are length, absolutely and in half widths, bend, thickness, direction and colour.
+    """
+    start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
+    half = (WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)).clamp_min(1e-3)  # a width in windows, so half-windows
+    length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True).clamp_min(SHORTEST)
+    along, across = control_offset(torch.stack([start, control, end], dim=1), SHORTEST).split(1, dim=1)
+    thick = 1.5 * (half.log() + 2.4)
+    sizes = [1.5 * (length - 0.8), (length / half).log() - 2, width, thick]
+    return torch.cat([*sizes, 4 * along, 2 * across, 0.25 * across * length / half, (end - start) / length, color], 1)
