@@ -1,67 +1,11 @@
-"""Fixtures every test may use."""
-
-import os
-import signal
-import time
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
+"""Where tests begin. The process that deals them out to others needs nothing that takes seconds to import."""
 
 import pytest
-import torch
-from browser import browser, opened  # noqa: F401  (fixtures)
-from hypothesis import settings
-from omegaconf import DictConfig
-from program import in_plain
-
-from brushexp.cli.program import expand_arguments
-from brushexp.config.check import check
-from brushexp.config.compose import composed
-from brushexp.config.publish import prepare
-from brushexp.runs.runner import perform
-
-# The same examples at every run: a failure is one of the change, and not of chance.
-settings.register_profile("repeatable", derandomize=True)
-settings.load_profile("repeatable")
-
-if not torch.cuda.is_available():  # Triton interprets its kernels then, and decides so when it is first imported
-    os.environ["TRITON_INTERPRET"] = "1"
-
-ROOT = Path(__file__).parent
-prepare(ROOT)  # at import, so that @parametrize can list what is registered
-signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that run in the background may begin without it
-torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole runs of the program come first, so that no worker is left alone with one at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
-
-
-@pytest.fixture(autouse=True)
-def _seeded() -> None:
-    torch.manual_seed(0)
-
-
-@pytest.fixture
-def config() -> Callable[..., DictConfig]:
-    """Compose a config with overrides, as the command line would."""
-
-    def compose_with(*overrides: str) -> DictConfig:
-        return composed(expand_arguments(in_plain(overrides)))
-
-    return compose_with
-
-
-@pytest.fixture
-def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
-    """Run the task of a module in this process; its folder is ``tmp_path``, and speed is measured on few strokes."""
-
-    def run(module: ModuleType, *overrides: str) -> dict[str, object]:
-        monkeypatch.setattr("brushexp_training.benchmark.ACROSS", 2)
-        monkeypatch.setattr("brushexp_training.benchmark.REPETITIONS", 1)
-        cfg = config(*overrides)
-        check(cfg, overrides)
-        return perform(module, cfg, tmp_path, time.monotonic())
-
-    return run
+def pytest_configure(config: pytest.Config) -> None:
+    """Know the fixtures where tests are run or listed; they bring these into the same order everywhere."""
+    if config.option.dist == "no" or config.option.collectonly:
+        config.pluginmanager.import_plugin("shared_fixtures")
+    if getattr(config, "workerinput", {}).get("workerid") == "gw1":
+        config.args.reverse()  # of two processes each compiles half of the tests, and loads what the other has compiled

@@ -27,9 +27,9 @@ import pytest
 import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
-THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "numba"]
+THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks"]
 THEIRS += ["PIL.GifImagePlugin", "skimage.data", "skimage.segmentation.slic_superpixels"]
-THEIRS += ["torchmetrics.functional.image", "kernels_ready"]
+THEIRS += ["torchmetrics.functional.image"]
 OURS = [
     module.name
     for it in (brushexp, brushexp_training)
@@ -37,7 +37,7 @@ OURS = [
 ]
 OURS += [point.module for group in ("plugins", "tasks") for point in entry_points(group=f"brushexp.{group}")]
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload([*THEIRS, *OURS])
+FORKS.set_forkserver_preload(["ready", *THEIRS, *OURS])
 Kill = tuple[str, int, bool]
 
 

@@ -50,8 +50,7 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
         for one in overrides
         if not one.key_or_group.startswith("hydra.")
     ]
-    with configured(plain):
-        pass
+    configured(plain)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_analysis.stroke_lines import Csv
+from brushexp_analysis.stroke_text import Json
 from catalogues import CONFIG, assert_same, catalogue, changed, refused
 from films import decoded, pixels_of
 from hypothesis import given
@@ -34,7 +35,6 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
-from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png
 from brushexp.plugins.export.prints import bitmap
 from brushexp.plugins.export.svg import Svg, soft_edge

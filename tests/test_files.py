@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 from PIL import Image
 from scenes import random_strokes
 
@@ -16,6 +17,7 @@ from brushexp.errors import UserError
 from brushexp.painting.timelapse import Timelapse
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import replacing, to_bytes, write_bytes, write_json, write_picture
+from brushexp.system.reading import yaml_of
 
 
 def write_old(path: Path) -> Path:
@@ -97,6 +99,7 @@ def test_json_is_strict_keeps_letters_and_survives_odd_file_names(tmp_path):
     read = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert read == {"psnr": None, "ssim": 0.5, "l": [None, None, 1], "3": str(Path("a") / "b")} | names
     assert "größe" in text
+    assert yaml_of(OmegaConf.to_yaml(OmegaConf.create(names))) == names, "and so do settings"
 
 
 def test_rounding_to_bytes_clips_and_rounds_halves_up_and_every_byte_is_written(tmp_path):

@@ -44,7 +44,7 @@ def same(one: Strokes, other: Strokes) -> bool:
 
 
 @every_init
-@pytest.mark.parametrize("size", [(1, 1), (1, 2), (1, 300), (300, 1), (2, 2), (9, 7), (4, 2000), (2000, 4), (37, 61)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (1, 300), (300, 1), (2, 2), (9, 7), (4, 600), (600, 4), (37, 61)])
 @pytest.mark.parametrize("look", ["noise", "constant"])
 def test_any_canvas_gets_exactly_n_strokes_within_it(init, size, look):
     height, width = size
@@ -82,10 +82,9 @@ def test_a_stroke_has_the_mean_colour_and_centre_of_mass_of_its_cell(init, n):
     labels = still.cells(target, n, torch.Generator().manual_seed(0), None)
     assert sorted(set(labels.ravel())) == list(range(n))
     strokes = made(still, target, n)
-    for k in range(n):
-        y, x = (labels == k).nonzero()
-        assert_close(strokes.color[k], target[:, y, x].mean(1))
-        assert_close(strokes.position[k], torch.tensor([x.mean() + 0.5, y.mean() + 0.5], dtype=torch.float32))
+    cells = [(labels == k).nonzero() for k in range(n)]
+    assert_close(strokes.color, torch.stack([target[:, y, x].mean(1) for y, x in cells]))
+    assert_close(strokes.position, torch.tensor([[x.mean() + 0.5, y.mean() + 0.5] for y, x in cells]).float())
 
 
 @pytest.mark.parametrize(("height", "width", "n"), [(20, 30, 7), (1, 30, 30), (30, 1, 13), (7, 9, 63), (50, 4, 41)])

@@ -3,6 +3,7 @@
 import os
 import tempfile
 from dataclasses import fields
+from functools import cache
 from inspect import signature
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from PIL import Image
-from typed import typed_into
+from typed import TASK_OF, configured, nodes, typed_into
 
 from brushexp.cli.many_pictures import as_sweep, name_of
 from brushexp.cli.program import expand_arguments
@@ -49,7 +50,6 @@ NEEDED["guided"] = f"guides={FILES}/lines.png image={FILES}/a.png"
 NEEDED["repaint"] = f"image={FILES}/a.png catalogue={FILES}/a.h5 region={FILES}/a.png"
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
-TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
 VALUES = [*NEVER, "-1", "0", "0.5", "null"]
 NUMBERS = (int, float, int | None, float | None)
@@ -68,38 +68,44 @@ def refusal(cfg, task, words):
     return ""
 
 
-def composed(task, *words):
-    return compose.composed(expand_arguments([f"task={task}", *NEEDED.get(task, "").split(), *words]))
+@cache
+def config_of(task, family="", name=""):
+    """A config of the task, with the plugin of this name alone of its family."""
+    cfg = configured(expand_arguments([f"task={task}", *NEEDED.get(task, "").split()]))
+    if family:
+        node = nodes()[family, name].copy()
+        if name == "brushwork":
+            node.catalogue = f"{FILES}/a.h5"
+        cfg[family] = {name: node} if family in MULTI_SELECT else node
+    return cfg
 
 
 def declared():
-    """List task, words that compose a config with it, name and type of every key and option, each once."""
+    """List which config has it, name and type of every key and option, each once."""
     options = {}
     for task, schema in TASKS.items():
         for name, key in keys_of(schema).items():
-            options.setdefault((name, key.annotation, key.bounds), ((task, ()), name, key.annotation))
+            options.setdefault((name, key.annotation, key.bounds), ((task,), name, key.annotation))
     for plugin in plugins():
-        name = f"[{plugin.name}]" if plugin.family in MULTI_SELECT else plugin.name
-        words = [f"{plugin.family}={name}", *[f"loss.brushwork.catalogue={FILES}/a.h5"] * (plugin.name == "brushwork")]
-        config = TASK_OF.get(plugin.family, "paint"), tuple(words)
         for item in fields(plugin.config)[1:]:
             key = plugin.family, item.name, plugin.bounds[item.name]
-            options.setdefault(key, (config, f"{plugin.path}.{item.name}", item.type))
+            which = TASK_OF.get(plugin.family, "paint"), plugin.family, plugin.name
+            options.setdefault(key, (which, f"{plugin.path}.{item.name}", item.type))
     return options.values()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kernels=False)
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
     """A twelfth of the values of each key, others for the next one; all of them with ``BRUSHEXP_VALUES=all``."""
-    configs, without, wrong = {}, {}, []
+    without, wrong = {}, []
     apart = 1 if os.environ.get("BRUSHEXP_VALUES") == "all" else 12
-    for k, ((task, words), name, kind) in enumerate(declared()):
-        if (task, words) not in configs:
-            configs[task, words] = composed(task, *words)
-            without[task, words] = refusal(configs[task, words], task, [f"task={task}"])
+    for k, (which, name, kind) in enumerate(declared()):
+        (task, *_), cfg = which, config_of(*which)
+        if which not in without:
+            without[which] = refusal(cfg, task, [f"task={task}"])
         for value in VALUES[k % apart :: apart]:
-            text = refusal(configs[task, words], task, [f"task={task}", f"{name}={value}"])
-            told = text and text != without[task, words]  # a network may have no weights, whatever the value
+            text = refusal(cfg, task, [f"task={task}", f"{name}={value}"])
+            told = text and text != without[which]  # a network may have no weights, whatever the value
             if (told and (name not in text or "\n" in text)) or (not text and value in NEVER and kind in NUMBERS):
                 wrong.append(f"{name}={value}: {text}")
     assert not wrong
@@ -127,7 +133,7 @@ def test_two_words_of_a_kind_are_no_order(words, cure):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_task_begins_with_what_it_needs_and_no_more(task):
-    check(composed(task))
+    check(config_of(task))
 
 
 @pytest.mark.parametrize("key", ["image", "style", "focus", "output", "resume", "catalogue", "renderer.checkpoint"])

@@ -9,6 +9,7 @@ import pytest
 import torch
 from brushexp_losses.curvature import Curvature
 from brushexp_losses.direction import Direction
+from brushexp_losses.l1 import MeanAbsoluteError
 from brushexp_losses.perceptual import Perceptual
 from brushexp_losses.sinkhorn import Sinkhorn
 from brushexp_losses.ssim import StructuralSimilarity
@@ -25,7 +26,6 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from brushexp.features.distance import bundled_distance, perceptual_distance
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
-from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.width import Width
 from brushexp.strokes.bezier import curve_of

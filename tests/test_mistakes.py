@@ -32,11 +32,18 @@ MISTAKES = {
     "https://example.com/a.jpg": "is an address; download the picture, and give the path of its file",
     "light=off": "try light=315,45, or light.depth=0 for none",
     "to=pdf": "what else you want, when it is painted: brushexp export FOLDER to=jpg",
+    "image=clip.mp4 to=gif": "when it is painted: brushexp export FOLDER/frames/000000.h5 to=jpg",
+    "look=tubes to=plan": "when it is painted: brushexp export FOLDER to=jpg",
+    "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
+    "resolution=1e3": "is not a whole number; try resolution=1000",
     "+loss=kl": "+loss=kl adds to no list; type all of them: loss=[...,kl]",
     "loss=mse,width": "type 'loss=[mse,width]' for all of them, or add -m for a sweep",
     "loss.mse=2": "type loss.mse.<option>=2, one of weight",
     "steps=[3,": "cannot be read; a list is key=[a,b]",
     "output=": "output= names no folder; type output=FOLDER",
+    "~strokes": "~strokes deletes a key that every run has; drop it, or type strokes=...",
+    "tasks": "type task= and one of analyse, ",
+    "look=": "look= is not there; choose one of ",
     "looks": "type look= and one of gouache, impasto, ink, oil, ",
     "train src": "task=train takes no file or folder alone; type its key before it, KEY=src",
     "task=analyse rhone.jpg": "is a picture, not a painting with its strokes; paint it first, brushexp rhone.jpg",
@@ -212,6 +219,17 @@ def test_short_forms_are_written_out(typed, meant):
     several = typed.startswith(("-", "resume", "export", "view", "compare"))
     words = [text.split(" ") if several else [text] for text in (typed, meant)]
     assert expand_arguments(words[0]) == words[1]
+
+
+def test_a_flag_that_cannot_be_is_told_in_a_line():
+    with pytest.raises(UserError, match="--help/-h: ignored explicit argument 'elp'; --help lists the keys"):
+        expand_arguments(["-help"])
+
+
+def test_the_home_folder_is_found_behind_a_key(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/me")
+    assert expand_arguments(["output=~/x", "image=~/a.jpg"]) == ["output=/home/me/x", 'image="~/a.jpg"']
+    assert expand_arguments(["view", "catalogue=~"]) == ["task=view", "catalogue=/home/me"]
 
 
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [

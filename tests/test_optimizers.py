@@ -1,15 +1,14 @@
 """Every optimiser paints, can be interrupted and goes on exactly, and lives with strokes that come and go."""
 
 import sys
-from functools import cache
 
 import pytest
 import torch
 from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 from torch import Tensor
+from typed import nodes
 
-from brushexp.config.compose import composed
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -38,11 +37,8 @@ def scene(optimizer: Optimizer, n: int = 20, **parts) -> StrokeOptimizer:
     return painter_of(steps=20, optimizer=optimizer, **parts)
 
 
-node_of = cache(lambda name: composed([f"optimizer={name}"]).optimizer)
-
-
 def preset(name: str) -> Optimizer:
-    return build(node_of(name))
+    return build(nodes()["optimizer", name])
 
 
 @every_preset

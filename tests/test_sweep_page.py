@@ -192,7 +192,9 @@ def test_long_names_of_pictures_do_not_widen_the_page(opened, tmp_path):
     for k, (image, look) in enumerate((image, look) for image in ("first", "second") for look in ("ink", "oil")):
         chosen = {"image": f"{image} photograph with a very long name indeed.jpg", "look": look}
         make_run(tmp_path, chosen, target=ord(image[0]), color=50, psnr=20.0 + k, seconds=1.0 + k)
-    assert not opened(page_of(tmp_path), NARROW).is_too_wide()
+    narrow = opened(page_of(tmp_path), NARROW)
+    assert not narrow.is_too_wide()
+    assert narrow.page.locator(".nav a[href='#runs']").is_visible(), "a page of many paintings is long"
 
 
 def test_many_settings_have_one_column(tmp_path):

@@ -2,16 +2,19 @@
 
 import logging
 import os
+import sys
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 from program import ended
 
-from brushexp.cli.opening import opening_line
+from brushexp.cli.opening import open_with, opening_line
 from brushexp.errors import UserError
 from brushexp.results.runs import newest_run
-from brushexp.runs.run_folder import take_name
+from brushexp.runs.run_folder import take_name, warn_of_launcher
+from brushexp.system.progress import showing
 from brushexp.system.terminal import IN_LOG, Terminal, as_shown
 
 
@@ -40,18 +43,50 @@ def test_the_first_line_says_what_begins(typed, said, tmp_path, monkeypatch):
     assert opening_line(typed.split()) == said
 
 
-def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, tmp_path, monkeypatch):
+def test_letters_that_the_terminal_has_not_are_escaped(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", TextIOWrapper(BytesIO(), "ascii"))
+    open_with(["coffee"])
+    print("é\udcff.png", flush=True)
+    assert sys.stdout.buffer.getvalue() == b"\\xe9\\udcff.png\n"
+
+
+def test_a_folder_that_is_gone_is_told_at_once(tmp_path, monkeypatch):
+    (gone := tmp_path / "gone").mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(SystemExit, match="the folder where this was typed is gone; go to one that is there: cd"):
+        open_with(["coffee"])
+
+
+def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, caplog, tmp_path, monkeypatch):
     log = logging.getLogger("plain")
     monkeypatch.setattr(log, "handlers", [Terminal()])
     monkeypatch.setattr(log, "propagate", False)
     log.setLevel(logging.INFO)
     log.info("writing the page")
     log.info("24.5 dB", extra=IN_LOG)
-    log.warning("it is slow")
+    for _ in range(2):  # as jobs of a sweep
+        log.warning("it is slow")
     log.error("it is broken")
     assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\n")
+    with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe: no bar, but lines
+        monkeypatch.setattr(logging.getLogger("brushexp.system.progress"), "handlers", [Terminal()])
+        show(0.5, "step 3 of 6, 24.50 dB")
+    assert "painting: 50 %, step 3 of 6, 24.50 dB, 0:00:00 left" in caplog.messages, "run.log has the figures"
+    assert capsys.readouterr().out == "painting: 50 %, step 3 of 6, 0:00:00 left\n"
     monkeypatch.chdir(tmp_path)
     assert (as_shown(tmp_path / "a" / "b"), as_shown(tmp_path.parent)) == ("a/b", str(tmp_path.parent))
+
+
+@pytest.mark.parametrize(("typed", "said"), [
+    ([], []),
+    (["hydra/launcher=joblib"], ["hydra/launcher=joblib"]),
+    (["hydra/launcher=processes", "hydra.launcher.n_jobs=2"], ["jobs=2"]),
+])  # fmt: skip
+def test_a_launcher_of_a_single_run_is_told(typed, said, caplog):
+    warn_of_launcher(OmegaConf.create({"hydra": {"overrides": {"hydra": typed}}}))
+    told = "has no effect on one run; it is for several pictures, or for a sweep: -m seed=0,1"
+    assert caplog.messages == [f"{word} {told}" for word in said]
 
 
 def test_runs_of_one_second_have_folders_of_their_own_and_the_newest_is_found(config, tmp_path, monkeypatch):

@@ -1,28 +1,40 @@
-"""Words of the command line, set in a config that is composed already."""
+"""Configs as the command line would have them, of which the slow part is composed once."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import cache
+from itertools import zip_longest
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, read_write
+from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.compose import chosen_groups, composed
+from brushexp.config.vocabulary import SHIPPED
+from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
 
 PARSER = OverridesParser.create()
-GROUPS = chosen_groups()
+TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
 _composed = cache(lambda *words: composed(words))
+_groups = cache(chosen_groups)  # when tests run: this file is imported before the tasks of packages are known
 
 
-@contextmanager
-def configured(words: Sequence[str]) -> Iterator[DictConfig]:
-    """The config of words; what several choose alike is composed once, and their values are set in it."""
+def configured(words: Sequence[str]) -> DictConfig:
+    """The config of words; what several choose alike is composed once, and their values are set in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
-    choices = [word for word in words if names[word] in GROUPS or "/" in names[word]]
-    with typed_into(_composed(*choices), [word for word in words if word not in choices]) as cfg:
-        yield cfg
+    choices = [word for word in words if names[word] in _groups() or "/" in names[word]]
+    try:
+        cfg = _composed(*choices).copy()
+        _set(PARSER.parse_overrides([word for word in words if word not in choices]), cfg)
+    except (HydraException, OmegaConfBaseException):
+        return composed(words)  # whose message is that of the program
+    return cfg
+
+
+_set = ConfigLoaderImpl._apply_overrides_to_config
 
 
 @contextmanager
@@ -34,9 +46,31 @@ def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
         name: "???" if OmegaConf.is_missing(cfg, name) else deepcopy(OmegaConf.select(cfg, name)) for name in names
     }
     try:
-        ConfigLoaderImpl._apply_overrides_to_config(overrides, cfg)
+        _set(overrides, cfg)
         yield cfg
     finally:
         with read_write(cfg):
             for name, value in before.items():
                 OmegaConf.update(cfg, name, value, merge=False)
+
+
+def members(family: str) -> list[str]:
+    """Plugins and presets of a family."""
+    presets = [path.stem for path in (SHIPPED / family).glob("*.yaml")]
+    return sorted([plugin.name for plugin in plugins(family)] + presets)
+
+
+@cache
+def nodes() -> dict[tuple[str, str], DictConfig]:
+    """The options of each choice; a config has one of each family, and all of those of which several may be chosen."""
+    found = {}
+    for task in ("paint", *TASK_OF.values()):
+        families = [one for one in FAMILIES if TASK_OF.get(one, "paint") == task]
+        choices = ([f"[{','.join(members(one))}]"] if one in MULTI_SELECT else members(one) for one in families)
+        for row in zip_longest(*choices):
+            chosen = {one: choice for one, choice in zip(families, row, strict=True) if choice}
+            cfg = composed([f"task={task}", *(f"{one}={choice}" for one, choice in chosen.items())])
+            for one, choice in chosen.items():
+                several = cfg[one].items() if one in MULTI_SELECT else [(choice, cfg[one])]
+                found.update({(one, key): value for key, value in several})
+    return found

@@ -6,23 +6,19 @@ from typing import TYPE_CHECKING, Any
 from brushexp.system.runtime import keep_memory, let_threads_sleep
 
 if TYPE_CHECKING:
-    from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
 __all__ = [
     "Painting",
-    "State",
     "UserError",
     "create",
-    "iterate",
     "list_plugins",
     "paint",
     "render",
 ]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
-    "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),
     "brushexp.errors": ("UserError",),

@@ -61,8 +61,8 @@ RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # they hold b
     ("renderer", "draw"): ("finite pictures (n, 4, S, S)", _is_window),
     ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda result, rows, **_: _is_window(result, rows)),
     ("blend", "__call__"): (
-        "a picture (3, H, W)",
-        lambda result, _, __, size, *___: _is_real(result.image, (3, *size)),
+        "a picture (C, H, W)",
+        lambda result, _, __, size, background, *___: _is_real(result.image, (*background.shape, *size)),
     ),
     ("order", "depth"): (
         "real numbers (N,)",

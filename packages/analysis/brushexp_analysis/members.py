@@ -1,5 +1,5 @@
-"""Members of families: the strokes as a table (``to=csv``), and the size of them in bits."""
+"""Members of families: the strokes as a table and as text (``to=csv``, ``to=json``), and their size in bits."""
 
-from brushexp_analysis import bits, stroke_lines
+from brushexp_analysis import bits, stroke_lines, stroke_text
 
-__all__ = ["bits", "stroke_lines"]
+__all__ = ["bits", "stroke_lines", "stroke_text"]

@@ -45,7 +45,8 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         if address in (None, SLURM):
             stack.enter_context(config.set(SLIM))
             local = {"threads_per_worker": 1, "dashboard_address": ANY_PORT, "silence_logs": SILENT}
-            cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
+            with out_of_reach():
+                cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))
             return
         try:
@@ -54,6 +55,16 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
             cure = "start one with: dask scheduler; or leave cluster= out"
             raise UserError(f"cluster={address} has no scheduler of Dask that answers ({error}); {cure}") from error
         yield client
+
+
+@contextmanager
+def out_of_reach() -> Iterator[None]:
+    """Hold Ctrl-C back, and for good from threads and processes begun meanwhile: a terminal sends it to all of them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _by_slurm(n: int) -> Any:

@@ -3,12 +3,14 @@
 import logging
 import os
 import signal
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-from brushexp_canvases.jobs import paint_all, workers
+from brushexp_canvases.jobs import out_of_reach, paint_all, workers
 from brushexp_canvases.task import begin
 from PIL import Image
 from test_canvases import canvas_of, config_of, painted, picture  # noqa: F401  (a fixture)
@@ -82,6 +84,16 @@ def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.Monkey
     job = said.splitlines()[0].split()[-1]
     assert f"cancelled {job}" in said
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "Ctrl-C does what it did"
+
+
+def test_ctrl_c_waits_while_workers_start_and_never_reaches_them():
+    asked = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    steps = []
+    with pytest.raises(KeyboardInterrupt), out_of_reach():  # noqa: PT012
+        signal.raise_signal(signal.SIGINT)
+        steps.append(subprocess.run([sys.executable, "-S", "-c", asked], capture_output=True, check=True).stdout)
+    assert steps == [b"True\n"], "a worker that is begun meanwhile hears none"
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 @HAS_SLURM

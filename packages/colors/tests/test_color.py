@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from brushexp_policies.fixed import FixedOrder
 from brushexp_policies.topk import TopK
 from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
 from PIL import Image
@@ -20,7 +21,6 @@ from brushexp.painting.wet import drag_paint, under_starts
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.job import space_of
-from brushexp.plugins.order.fixed import FixedOrder
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.catalogue import Catalogue, Strokes

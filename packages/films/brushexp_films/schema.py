@@ -45,6 +45,7 @@ class FilmTask(PaintTask):
 
     module = "brushexp_films.task"
     instead_of = "paint"
+    painted = f"FOLDER/{FRAMES}/000000.h5"
 
     presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", f"{START}@_global_": "glance"}
     presets |= {"quality": "normal"}

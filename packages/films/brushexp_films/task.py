@@ -177,6 +177,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
                 picture = film.take(number, target)
             except (Exception, KeyboardInterrupt, SystemExit) as error:
                 if not number:
+                    if isinstance(error, KeyboardInterrupt):
+                        log.warning("no picture is painted yet; begin anew with: brushexp resume=%s", folder)
                     raise
                 failure = error
                 break

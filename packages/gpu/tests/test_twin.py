@@ -186,7 +186,7 @@ def test_what_it_cannot_draw_is_refused():
         paint(KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kernels=False)  # of Numba
 def test_the_kernels_compile_for_a_gpu_that_is_not_there_without_a_number_in_memory_for_lack_of_registers():
     command = [sys.executable, Path(__file__).with_name("compiling.py"), "90", "textured"]
     compiles = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}

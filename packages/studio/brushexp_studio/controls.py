@@ -14,6 +14,7 @@ from brushexp_studio.visit import PHOTOGRAPH, Visit
 from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, own_size, planned_strokes
 
 SECONDS = "seconds"  # a choice beside the qualities
+NONE = ""  # key of no picture
 FEWEST, MOST, NOTCHES = 50, 10_000, 80  # strokes, and positions of their slider
 
 
@@ -23,6 +24,7 @@ class Controls:
     def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
         self.visit, self.complain = visit, complain
         self.displayed: dict[str, Photo | None] = {}
+        self.thumbs: dict[str, dict[str, Button]] = {}  # of pictures and of styles, by their keys
         with Tag("section", "controls", aria_label="What to paint, and how"):
             with part("Picture"):
                 self.pictures = Tag("div", "thumbs", role="group", aria_label="Picture")
@@ -58,27 +60,39 @@ class Controls:
             self.displayed[name] = chosen
             if name == "picture" and chosen:
                 background_tasks.create(self._renew_strokes())
-            place.clear()
-            with place:
-                if name == "style":
-                    Button("None", lambda: self._take_style(None), pressed=chosen is None, classes="drop")
-                whole = name == "picture"  # a file dropped anywhere on the page
-                own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
-                Drop(partial(self.receive, take=take), **own)
-                for key in SAMPLES if chosen is None or chosen.key in SAMPLES else (chosen.key, *SAMPLES):
-                    self._thumb(key, chosen, take)
+            key = chosen.key if chosen else NONE
+            if key not in self.thumbs.get(name, ()):  # else they stay: a click on one that goes would be lost
+                place.clear()
+                with place:
+                    self.thumbs[name] = self._thumbs(name, chosen, take)
+            for other, button in self.thumbs[name].items():
+                button.press(other == key)
 
-    def _thumb(self, key: str, chosen: Photo | None, take: Callable[[Photo], None]) -> None:
-        pressed = chosen is not None and chosen.key == key
-        name = chosen.name if chosen and pressed else key.replace("_", " ")
+    def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
+        """Add the pictures to choose from: the samples, and the chosen one if it is the visitor's own."""
+        none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
+        whole = name == "picture"  # a file dropped anywhere on the page
+        own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
+        Drop(partial(self.receive, take=take), **own)
+        names = {chosen.key: chosen.name} if chosen and chosen.key not in SAMPLES else {}
+        names |= {key: key.replace("_", " ") for key in SAMPLES}
+        thumbs = {key: self._thumb(key, title, take) for key, title in names.items()}
+        return thumbs if none is None else {NONE: none, **thumbs}
 
+    def _thumb(self, key: str, title: str, take: Callable[[Photo], None]) -> Button:
         async def choose() -> None:
-            photo = await run.io_bound(lambda: self.visit.photos[key])  # the first time it is read
-            if photo is not None:  # the studio is not about to end
-                take(photo)
+            self.visit.reading += 1
+            try:
+                photo = await run.io_bound(lambda: self.visit.photos[key])  # the first time it is read
+                if photo is not None:  # the studio is not about to end
+                    take(photo)
+            finally:
+                self.visit.reading -= 1
 
-        with Button("", choose, pressed=pressed, classes="thumb"):
-            Tag("img", src=f"/photos/{key}/thumb.jpg", alt=name, title=name)
+        button = Button("", choose, classes="thumb")
+        with button:
+            Tag("img", src=f"/photos/{key}/thumb.jpg", alt=title, title=title)
+        return button
 
     def _look(self, look: str) -> Button:
         async def choose() -> None:

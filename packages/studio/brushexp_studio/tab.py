@@ -1,5 +1,6 @@
 """Build the page of the studio for each tab: a bar, the controls beside the easel, and the buttons."""
 
+import asyncio
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -15,6 +16,8 @@ from brushexp_studio.photos import Photos
 from brushexp_studio.visit import Visit
 from brushexp_studio.works import FAILED, FINISHING, WAITING, Works
 
+MOMENT = 0.2  # seconds between two looks
+LONGEST_GAP = 30.0  # seconds without a connection, as on a busy machine, for which a tab keeps its choices
 LIKELY = ("oil", "watercolour", "impasto", "vangogh", "pastel", "ink", "gouache", "pointillist", "plain")
 WEB = Path(__file__).parent / "web"
 ICON = (
@@ -37,7 +40,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
 
     ui.run_with(
         app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
-        show_welcome_message=False,
+        show_welcome_message=False, reconnect_timeout=LONGEST_GAP,
     )  # fmt: skip
 
 
@@ -69,14 +72,16 @@ class Tab:
                 self.status = Tag("p", "status hint", role="status")
                 self.trouble = Tag("p", "alarm", role="alert")
         visit.listeners.append(self.renew)
-        ui.timer(0.2, self.look)
+        ui.timer(MOMENT, self.look)
         self.renew()
 
     def complain(self, words: str) -> None:
         self.trouble.set_text(words)
 
-    def paint(self) -> None:
+    async def paint(self) -> None:
         """Begin a painting of the chosen picture, and show it; a second click is none for another one."""
+        while self.visit.reading:  # else it would be one of the picture before
+            await asyncio.sleep(MOMENT)
         last = self.visit.begun
         if last and last.is_open and not last.frames and last.wishes == self.visit.wishes:
             return
@@ -128,10 +133,11 @@ class Tab:
             return "Writing the files …"
         if current.stopped.is_set():
             return "Stopping after this step …"
-        if not current.frames:
-            return "Laying the first strokes …" if self.works.is_warm.is_set() else "Warming up …"
-        left = current.seconds_left
-        words = f"Painting {current.title}" + ("" if left is None else f", {in_words(left)} left")
+        if current.frames:
+            left = current.seconds_left
+            words = f"Painting {current.title}" + ("" if left is None else f", {in_words(left)} left")
+        else:
+            words = "Laying the first strokes …" if self.works.is_warm.is_set() else "Warming up …"
         mine = self.visit.begun
         waits = self.works.before(mine) if mine and mine.status == WAITING else 0
         return words + (f"; yours is next after {waits}" if waits else "")

@@ -24,6 +24,7 @@ class Visit:
     against: Work | None = None  # the painting to compare with; None is the photograph
     begun: Work | None = None  # the last painting that this tab has begun
     is_there: bool = True  # whether the tab is open
+    reading: int = 0  # chosen pictures that are still being read
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
     def notify(self) -> None:

@@ -3,10 +3,12 @@
 Nothing here checks the words: a mistake is told a moment later, by those who read them (`brushexp.config.words`).
 """
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
+from io import TextIOWrapper
 from pathlib import Path
 
 from brushexp.config.vocabulary import as_task, is_path, meaning_of, respelt, task_names
@@ -22,10 +24,16 @@ def open_with(words: Sequence[str]) -> list[str]:
 
     Returns the words, ``help`` as ``--help``, and tasks as we spell them.
     """
+    if isinstance(sys.stdout, TextIOWrapper):  # it may be closed
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a name of a file may have letters it has not
     words = [as_task(word) for word in words]
     if "--version" in words:
         print(f"brushexp {version('brushexp')}")
         sys.exit()
+    try:
+        os.getcwd()
+    except OSError:
+        sys.exit("brushexp: the folder where this was typed is gone; go to one that is there: cd")
     if words[:1] == ["help"] and not is_path("help"):
         return [*words[1:], "--help"]
     if sys.stderr.isatty() and (line := opening_line(words)):

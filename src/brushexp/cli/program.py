@@ -24,7 +24,7 @@ from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import RESUME_SWEEP, expand_positional, expand_shorthand, types_of_keys
+from brushexp.config.words import RESUME_SWEEP, at_home, expand_positional, expand_shorthand, types_of_keys
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
@@ -64,7 +64,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     A UserError says which word is no ``key=value``, or has an impossible value.
     """
-    arguments = with_own_brush(arguments)
+    arguments = with_own_brush([at_home(word) for word in arguments])
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from functools import cached_property
 from threading import Lock
-from typing import Any
+from typing import Any, NoReturn
 
 from hydra._internal.utils import get_args_parser
 from hydra.core.config_store import ConfigNode, ConfigStore
@@ -14,12 +14,23 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.singleton import Singleton
 from hydra.version import VersionBase
 
+from brushexp.errors import UserError
+
 _lock = Lock()  # Hydra is one for the whole process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does: its flags and overrides, and words behind flags that it does not know."""
-    namespace, others = get_args_parser().parse_known_args(words)
+    """Parse a command line as Hydra does: its flags and overrides, and words behind flags that it does not know.
+
+    A UserError says what is wrong with a flag, such as ``-help`` or ``-o x``.
+    """
+
+    def refuse(message: str) -> NoReturn:
+        raise UserError(f"{message.removeprefix('argument ')}; --help lists the keys, which have no dashes")
+
+    parser = get_args_parser()
+    parser.error = refuse  # type: ignore[method-assign]
+    namespace, others = parser.parse_known_args(words)
     return namespace, others
 
 

@@ -24,8 +24,8 @@ UNTUNED = "untuned"  # group of losses as they are without a look
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 FEWER = 40  # times as few strokes with abstraction=1
 CLOSER = 50  # times as much weight of the focus with abstraction=1
-AT_A_GLANCE = {  # starts of looks, and what there is instead for strokes that a network lays
-    "slic": {"init": "predicted", "optimizer": "brief"},
+AT_A_GLANCE = {  # starts of looks, and what replaces them and their optimizer for strokes that a network lays
+    "slic": {"init": "predicted", "adam": "brief", "shaped": "briefly_shaped"},
     "layers": {"init": "brushed"},
 }
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
@@ -52,7 +52,7 @@ def at_a_glance(look: str, family: str) -> str:
     tuned = store.get_type(f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml") is ObjectType.CONFIG
     if OmegaConf.select(node, "style.brushwork") or (family == "optimizer" and tuned):
         return chosen[family]
-    return AT_A_GLANCE.get(chosen["init"], {}).get(family, chosen[family])
+    return AT_A_GLANCE.get(chosen["init"], {}).get("init" if family == "init" else chosen[family], chosen[family])
 
 
 def by_checkpoint(values: Mapping[str, float], otherwise: float, *, _root_: DictConfig) -> float:

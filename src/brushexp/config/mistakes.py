@@ -1,5 +1,6 @@
 """Explain errors of Hydra and OmegaConf: what is wrong, and what to type instead."""
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -47,7 +48,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     """Translate a message of Hydra or OmegaConf for a task; None for an unknown message."""
     if message := of_grammar(text):
         return message
-    if match := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+    if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
         names = choices(match[1], folders)
         more = LIGHTNINGS if match[1] == "callbacks" else ""
         near = f"{nearest_first(match[2], names)} (all: --help)"
@@ -56,8 +57,8 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
-        if match[1] == "to" and task == "paint":
-            more = "; what else you want, when it is painted: brushexp export FOLDER to=jpg"
+        if match[1] == "to" and (painted := TASKS[task].painted):
+            more = f"; what else you want, when it is painted: brushexp export {painted} to=jpg"
         return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         found = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
@@ -101,6 +102,9 @@ def quoting(word: str) -> str:
 def several(word: str) -> str:
     """Say how a word of several values, or a number with its thousands apart, is typed."""
     key, _, value = word.partition("=")
+    if key == "background" and re.fullmatch(r"\d{1,3}(,\d{1,3}){2}", value):
+        color = bytes(min(int(part), 255) for part in value.split(",")).hex()
+        return f"{word} are several values; type {key}='#{color}'"
     if re.fullmatch(r"\d{1,3}(,\d{3})+", value):
         return f"{word} is read as several values; type {key}={value.replace(',', '')}, or add -m for a sweep"
     if key in MULTI_SELECT:
@@ -154,18 +158,22 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
     ('512', '1920', '120')
     >>> meant_by("all", int, "cores; null = all"), meant_by("none", int, "frames; 0 = none"), meant_by("many", int, "")
     ('null', '0', None)
+    >>> meant_by("1e3", int, ""), meant_by("50%", int, ""), meant_by("1:30", float, "seconds of optimisation")
+    ('1000', None, '90')
     """
     if kind not in (int, float):
         return None
     value = value.strip("'\"").lower()
     if value in UNSET:
         return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
-    if sides := re.fullmatch(r"(\d+) ?[x×*:] ?(\d+)", value):
+    if (time := re.fullmatch(r"(\d+):(\d\d)", value)) and meaning.startswith("seconds"):
+        return str(60 * int(time[1]) + int(time[2]))
+    if kind is int and (sides := re.fullmatch(r"(\d+) ?[x×*:] ?(\d+)", value)):
         return str(max(int(side) for side in sides.groups()))
-    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-z%]+)", value)):
+    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?(?:e\d+)?) ?([a-z%]*)", value)):
         return None
     number = float(match[1]) * SCALES.get(match[2], 1)
-    return f"{round(number)}" if kind is int else f"{number:g}"
+    return f"{number:g}" if kind is float else str(round(number)) if number >= 1 and math.isfinite(number) else None
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:

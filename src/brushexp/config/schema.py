@@ -91,6 +91,7 @@ class Task:
     module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
     alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
     instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
+    painted: ClassVar[str] = ""  # what of its results ``task=export`` can take
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
@@ -120,6 +121,7 @@ class PaintTask(Task):
 
     module = "brushexp.tasks.paint"
     alone = "image"
+    painted = "FOLDER"
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}

@@ -93,7 +93,8 @@ def unknown_word(word: str) -> str:
     """Explain that a word alone means nothing here; the nearest words that do are named."""
     group = word.removesuffix("s")
     if group in chosen_groups():
-        names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *members_of_group(group)}))
+        own = TASKS if group == "task" else members_of_group(group)
+        names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *own}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
     if word in types_of_keys():
         return f"{word} is a key; type {word}=..., without spaces"
@@ -109,7 +110,7 @@ def unknown_word(word: str) -> str:
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
     near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     near += nearest_folders(word)
-    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    meant = f"did you mean {' or '.join(dict.fromkeys(near))}? " if near else ""
     return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
 
 
@@ -144,6 +145,13 @@ def setting_in(word: str) -> str | None:
     return f"resolution={pixels}" + f" or strokes={pixels}" * (not other and unit in (None, "k"))
 
 
+def at_home(word: str) -> str:
+    """Write the home folder of ``output=~/x`` in full, as not every shell does; readers of pictures do it."""
+    key, _, value = word.partition("=")
+    is_other = key in ("image", "pictures", "style", "style.image", "focus") or os.path.lexists(value)
+    return word if is_other or not re.fullmatch(r"~(/.*)?", value) else f"{key}={os.path.expanduser(value)}"
+
+
 def expand_shorthand(word: str, sweep: bool = False) -> str:
     """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs."""
     if word == RESUME_SWEEP:
@@ -159,6 +167,7 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
                 f"{word} is not an azimuth and an elevation, in degrees; try light=315,45, or light.depth=0 for none"
             )
         return f"light={{azimuth:{azimuth},elevation:{elevation}}}"
+    refuse_deletion(name)
     key = name.lstrip("+")
     kind, optional = types_of_keys().get(key, (None, False))
     if key in chosen_groups():
@@ -180,6 +189,13 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
     elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
         value = f"[{value}]"
     return name + equal + value
+
+
+def refuse_deletion(name: str) -> None:
+    """Refuse (UserError) ``~strokes``: every run has its keys; groups of plugins can be deleted."""
+    key = name.removeprefix("~")
+    if key != name and key in types_of_keys() and key not in chosen_groups():
+        raise UserError(f"{name} deletes a key that every run has; drop it, or type {key}=...")
 
 
 def respell(key: str, value: str) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """Lock the folder of a run, refuse to replace a finished run, and remove the files that earlier runs left there."""
 
+import logging
 import os
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
@@ -30,7 +31,9 @@ from brushexp.system.run_files import (
 
 HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # written before a task
 PICTURE_STEMS = ("painting", "target", "flat", "style", "focus", "timelapse", "film", "preview")
+N_JOBS = "hydra.launcher.n_jobs="  # with a launcher, what jobs= is short for
 RESULT_STEMS = (*PICTURE_STEMS, "catalogue", "strokes")  # names of the results of a run, without their endings
+log = logging.getLogger(__name__)
 _locks: list[Any] = []  # held until this process ends
 
 
@@ -43,11 +46,20 @@ class RunFolder(Callback):
             if config.hydra.sweeper.get("resume"):
                 raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
             check(config, words)
+            warn_of_launcher(config)
             take(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
-            is_theirs = isinstance(error, OmegaConfBaseException)
+            is_theirs = isinstance(error, OmegaConfBaseException | OSError)
             message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
             raise SystemExit(f"brushexp: {message}") from error
+
+
+def warn_of_launcher(cfg: DictConfig) -> None:
+    """Log that a typed launcher has no effect on a single run."""
+    words = [word for word in cfg.hydra.overrides.hydra if word.startswith(("hydra/launcher=", N_JOBS))]
+    if words:
+        typed = words[-1].replace(N_JOBS, "jobs=")
+        log.warning("%s has no effect on one run; it is for several pictures, or for a sweep: -m seed=0,1", typed)
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:

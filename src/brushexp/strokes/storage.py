@@ -76,9 +76,11 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
+    cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
     if path.is_dir():  # the folder of a run stands for its catalogue
         path = path / NAME
-    cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
+        if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # of a sweep, or of a film
+            cure = f"give one of those below it, {option}={others[0]}"
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):

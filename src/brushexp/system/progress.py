@@ -18,7 +18,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
     """Yield a function that shows the share of the work that is done, its state in a word, and the remaining time.
 
     ``done`` is the share at first, and ``what`` the work, "simulating strokes". Figures behind a comma of the state are
-    for the log: "step 6 of 30, 24.80 dB".
+    for run.log alone: "step 6 of 30, 24.80 dB".
     """
     from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
     from rich.progress import (  # noqa: PLC0415
@@ -36,11 +36,13 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
     def show(share: float, state: str) -> None:
         nonlocal logged
-        bar.update(task, completed=share, state=state.partition(", ")[0])
+        plain = state.partition(", ")[0]
+        bar.update(task, completed=share, state=plain)
         if bar.disable and int(share * LOG_LINES) > logged:
             logged = int(share * LOG_LINES)
             remaining = timedelta(seconds=round((time.monotonic() - start) * (1 - share) / max(share - done, 1e-9)))
-            log.info("%s: %d %%, %s, %s left", what, 100 * share, state, remaining)
+            words = [f"{what}: {int(100 * share)} %, {each}, {remaining} left" for each in (state, plain)]
+            log.info("%s", words[0], extra={"shown": words[1]})
 
     with Progress(*columns, *times, console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=1.0, state="")

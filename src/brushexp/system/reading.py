@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import math
+import re
 import stat
 import warnings
 from collections.abc import Iterator
@@ -32,6 +33,9 @@ LARGEST_YAML = 2**20  # letters: a run's settings have some thousands
 DEEPEST = 32  # levels of nested lists and mappings
 MOST_VALUES = 100_000  # in one file of settings
 LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
+ODD = re.compile(
+    r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}"
+)  # a byte of a name that is no letter, which the fast loader refuses
 EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ROOTS: dict[type, Any] = {
     dict: (yaml.MappingStartEvent, "mapping of keys to values"),
@@ -123,7 +127,7 @@ def check_yaml(text: str, root: type = dict) -> None:
         raise UserError(f"YAML of {len(text)} letters, more than {LARGEST_YAML}")
     depth, (kind, name) = 0, ROOTS[root]
     try:
-        for event in yaml.parse(text, EVENTS):
+        for event in yaml.parse(ODD.sub("?", text), EVENTS):
             if isinstance(event, yaml.AliasEvent):
                 raise UserError("YAML with an alias, *name; write out what it stands for")
             if depth == 0 and isinstance(event, yaml.NodeEvent) and not isinstance(event, kind):

@@ -6,19 +6,24 @@ import sys
 from pathlib import Path
 from typing import Any
 
-IN_LOG: dict[str, Any] = {"in_log_only": True}  # ``extra`` of what the terminal does not show
+IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of what the terminal does not show
+_said: set[str] = set()  # notes so far: jobs of a sweep often have the same
 HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICAL: "brushexp: "}
 
 
 class Terminal(logging.Handler):
-    """Write messages to the terminal without dates and modules, warnings and errors to stderr."""
+    """Write messages to the terminal without dates and modules, warnings (each once) and errors to stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        if getattr(record, "in_log_only", False):
-            return
         try:
+            shown = getattr(record, "shown", None)
+            words = self.format(record).strip() if shown is None else shown
+            if not words or words in _said:
+                return
+            if record.levelno == logging.WARNING:
+                _said.add(words)
             stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
-            stream.write(f"{HEADS.get(record.levelno, '')}{self.format(record).strip()}\n")
+            stream.write(f"{HEADS.get(record.levelno, '')}{words}\n")
             stream.flush()
         except Exception:  # a closed pipe, a full disk
             self.handleError(record)
