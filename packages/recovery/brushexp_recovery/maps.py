@@ -37,15 +37,16 @@ class Maps:
 
 @torch.no_grad()
 def predict(network: StrokeNetwork, image: Array, copies: int = 2) -> Maps:
-    """Look at a picture (H, W, 3) float32 in [0, 1], in so many of its `COPIES`."""
+    """Look at a picture (H, W, 3) float32 in [0, 1], in so many of its `COPIES`; in 16 bits where these are faster."""
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
     x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
     total = torch.zeros(1, CHANNELS, *x.shape[2:])
+    able = torch.cpu._is_avx512_bf16_supported()  # without it 16 bits take six to twelve times as long
     for quarters, mirrored in COPIES[:copies]:
         copy = torch.rot90(x, quarters, (2, 3))
         copy = copy.flip(3) if mirrored else copy
-        with torch.autocast("cpu", torch.bfloat16):
+        with torch.autocast("cpu", torch.bfloat16, enabled=able):
             told = network(copy.contiguous(memory_format=torch.channels_last))
         add_turned_back(total, told, quarters, mirrored)
     mean = total.div_(copies)[0, :, :height, :width].numpy()
