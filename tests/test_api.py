@@ -228,7 +228,8 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     for size in (0, float("nan"), 10**9, (64, 32), "64"):
         with pytest.raises(brushexp.UserError, match=r"size=.* is not 1 to 65536; try size=32"):
             painting.render(size)
-    drawn = brushexp.render(painting.strokes, (21, 32), depth=painting.depth, background=painting.background)
+    same = {"depth": painting.depth, "background": painting.background, "soft": 1.5}  # as in look=plain
+    drawn = brushexp.render(painting.strokes, (21, 32), **same)
     assert np.abs(to_bytes(drawn).astype(int) - painting.render(light=False)).max() <= 1
     assert brushexp.render(painting.strokes, 9).shape == brushexp.render(painting.strokes, np.array([9, 9])).shape
     wrong_sizes = ({"size": size} for size in ((0, 9), (9,), (9.5, 9), "9", 0, 9.0))

@@ -44,7 +44,7 @@ MISTAKES = {
     "~strokes": "~strokes deletes a key that every run has; drop it, or type strokes=...",
     "tasks": "type task= and one of analyse, ",
     "look=": "look= is not there; choose one of ",
-    "looks": "type look= and one of gouache, impasto, ink, oil, ",
+    "looks": "type look= and one of even, gouache, impasto, ink, oil, ",
     "train src": "task=train takes no file or folder alone; type its key before it, KEY=src",
     "task=analyse rhone.jpg": "is a picture, not a painting with its strokes; paint it first, brushexp rhone.jpg",
     "view a.h5 b.h5": "catalogue= takes one path, not 2: a.h5, b.h5",

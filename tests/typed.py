@@ -28,7 +28,10 @@ def configured(words: Sequence[str]) -> DictConfig:
     choices = [word for word in words if names[word] in _groups() or "/" in names[word]]
     try:
         cfg = _composed(*choices).copy()
-        _set(PARSER.parse_overrides([word for word in words if word not in choices]), cfg)
+        overrides = PARSER.parse_overrides([word for word in words if word not in choices])
+        if any(override.is_sweep_override() for override in overrides):
+            return composed(words)
+        _set(overrides, cfg)
     except (HydraException, OmegaConfBaseException):
         return composed(words)  # whose message is that of the program
     return cfg
