@@ -99,15 +99,9 @@ def _slope(x):
 
 
 @inline
-def _is_even(p, i, taper):
-    """Whether the stroke is as thick all along the curve."""
-    return taper == F(0) and p[i, WIDENING] == F(0)
-
-
-@inline
 def _is_wide(p, i, taper):
     """Whether the stroke is everywhere as thick as its edge, so that only one side of it is to be seen at a point."""
-    return _is_even(p, i, taper) and p[i, 6] * p[i, SHARP] >= F(0.5)
+    return taper == F(0) and p[i, 6] * (F(1) - abs(p[i, WIDENING])) * p[i, SHARP] >= F(0.5)
 
 
 @inline
@@ -138,7 +132,7 @@ def _cover_pixels(p, i, ox, oy, taper, own, wide):
         d, u = np.sqrt(rx * rx + ry * ry), t + t - F(1)
         own[DISTANCE * AREA + q] = d
         if wide:
-            own[COVER * AREA + q] = F(0.5) + _rise(h * sharp - d * sharp)
+            own[COVER * AREA + q] = F(0.5) + _rise((h + h * widening * u - d) * sharp)
         else:
             ht = h * _shape(taper, widening, u)
             cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
@@ -171,7 +165,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
         for q in range(AREA):
             total += own[COVER * AREA + q] * of_color(own, buf, q, c)
         out[COLOR + c] = p[i, 7] * total
-    if not _is_even(p, i, data[0]):
+    if data[0] > F(0) or p[i, WIDENING] != F(0):
         _add_shape(p, i, ox, oy, data[0], own, temporary, out)
 
 
@@ -188,21 +182,22 @@ def _pull_curve(p, i, ox, oy, taper, own, of_thickness, buf, out, wide):
         t, d = own[NEAREST * AREA + q], own[DISTANCE * AREA + q]
         ga = buf[PULL_ALPHA * AREA + q] + _of_all(color, own, buf, q)
         g7 += own[COVER * AREA + q] * ga
+        u = t + t - F(1)
         if wide:
-            gh = ga * _slope(h * sharp - d * sharp)
+            ht = h + h * widening * u
+            gh = ga * _slope((ht - d) * sharp)
             gd = -gh
-            g6 += gh
-            g8 += gh * (h - d)
-            g9 += gh * (t + t - F(1))
+            g6 += gh * (F(1) + widening * u)
+            g8 += gh * (ht - d)
+            g9 += gh * u
         else:
-            u = t + t - F(1)
             ht = h * _shape(taper, widening, u)
             inner, outer = _slope((ht - d) * sharp), _slope((ht + d) * sharp)
             gh, gd = ga * (inner + outer), ga * (outer - inner)  # both slopes agree at d = 0
             g6 += gh * _shape(taper, widening, u)
             g8 += ga * (inner * (ht - d) + outer * (ht + d))
             g9 += gh * (F(1) - taper * u * u) * u
-            of_thickness[q] = scale * gh
+        of_thickness[q] = scale * gh
         gd /= max(d, F(1e-6))
         px, py = gd * ((bx * t + fx) * t + (sx - CENTER_X[q])), gd * ((by * t + fy) * t + (sy - CENTER_Y[q]))
         x0 += px  # moments, from which the Bernstein weights follow

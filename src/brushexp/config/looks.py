@@ -52,7 +52,8 @@ def at_a_glance(look: str, family: str) -> str:
     tuned = store.get_type(f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml") is ObjectType.CONFIG
     if OmegaConf.select(node, "style.brushwork") or (family == "optimizer" and tuned):
         return chosen[family]
-    return AT_A_GLANCE.get(chosen["init"], {}).get("init" if family == "init" else chosen[family], chosen[family])
+    replaced = family if family == "init" else chosen[family]
+    return AT_A_GLANCE.get(chosen["init"], {}).get(replaced, chosen[family])
 
 
 def by_checkpoint(values: Mapping[str, float], otherwise: float, *, _root_: DictConfig) -> float:

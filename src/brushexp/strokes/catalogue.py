@@ -52,8 +52,8 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
-    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go. Not all
-    renderers draw ``softness`` and ``widening``; optimisers leave them at 0 unless their ``units`` say otherwise.
+    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go. Few
+    renderers draw `LATER_FIELDS`; optimisers leave these at 0 unless their ``units`` say otherwise.
 
     >>> import torch
     >>> level = Strokes(
