@@ -14,6 +14,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,10 @@ def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, coun
     blend: Any = Tiled(kernel=kernel)
     blend = Compositor(blend, Pigment()) if kind == "pigment" else blend
     renderer = Textured().requires_grad_(False).eval() if kind == "textured" else Analytic()
-    leaves = scene(count, side).map(lambda value: value.to(device).requires_grad_())
+    strokes = scene(count, side)
+    if kind == "shaped":  # each with an edge and a growth of its own, as in look=plain
+        strokes = replace(strokes, softness=0.05 * torch.rand(count), widening=torch.rand(count) - 0.5)
+    leaves = strokes.map(lambda value: value.to(device).requires_grad_())
     target, order, bare = torch.rand(3, side, side, device=device), torch.arange(count, device=device), BACKGROUND
     renderer, bare = renderer.to(device), bare.to(device)
 
@@ -84,7 +88,7 @@ def steps() -> Iterator[str]:
     """Steps of all kinds, against PyTorch's."""
     yield "| strokes | Triton ms | PyTorch ms | times | first step s | memory MB | picture, difference | gradient |"
     yield "|---|---|---|---|---|---|---|---|"
-    for kind in ("plain", "textured", "pigment"):
+    for kind in ("plain", "shaped", "textured", "pigment"):
         fast, slow = step_of(kind, "triton"), step_of(kind, "torch")
         torch.cuda.reset_peak_memory_stats()
         first, seconds = seconds_of(fast, 50)
