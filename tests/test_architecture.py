@@ -60,6 +60,16 @@ def test_no_imports_go_in_circles(room):
     TopologicalSorter(graph).prepare()  # raises CycleError with the circle
 
 
+@pytest.mark.parametrize(
+    "package", sorted(path.parent for path in ROOT.glob("packages/*/*/__init__.py")), ids=lambda path: path.name
+)
+def test_no_imports_go_in_circles_within_a_package(package):
+    names = {".".join(path.relative_to(package.parent).with_suffix("").parts): path for path in package.rglob("*.py")}
+    trees = {name: ast.walk(ast.parse(path.read_text())) for name, path in names.items()}
+    graph = {name: {node.module for node in tree if isinstance(node, ast.ImportFrom)} for name, tree in trees.items()}
+    TopologicalSorter({name: taken & graph.keys() for name, taken in graph.items()}).prepare()
+
+
 def test_layers_of_the_design_are_those_of_the_imports():
     table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("\n## ")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head

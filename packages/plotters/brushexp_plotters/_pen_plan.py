@@ -4,8 +4,6 @@ shapely makes outlines and fillings, vpype orders lines; a grid of stroke number
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
 
-import logging
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +14,9 @@ from brushexp.pictures.color import hex_of, nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.files import write_text
 from brushexp.system.progress import with_progress
 from brushexp_plotters._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 
-log = logging.getLogger(__name__)
 Array = np.ndarray
 
 LEAST_OPACITY = 0.05  # fainter strokes are not drawn
@@ -30,19 +26,6 @@ CELLS = 500, 2000  # least and most cells of the grid of hidden parts along the 
 CHORDS = 256  # chords of a curve before simplification
 AT_ONCE = 4096  # curves that are flattened in one batch
 MOST_SWAPPED = 20_000  # lines whose order is improved by swaps, which take the square of their number
-
-
-def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]:
-    """Plan what pens or brushes draw, and write the program of the machine and a picture of the plan into a folder."""
-    from brushexp_plotters._brush_plan import brush_plan  # noqa: PLC0415  (it builds on this file)
-
-    plan = pen_plan(job, machine) if machine.wells is None else brush_plan(job, machine)
-    log.info("%s: %s", machine.key, "; ".join(plan.report(*machine.speeds)[2:5]))
-    texts = machine.programs(plan)
-    texts[f"{next(iter(texts))}.svg"] = plan.svg()
-    for name, text in texts.items():
-        write_text(folder / name, text)
-    return [folder / name for name in texts]
 
 
 class OnPaper(NamedTuple):

@@ -54,7 +54,7 @@ class Gcode(PenExporter):
         return self.feed, self.travel
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from brushexp_plotters._pen_plan import write_plan  # noqa: PLC0415  (needs the extra plot)
+        from brushexp_plotters._program import write_plan  # noqa: PLC0415  (needs the extra plot)
 
         return write_plan(job, self, folder)
 

@@ -52,7 +52,7 @@ class Hpgl(PenExporter):
         return max(self.margin_mm, beyond_reach / MM)
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from brushexp_plotters._pen_plan import write_plan  # noqa: PLC0415  (needs the extra plot)
+        from brushexp_plotters._program import write_plan  # noqa: PLC0415  (needs the extra plot)
 
         return write_plan(job, self, folder)
 
