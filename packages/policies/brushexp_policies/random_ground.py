@@ -1,0 +1,53 @@
+"""A ground of another colour at each step, so that the strokes close the cracks between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from brushexp.bounds import between
+from brushexp.plugins.callbacks.base import Callback
+from brushexp.registry import register
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import lightning as L
+
+
+@register("callbacks", "random_ground")
+@dataclass(kw_only=True)
+class RandomGround(Callback):
+    """Paint each step on a ground of a random colour: where it shows, the loss sees it.
+
+    Strokes then lie closer, or more opaque, than on a ground that happens to have the colour of the picture. Steps that
+    look at a part of the picture keep the ground.
+
+    Args:
+        until: share of the steps after which the ground is its own again.
+    """
+
+    until: Annotated[float, between(0, 1)] = 0.9
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import LambdaCallback  # noqa: PLC0415  (takes seconds to import)
+
+        own: list[Any] = []
+
+        def change(_: L.Trainer, module: Any, view: Any, number: int) -> None:
+            if hasattr(module, "picture") and getattr(view, "active", 0) is None and module.progress < self.until:
+                own.append(module.picture.background)
+                module.picture.background = random_color(own[0], module.schedule.step)
+
+        def restore(_: L.Trainer, module: Any, *__: object) -> None:
+            if own:
+                module.picture.background = own.pop()
+
+        return LambdaCallback(on_train_batch_start=change, on_train_batch_end=restore)
+
+
+def random_color(like: Any, step: int) -> Any:
+    """Draw the colour (3,) of a step, which a resumed run draws again."""
+    import torch  # noqa: PLC0415  (--help does not need it)
+
+    return torch.rand(like.shape, generator=torch.Generator().manual_seed(step), dtype=like.dtype).to(like.device)
