@@ -1,25 +1,19 @@
 """Keys of ``task=train_discriminator``."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from brushexp_training.rules import check_ends
-from brushexp_training.schema import EMA, NETWORK_FIT
-from omegaconf import DictConfig
+from brushexp_training.schema import EMA, NetworkTask
 
-from brushexp.bounds import INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.bounds import above, at_least, between, one_of
 from brushexp.config.keys import key
-from brushexp.config.schema import RESUME, Task, TrainerOptions
 
 
 @dataclass
-class TrainDiscriminatorTask(Task):
+class TrainDiscriminatorTask(NetworkTask):
     """Train a network that recognises valid strokes, for loss=discriminator; task=train model=discriminator, too."""
 
     module = "brushexp_discriminator.task"
-    instead_of = "train"
-    groups: ClassVar[dict[str, Any]] = NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "default"}
     settings: ClassVar[dict[str, Any]] = {"trainer": {"log_every_n_steps": 20}}
 
@@ -29,14 +23,3 @@ class TrainDiscriminatorTask(Task):
     minutes: float | None = key(None, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
     lr: float = key(5.0e-3, "highest learning rate", above(0, 1))
     ema: float = key(0, EMA, between(0, 1))
-    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    trainer: TrainerOptions = field(default_factory=TrainerOptions)
-
-    @staticmethod
-    def suits(typed: Mapping[str, Any]) -> bool:
-        return typed.get("model") == "discriminator"
-
-    @staticmethod
-    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        check_ends(cfg)

@@ -1,16 +1,15 @@
 """Keys of ``task=recover``, and of ``task=train model=recovery``."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
-from brushexp_training.rules import check_ends
-from brushexp_training.schema import EMA, NETWORK_FIT
+from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.bounds import above, at_least, between, one_of
 from brushexp.config.keys import key
-from brushexp.config.schema import RESUME, Task, TrainerOptions
+from brushexp.config.schema import Task
 from brushexp.pictures.load import PICTURE
 from brushexp_recovery.photograph import size_of_photograph
 
@@ -34,12 +33,10 @@ class RecoverTask(Task):
 
 
 @dataclass
-class TrainRecoveryTask(Task):
+class TrainRecoveryTask(NetworkTask):
     """Train what task=recover finds strokes with, on paintings made meanwhile; task=train model=recovery, too."""
 
     module = "brushexp_recovery.train_task"
-    instead_of = "train"
-    groups: ClassVar[dict[str, Any]] = NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
     model: str = key("recovery", "what is trained", one_of("recovery"))
@@ -49,18 +46,6 @@ class TrainRecoveryTask(Task):
     paintings: int = key(400, "how many paintings to learn from", at_least(1))
     painters: int = key(1, "processes that make paintings meanwhile", at_least(1))
     batch_size: int = key(5, "crops of a step", at_least(1))
-    epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))
     minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
     ema: float = key(0.998, EMA, between(0, 1))
-    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    trainer: TrainerOptions = field(default_factory=TrainerOptions)
-
-    @staticmethod
-    def suits(typed: Mapping[str, Any]) -> bool:
-        return typed.get("model") == "recovery"
-
-    @staticmethod
-    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        check_ends(cfg)

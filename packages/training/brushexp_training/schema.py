@@ -1,5 +1,6 @@
 """Keys of the tasks that simulate strokes, and train and measure renderers."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -69,6 +70,29 @@ class TrainTask(Task):
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:
         return {f"data={path}": rules.strokes_in(path) for path in cfg.data or []}
+
+
+@dataclass
+class NetworkTask(Task):
+    """Keys of the tasks that train another network than a renderer: ``task=train`` with its ``model``."""
+
+    instead_of = "train"
+    groups: ClassVar[dict[str, Any]] = NETWORK_FIT
+
+    model: str = key("", "what is trained")
+    epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))
+    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
+
+    @classmethod
+    def suits(cls, typed: Mapping[str, Any]) -> bool:
+        return typed.get("model") == cls.model
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        rules.check_ends(cfg)
 
 
 @dataclass
