@@ -1,0 +1,88 @@
+"""Take a painting apart into layers, which other programs show one over another."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import build_named
+from brushexp.shading.light import overlay
+from brushexp.strokes.bezier import half_width_of
+
+ROUNDING = 2  # levels of 255 by which layers of 8 bits may differ from the painting
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A picture with its name in the list of layers."""
+
+    name: str
+    pixels: np.ndarray  # (H, W, 4) uint8, straight alpha
+
+
+def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
+    """Paint what is seen, (H, W, 3) uint8 or (H, W, 4) where it is transparent, and its layers, the lowest first.
+
+    They are the ground, the strokes in at most ``count`` layers with the same number of strokes each, and where these
+    alone do not show the painting, to `ROUNDING`, the difference: ``light and paper``. Each ends where the painting
+    is transparent.
+    """
+    finished, layers = _picture_of(job), [*_painted(job, count)]
+    shown, colors = _flattened(layers, job.size), finished[..., :3]
+    if not job.is_bare or np.abs(shown.astype(int) - colors).max() > ROUNDING:
+        layers.append(Layer("light and paper", overlay(shown, colors)))
+    return finished, [Layer(layer.name, _cut(layer.pixels, job)) for layer in layers]
+
+
+def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
+    """Draw ground and strokes, the lowest layer first."""
+    ground = np.empty((*job.size, 4), np.uint8)
+    ground[:] = [*(255 * job.saved.background.cpu()).round().tolist(), 255]
+    yield Layer("ground", ground)
+    for number in job.bottom_up.tensor_split(min(count, max(1, len(job.strokes)))):
+        if len(number):
+            width = 2 * float(half_width_of(job.strokes[number]).median())
+            name = f"{len(number)} strokes, {width:.3g} pixels wide"
+            yield Layer(name, _drawn(job, number))
+
+
+def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
+    """Draw strokes (n,) by their numbers without ground, light and paper: (H, W, 4) uint8, straight alpha.
+
+    Colour and alpha are those that give what is drawn over black and over white, where paint mixes as numbers.
+    """
+    some = replace(job.saved, strokes=job.strokes[number], depth=job.saved.depth[number])
+    plain = replace(job.bare(), space=build_named("color", "rgb", {}))
+    black, white = (
+        torch.cat([band.cpu() for _, band in replace(plain, saved=replace(some, background=ground)).bands()], dim=1)
+        for ground in (torch.zeros(3), torch.ones(3))
+    )
+    alpha = (1 - (white - black).mean(0, keepdim=True)).clamp(0, 1)
+    color = torch.where(alpha > 0, black / alpha.clamp_min(1e-6), 0).clamp(0, 1)
+    return (255 * torch.cat([color, alpha])).round().to(torch.uint8).movedim(0, 2).numpy()
+
+
+def _picture_of(job: ExportJob) -> np.ndarray:
+    alpha, picture = job.alpha(), job.picture()
+    return picture if alpha is None else np.dstack([picture, alpha])
+
+
+def _cut(pixels: np.ndarray, job: ExportJob) -> np.ndarray:
+    """Make a layer (H, W, 4) as transparent as its painting is."""
+    alpha = job.alpha()
+    if alpha is None:
+        return pixels
+    share = pixels[..., 3:].astype(np.uint16) * alpha
+    return np.concatenate([pixels[..., :3], ((share + 127) // 255).astype(np.uint8)], axis=2)
+
+
+def _flattened(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
+    """Lay layers over each other as programs do: (H, W, 3) uint8, over black."""
+    below = np.zeros((*size, 3), np.float32)
+    for layer in layers:
+        share = layer.pixels[..., 3:].astype(np.float32) / 255
+        below += share * (layer.pixels[..., :3] - below)
+    return (below + 0.5).astype(np.uint8)
