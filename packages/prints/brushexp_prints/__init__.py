@@ -1,5 +1,5 @@
 """Exporters for mail, print, film and relief, as members of the family ``to``."""
 
-from brushexp_prints import jpg, ora, pdf, process, psd, relief
+from brushexp_prints import gltf, jpg, ora, pdf, process, psd, relief
 
-__all__ = ["jpg", "ora", "pdf", "process", "psd", "relief"]
+__all__ = ["gltf", "jpg", "ora", "pdf", "process", "psd", "relief"]
