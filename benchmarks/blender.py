@@ -16,6 +16,7 @@ VIEWS = (((0, -1.6, 0), (0, 0, 0)), ((0.42, -0.3, -0.28), (0.12, 0, 0)))  # of t
 
 
 def main() -> None:
+    """Render a painting and write the sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("painting", type=Path)
     parser.add_argument("sheet", type=Path)

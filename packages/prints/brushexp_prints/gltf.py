@@ -14,7 +14,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import build_named, register
 from brushexp.system.files import replacing
-from brushexp_prints.ribbons import ACROSS, POINTS, SECTIONS, TRIANGLES, Ribbons, ribbons_of, triangles_of
+from brushexp_prints.ribbons import ACROSS, POINTS, TRIANGLES, Ribbons, ribbons_of, triangles_of
 
 LARGEST = 2**32  # bytes of a file: its lengths have 32 bits
 PARTS = 100  # of the strokes, each of which appears at once in the animation

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from test_ora import N, SIZE, job_of
+from test_ora import SIZE, N, job_of
 
 from brushexp.errors import UserError
 from brushexp.registry import build_named
