@@ -53,9 +53,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         try:
             with workers(n, cfg.cluster) as client, counting("painting and drawing tiles", 2 * len(todo)) as show:
                 memory = paint_all(client, canvas, store.grid, todo, show)
-        except KeyboardInterrupt:
-            log.warning("tiles that are painted stay in %s; type the same command to go on", path)
-            raise
+        except KeyboardInterrupt as interruption:
+            words = f"interrupted; tiles that are painted stay in {path}; to go on, type the same command"
+            raise KeyboardInterrupt(words) from interruption
     seconds = time.monotonic() - before
     levels = {name: add_levels(store.root[name], name) for name in LAYERS if name in store.root}
     n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6

@@ -26,6 +26,7 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import take_built
+from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RECORD, record_of, restore_run
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -177,8 +178,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
                 picture = film.take(number, target)
             except (Exception, KeyboardInterrupt, SystemExit) as error:
                 if not number:
-                    if isinstance(error, KeyboardInterrupt):
-                        log.warning("no picture is painted yet; begin anew with: brushexp resume=%s", folder)
                     raise
                 failure = error
                 break
@@ -212,7 +211,10 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
     for path in written:
         log.info("%s  %s picture%s%s", as_shown(path), f"{count:,}", "" if count == 1 else "s", took)
     if failure is not None:
-        log.warning("%s at picture %d; continue with: brushexp resume=%s", status, count, folder)
+        words = f"{status} at picture {count}; {how_to_go_on(folder, 'paint')}"
+        if status == INTERRUPTED:
+            raise KeyboardInterrupt(words) from failure
+        log.warning(words)
         raise failure
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return metrics

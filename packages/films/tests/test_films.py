@@ -194,14 +194,13 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
     assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
 
 
-def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(run_task, tmp_path, monkeypatch, caplog):
-    def stopped(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(task.PaintedFilm, "take", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "resolution=32", "steps=1")
-    assert f"no picture is painted yet; begin anew with: brushexp resume={tmp_path}" in caplog.text
+def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(tmp_path):
+    encoded(tmp_path / "clip.mp4", scene(2))
+    words = ["image=clip.mp4", "resolution=32", "steps=1", "threads=1", "output=x"]
+    code, output = ended(tmp_path, *words, kill=("checkpoint.ckpt", 1, True), sent=signal.SIGINT)
+    assert (code, output) == (130, "note: interrupted; continue with: brushexp task=film resume=x\n")
+    assert ended(tmp_path, "task=film", "resume=x")[0] == 0
+    assert len(decoded(tmp_path / "x" / "film.mp4")[0]) == 2
 
 
 def test_a_picture_without_error_does_not_hide_the_others_of_a_film():

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brushexp.system.files import write_bytes
 from brushexp_recovery.synthesis_paintings import Painted, paint
+from brushexp_recovery.truth import write_arrays
 
 NICE = 10  # the pool leaves the processor to the training
 
@@ -27,11 +27,7 @@ def fill_pool(folder: Path, seed: int, pictures: Sequence[str], first: int, most
 
 def save_painting(path: Path, painted: Painted) -> None:
     """Write a painting whole or not at all."""
-    import io  # noqa: PLC0415
-
-    memory = io.BytesIO()
-    np.savez_compressed(memory, image=painted.image, labels=painted.labels, geometry=painted.geometry)
-    write_bytes(path, memory.getvalue())
+    write_arrays(path, image=painted.image, labels=painted.labels, geometry=painted.geometry)
 
 
 def load_painting(path: Path) -> Painted:

@@ -102,10 +102,8 @@ def drawn_truth(curve: Array, width: Array, color: Array, size: tuple[int, int],
 
 
 def write_truth(path: Path, truth: Truth) -> None:
-    """Write a truth whole or not at all, as a compressed npz."""
-    memory = io.BytesIO()
-    np.savez_compressed(memory, **{item.name: getattr(truth, item.name) for item in fields(truth)})
-    write_bytes(path, memory.getvalue())
+    """Write a truth as a compressed npz."""
+    write_arrays(path, **{item.name: getattr(truth, item.name) for item in fields(truth)})
 
 
 def read_truth(path: Path) -> Truth:
@@ -123,6 +121,13 @@ def read_truth(path: Path) -> Truth:
     if truth.labels.ndim != 2 or truth.labels.max(initial=-1) >= count:
         raise UserError(f"{path}: labels must be a picture of numbers from -1 to {count - 1}")
     return truth
+
+
+def write_arrays(path: Path, **arrays: Array) -> None:
+    """Write a compressed npz whole or not at all."""
+    memory = io.BytesIO()
+    np.savez_compressed(memory, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, memory.getvalue())
 
 
 def read_arrays(path: Path) -> dict[str, Array]:

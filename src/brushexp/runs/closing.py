@@ -1,4 +1,4 @@
-"""Say at the end of a painting where it is, how to look at it, and one thing to try next."""
+"""Say at the end of a run where it is, how to look at it or to go on with it, and one thing to try next."""
 
 import logging
 import shlex
@@ -10,10 +10,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from brushexp.config.words import parse_value
+from brushexp.runs.run_folder import HYDRAS_FILES
+from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, files_written
 from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
 MANY = 600  # strokes, from which 300 are few
+NAMED = 4  # files that a line names
 
 
 def say_where(folder: Path, strokes: int, start: float | None) -> None:
@@ -33,6 +36,19 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
 def is_job() -> bool:
     """Whether this run is a job of a sweep."""
     return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
+
+
+def how_to_go_on(folder: Path, task: str) -> str:
+    """Say what an interrupted run has finished, and what to type to go on with it or to begin it anew."""
+    place = as_shown(folder)
+    if (folder / CHECKPOINT).is_file():
+        return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
+    names = [path.relative_to(folder).as_posix() for path in files_written(folder)]
+    whole = sorted((name for name in names if name not in HYDRAS_FILES), key=lambda name: "painting" not in name)
+    more = f" and {len(whole) - NAMED} more" if len(whole) > NAMED else ""
+    kept = f"{place} has {', '.join(whole[:NAMED])}{more}" if whole else "nothing is finished"
+    words = [f"output={place}", *["overwrite=true"] * (METRICS_FILE in names)]
+    return f"{kept}; to begin anew, type the same and: {shlex.join(words)}"
 
 
 def say_page(folder: Path, what: str) -> None:

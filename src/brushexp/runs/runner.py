@@ -23,6 +23,7 @@ from brushexp.errors import UserError
 from brushexp.plugin_errors import naming_plugins
 from brushexp.registry import plugins
 from brushexp.results.runs import objective_in
+from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.run_folder import lock, release, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
@@ -51,8 +52,12 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
         return _run_job(cfg, hydra)
+    folder = Path(hydra.runtime.output_dir).resolve()
     try:  # `RunFolder` has checked the config and taken the folder
-        return _run_in(Path(hydra.runtime.output_dir).resolve(), cfg, start)
+        return _run_in(folder, cfg, start)
+    except KeyboardInterrupt as interruption:
+        log.warning("%s", *(interruption.args or [f"interrupted; {how_to_go_on(folder, cfg.task)}"]))
+        raise
     except UserError as error:
         log.error(error)
         raise SystemExit(1) from error
@@ -70,7 +75,7 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
     except BaseException as error:
         note_failure(folder, error)
         if isinstance(error, KeyboardInterrupt):
-            log.warning("to go on with this sweep, type the same and: output=%s resume=sweep", hydra.sweep.dir)
+            log.warning("interrupted; to go on, type the same and: output=%s resume=sweep", hydra.sweep.dir)
             pass_signal_on()
         raise
     finally:

@@ -49,8 +49,9 @@ def note_failure(folder: Path, error: BaseException) -> None:
     with suppress(UserError):
         numbers = json_of(read_text(path, ""))
     status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+    words = first_line(error) if status == "failed" else "KeyboardInterrupt"  # whose own are of this job alone
     with suppress(UserError):  # the disk may be full
-        write_json(path, numbers | {"status": status, "error": first_line(error)})
+        write_json(path, numbers | {"status": status, "error": words})
 
 
 def renew(folder: Path) -> None:

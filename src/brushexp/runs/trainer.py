@@ -16,6 +16,7 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError, first_line
 from brushexp.plugin_errors import EXPLAINED_ERRORS, mistake_of
 from brushexp.registry import plugins, take_built
+from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RunRecord
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.files import write_text
@@ -115,12 +116,10 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
     """End a fit whose results are on disk: remove its checkpoint, or raise what ended it before its last step."""
     if module.stop == INTERRUPTED:
-        if folder is not None and (folder / CHECKPOINT).exists():
-            resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
-            log.warning("interrupted at step %d; continue with: %s", steps, resume)
-        elif folder is not None:
-            log.warning("interrupted at step %d; %s has what was done, and starts anew", steps, folder)
-        raise KeyboardInterrupt
+        can_go_on = folder is not None and (folder / CHECKPOINT).is_file()
+        raise KeyboardInterrupt(
+            *[f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}"] if can_go_on else []
+        )
     if failure is not None:
         raise failure
     if module.stop == DIVERGED:

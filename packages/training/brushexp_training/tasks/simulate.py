@@ -3,6 +3,7 @@
 import logging
 import time
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 import torch
@@ -27,9 +28,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     before = time.monotonic()
     try:
         simulated = simulate_set(path, engine, origin_of(cfg.engine, engine), cfg.seed, cfg.n)
-    except KeyboardInterrupt:
-        log.warning("what is simulated is kept; continue with the same command and path=%s", path)
-        raise
+    except KeyboardInterrupt as interruption:
+        words = f"interrupted; what is simulated is kept; to go on, type the same and: {quote(f'path={path}')}"
+        raise KeyboardInterrupt(words) from interruption
     seconds = time.monotonic() - before
     strokes = StrokeSet(path)
     pictures = pictures_of(strokes.shards, np.arange(min(SHEET_STROKES, len(strokes))))
