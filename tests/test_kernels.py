@@ -229,3 +229,12 @@ def test_the_process_that_compiles_runs_what_others_load(tmp_path, monkeypatch):
         share(again, 99, values, sums)
         assert len(again.dispatcher.stats.cache_hits if sums is second else again.dispatcher.stats.cache_misses) == 1
     assert first.tobytes() == second.tobytes()
+
+
+def test_a_function_with_another_in_it_is_found_again_by_other_processes():
+    texts = [compile("def listed(n): return [(k, 0.5) for k in range(n)]", __file__, "exec") for _ in range(2)]
+    scopes = [{"__name__": __name__} for _ in texts]
+    for text, scope in zip(texts, scopes, strict=True):
+        exec(text, scope)
+    names = {function(scope["listed"]).dispatcher.py_func.__qualname__ for scope in scopes}
+    assert len(names) == 1, "its code lies elsewhere in memory each time"

@@ -78,8 +78,7 @@ class Compiled:
             scope[name] = value
         copy = FunctionType(code, scope, function.__name__, function.__defaults__)
         copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
-        text = repr((code.co_code, code.co_names, code.co_varnames, list(map(repr, code.co_consts)), callees))
-        return copy, sha256(text.encode()).hexdigest()
+        return copy, sha256(repr((*_parts(code), callees)).encode()).hexdigest()
 
 
 @cache
@@ -124,6 +123,12 @@ def _names(code: CodeType) -> Iterator[str]:
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _names(constant)
+
+
+def _parts(code: CodeType) -> tuple[Any, ...]:
+    """Return what code is made of, the same in every process: the name of code inside it is a place in memory."""
+    constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
+    return code.co_code, code.co_names, code.co_varnames, constants
 
 
 def inline(function: Any) -> Any:
