@@ -4,7 +4,9 @@ from os import PathLike
 from pathlib import Path
 
 from brushexp import Painting
+from brushexp.config.keys import keys_of
 from brushexp.strokes.storage import load_catalogue
+from brushexp_analysis.schema import AnalyseTask
 from brushexp_analysis.summary import Analysis, analysis_of
 
 
@@ -21,6 +23,8 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
     >>> len(analysis.number)
     20
     """
+    for name, value in {"radius": radius, "visible": visible}.items():
+        keys_of(AnalyseTask)[name].bounds.check(name, value)
     saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
     name = "painting" if isinstance(painting, Painting) else str(painting)
     return analysis_of(saved, name, name, radius, visible)

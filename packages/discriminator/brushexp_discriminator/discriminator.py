@@ -17,7 +17,7 @@ NAME = "discriminator"
 DISCRIMINATORS = CheckpointFormat(
     noun="discriminator",
     family="loss",
-    node=f"loss.{NAME}",
+    key=f"loss.{NAME}.checkpoint",
     task=f"task=train_{NAME}",
     without="the one that comes with the program",
     folders=lambda: [Path(__file__).parent / "weights"],

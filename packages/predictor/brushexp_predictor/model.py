@@ -9,7 +9,7 @@ from brushexp_predictor.network import StrokePredictor
 
 NAME = "plain"
 PREDICTORS = CheckpointFormat(
-    noun="predictor", family="predictor", node="predictor", task="task=train model=predictor", without="no predictor",
+    noun="predictor", family="predictor", key="checkpoint", task="task=train model=predictor", without="",
     folders=lambda: [Path(__file__).parent / "weights"],
 )  # fmt: skip
 

@@ -12,7 +12,7 @@ from brushexp.system.files import write_json, write_picture, write_text
 from brushexp_predictor.doubts import SHARE
 from brushexp_predictor.kinds import OF_PAINTINGS
 from brushexp_predictor.sample_figure import write_figure
-from brushexp_predictor.sampled import Interval, SampledBrushwork, sample_brushwork
+from brushexp_predictor.sampled import Interval, SampledBrushwork, sample_with
 
 UNCERTAIN = 180.0  # degrees from end to end of an interval that holds every direction
 
@@ -21,8 +21,7 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the measures with their intervals, the maps and the best painting into the run's folder."""
-    keys = ("samples", "strokes", "resolution", "checkpoint", "intervals", "temperature", "seed")
-    brushwork = sample_brushwork(cfg.image, **{key: cfg[key] for key in keys})
+    brushwork = sample_with(cfg)
     best = max(brushwork.samples, key=lambda sample: sample.psnr)
     write_picture(folder / "painting.png", best.painting)
     write_json(folder / "brushwork.json", data_of(brushwork, cfg.image))

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.pictures.held import hold, is_picture
+from brushexp.api.settings import settings_of
 from brushexp.pictures.load import load_picture
 from brushexp.system.progress import showing
 from brushexp_predictor.conformal import Scaling, Scalings, read_scalings
@@ -77,20 +78,27 @@ def sample_brushwork(
         seed: of what differs.
 
     Raises:
-        UserError: what is wrong with the picture, the weights or the intervals.
+        UserError: what is wrong with the picture, the weights, the intervals or another argument.
     """
-    held = hold(image) if is_picture(image) else None
-    picture = load_picture(str(image) if held is None else held.name, resolution)
-    scalings = scalings_for(str(checkpoint), None if intervals is None else str(intervals), temperature)
+    options = {"image": image, "samples": samples, "strokes": strokes, "resolution": resolution, "seed": seed}
+    options |= {"checkpoint": checkpoint, "intervals": intervals, "temperature": temperature}
+    settings = settings_of("sample", options)  # which holds the picture
+    return sample_with(settings.cfg)
+
+
+def sample_with(cfg: DictConfig) -> SampledBrushwork:
+    """Do what `sample_brushwork` does, by the checked keys of ``task=sample``."""
+    picture = load_picture(cfg.image, cfg.resolution)
+    scalings = scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
     if scalings is None:
         log.warning("intervals are as narrow as samples say, too narrow: fit them with brushexp calibrate keep=true")
-    network = load_predictor(str(checkpoint))
-    n = strokes or default_strokes(picture)
+    network = load_predictor(cfg.checkpoint)
+    n = cfg.strokes or default_strokes(picture)
     with showing("painting samples") as show:
         painted = []
-        for sample in paint_samples(network, picture, n, samples, seed, temperature):
+        for sample in paint_samples(network, picture, n, cfg.samples, cfg.seed, cfg.temperature):
             painted.append(sample)
-            show(len(painted) / samples, f"painting {len(painted)} of {samples}, {sample.psnr:.2f} dB")
+            show(len(painted) / cfg.samples, f"painting {len(painted)} of {cfg.samples}, {sample.psnr:.2f} dB")
     return brushwork_of(picture, painted, n, scalings)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.pictures.held import hold, is_picture
+from brushexp.api.settings import settings_of
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
@@ -47,10 +47,11 @@ def recover(
         is no stroke is left empty.
 
     Raises:
-        UserError: what is wrong with the picture or the weights.
+        UserError: what is wrong with the picture, the weights or another argument.
     """
-    held = hold(image) if is_picture(image) else None
-    picture = load_picture(str(image) if held is None else held.name, None)
+    options = {"image": image, "scale": scale, "copies": copies, "weights": str(weights)}
+    settings = settings_of("recover", options)  # which holds the picture
+    picture = load_picture(settings.cfg.image, None)
     with showing("finding strokes") as show:
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
 

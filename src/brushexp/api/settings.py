@@ -111,7 +111,9 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
         if name in RESERVED:
             raise UserError(f"{name}={value} is no option here; {RESERVED[name]}")
         if isinstance(value, list | tuple) and (name == "image" or any(map(is_picture, value))):
-            cure = "paint each: [brushexp.paint(one) for one in pictures]" if name == "image" else "give one of them"
+            each = all(is_picture(one) or isinstance(one, str | os.PathLike) for one in value)
+            cure = "give one after the other: for image in pictures" if name == "image" else "give one of them"
+            cure = cure if each else f"for an array of numbers, give np.array({name})"
             raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
             full = "style.image" if name == "style" else name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -92,13 +93,16 @@ def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
 
 def is_picture(value: Any) -> bool:
     """Test whether a value is of a kind that can be held."""
-    kinds = Image.Image | np.ndarray | torch.Tensor | bytes | bytearray | memoryview
-    return isinstance(value, kinds) or hasattr(value, "read")
+    kinds = Image.Image | torch.Tensor | bytes | bytearray | memoryview
+    is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also of JAX, h5py, xarray, ...
+    return isinstance(value, kinds) or hasattr(value, "read") or is_array
 
 
 def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
     if hasattr(picture, "read") or isinstance(picture, bytes | bytearray | memoryview):
         return _pixels_of_file(picture, key, backdrop)
+    if np.ma.is_masked(picture):
+        raise UserError(f"{key} is a masked array; say what is seen behind its mask: {key}.filled(255)")
     if not isinstance(picture, Image.Image):
         samples = _channels_last(picture, key) if isinstance(picture, torch.Tensor) else np.asarray(picture)
         picture = _checked(samples, key)
@@ -107,6 +111,8 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
         picture = Image.fromarray(picture)
     if not all(picture.size):
         raise UserError(f"{key} is a picture without pixels; give {KINDS}")
+    if picture.mode == "I" and picture.format is None and (most := picture.getextrema()[1]) <= 255:
+        raise UserError(f"{key} is a PIL image of 32 bits up to {most}, nearly black; give {key}.convert('L')")
     try:
         return np.ascontiguousarray(decode_image(picture, backdrop))
     except UserError as error:
@@ -117,14 +123,14 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
 
 def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
     """Decode the bytes of a picture, or an open file from its beginning, as a file on disk is decoded."""
+    if isinstance(file, io.TextIOBase):
+        raise UserError(f'{key} is a file that was opened as text; open it with "rb"')
     try:
         if hasattr(file, "seek"):
             file.seek(0)
         data = file.read() if hasattr(file, "read") else file
     except (ValueError, OSError) as error:
         raise UserError(f"{key} is a file that cannot be read ({error}); give {KINDS}") from error
-    if isinstance(data, str):
-        raise UserError(f'{key} is a file that was opened as text; open it with "rb"')
     with TemporaryDirectory() as folder:
         path = Path(folder, "picture")
         path.write_bytes(data)
@@ -136,8 +142,8 @@ def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
 
 def _channels_last(picture: torch.Tensor, key: str) -> np.ndarray:
     """Convert a tensor (C, H, W), (1, C, H, W) or (H, W) to an array (H, W, C)."""
-    if picture.layout != torch.strided or picture.is_meta:
-        raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
+    if picture.layout != torch.strided or picture.is_meta or picture.is_quantized or picture.is_complex():
+        raise UserError(f"{key} is a tensor that is sparse, quantized, complex or without numbers; give {KINDS}")
     planes = picture.detach().cpu()
     planes = planes[0] if planes.ndim == 4 and len(planes) == 1 else planes
     planes = planes[None] if planes.ndim == 2 else planes
@@ -165,9 +171,22 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
     if samples.dtype.kind not in "iuf":
         raise UserError(f"{key} is an array of {samples.dtype}; give {KINDS}")
     if samples.dtype.kind != "f" or not (samples.min() >= 0 and samples.max() <= 1):  # false of NaN
-        reach = f"{samples.dtype} from {samples.min():g} to {samples.max():g}"
-        raise UserError(f"{key} is an array of {reach}; give {KINDS}")
+        least, most = samples.min(), samples.max()
+        raise UserError(
+            f"{key} is an array of {samples.dtype} from {least:g} to {most:g}; give {_scaled(least, most, key)}"
+        )
     return samples
+
+
+def _scaled(least: float, most: float, key: str) -> str:
+    """Write the expression that brings an array to a range that is taken, by the numbers that are in it."""
+    if not np.isfinite([least, most]).all():
+        return f"np.nan_to_num({key}), whose numbers are finite, uint8, or floats from 0 to 1"
+    if least < 0:
+        return f"({key} + 1) / 2, if it goes from -1 to 1: uint8, bool, or floats from 0 to 1"
+    if most <= 1:
+        return f"{key}.astype(bool), if it is a mask, or {key} / 255"
+    return f"{key} / {255 if most <= 255 else 65535}, floats from 0 to 1, or uint8"
 
 
 def _over(picture: np.ndarray, backdrop: float) -> np.ndarray:

@@ -18,6 +18,7 @@ SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows a
 def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
     """Convert an image of Pillow to (H, W, 3) uint8."""
     picture.load()
+    picture = picture.convert("LA") if picture.mode == "La" else picture  # the only mode that Pillow converts it to
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
     if picture.mode not in ("L", "RGB", "CMYK"):
         picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")

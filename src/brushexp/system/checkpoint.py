@@ -27,9 +27,9 @@ class CheckpointFormat:
 
     noun: str  # what messages call the network, "renderer"
     family: str  # family of its plugins, a key of the recipe
-    node: str  # key of the config with the plugin's options, "renderer"
+    key: str  # that names it, "renderer.checkpoint"; the plugin's other options stand beside it
     task: str  # the task that trains it, as one would type it
-    without: str  # the meaning of ``checkpoint=null``
+    without: str  # the meaning of null in its place; "" where it is needed
     folders: Callable[[], Sequence[Path]]  # where those lie that come with the program, and with other packages
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
@@ -41,13 +41,13 @@ class CheckpointFormat:
         module.eval()
         if checkpoint is None:
             return ""
-        path, where = self.path_of(checkpoint), f"{self.node}.checkpoint={checkpoint}"
+        path, where = self.path_of(checkpoint), f"{self.key}={checkpoint}"
         recipe = self.read_recipe(path)
         family, trained = recipe[self.family], recipe["options"]
         if family != name:
             raise UserError(f"{where} is of {self.family}={in_short(family)}, not of {name}; set the one or the other")
         for key, value in plain_options(options).items():
-            typed = f"{self.node}.{key}"
+            typed = f"{self.key.rpartition('.')[0]}.{key}"
             if key not in trained:
                 raise UserError(f"{where} was trained before there was {typed}; train it again with {self.task}")
             if trained[key] != value:
@@ -88,14 +88,12 @@ class CheckpointFormat:
         path = shipped.get(checkpoint, Path()) if is_name else Path(checkpoint)
         if path.is_file():
             return path
-        where = f"{self.node}.checkpoint={checkpoint}"
+        where = f"{self.key}={checkpoint}"
         if not is_name:
             raise UserError(f"{where}: there is no such file; give the .safetensors of {self.task}")
         names = ", ".join(sorted(shipped)) or "none"
-        raise UserError(
-            f"{where} does not come with the program (there are: {names}); "
-            f"give the path of a .safetensors file, or null for {self.without}"
-        )
+        cure = "give the path of a .safetensors file" + f", or null for {self.without}" * bool(self.without)
+        raise UserError(f"{where} does not come with the program (there are: {names}); {cure}")
 
     def shipped_name(self, name: str) -> str | None:
         """Return the name if a checkpoint of that name comes with the program, else None."""

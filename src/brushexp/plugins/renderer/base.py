@@ -42,8 +42,8 @@ def weight_folders() -> list[Path]:
 
 
 RENDERERS = CheckpointFormat(
-    noun="renderer", family="renderer", node="renderer", task="task=train", without="weights that are not trained",
-    folders=weight_folders,
+    noun="renderer", family="renderer", key="renderer.checkpoint", task="task=train",
+    without="weights that are not trained", folders=weight_folders,
 )  # fmt: skip
 
 
