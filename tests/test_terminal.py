@@ -3,7 +3,7 @@
 import logging
 import os
 import sys
-from io import BytesIO, TextIOWrapper
+from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
@@ -76,6 +76,49 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
     assert capsys.readouterr().out == "painting: 50 %, step 3 of 6, 0:00:00 left\n"
     monkeypatch.chdir(tmp_path)
     assert (as_shown(tmp_path / "a" / "b"), as_shown(tmp_path.parent)) == ("a/b", str(tmp_path.parent))
+
+
+class Screen(StringIO):
+    """A stream that is a terminal, or not."""
+
+    def __init__(self, is_terminal):
+        super().__init__()
+        self.isatty = lambda: is_terminal
+
+
+@pytest.mark.parametrize(("is_terminal", "kind", "letters", "has_bar"), [
+    (True, "xterm", 100, True),
+    (True, "xterm", 40, True),
+    (True, "dumb", 80, False),
+    (False, "xterm", 80, False),
+])  # fmt: skip
+def test_a_bar_is_for_terminals_that_can_show_it_and_says_the_time_on_narrow_ones(
+    is_terminal, kind, letters, has_bar, monkeypatch, caplog
+):
+    for name, value in {"TERM": kind, "COLUMNS": str(letters), "FORCE_COLOR": "1"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "stderr", Screen(is_terminal))
+    with caplog.at_level(logging.INFO), showing("painting the film") as show:
+        show(0.5, "step 3 of 6")
+        show(1.0, "step 6 of 6")
+    shown = sys.stderr.getvalue()
+    assert bool(shown) == has_bar
+    assert has_bar == (not caplog.messages), "lines of the log stand for a bar"
+    if has_bar:
+        assert "100%" in shown
+        assert "0:00:00" in shown.rpartition("left")[2]
+        assert ("step 6 of 6" in shown) == (letters == 100)
+
+
+@pytest.mark.parametrize("closed", [("stderr",), ("stdin", "stdout", "stderr")])
+def test_streams_that_are_closed_stop_nothing(closed, monkeypatch):
+    for name in closed:
+        monkeypatch.setattr(sys, name, None)
+    open_with(["coffee"])
+    print("nobody reads it", file=sys.stderr)
+    assert not sys.stderr.isatty()
+    for name in closed:
+        getattr(sys, name).close()
 
 
 @pytest.mark.parametrize(("typed", "said"), [

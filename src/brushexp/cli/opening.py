@@ -24,7 +24,8 @@ def open_with(words: Sequence[str]) -> list[str]:
 
     Returns the words, ``help`` as ``--help``, and tasks as we spell them.
     """
-    if isinstance(sys.stdout, TextIOWrapper):  # it may be closed
+    open_streams()
+    if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a name of a file may have letters it has not
     words = [as_task(word) for word in words]
     if "--version" in words:
@@ -39,6 +40,13 @@ def open_with(words: Sequence[str]) -> list[str]:
     if sys.stderr.isatty() and (line := opening_line(words)):
         print(line, file=sys.stderr, flush=True)
     return [*words]
+
+
+def open_streams() -> None:
+    """Open what is closed, as by ``2>&-``, on nothing; else the next files would have its number and get its words."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (until the end)
 
 
 def opening_line(words: Sequence[str]) -> str:

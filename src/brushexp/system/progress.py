@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TypeVar
 
-LOG_LINES = 5  # for a whole piece of work, without a terminal
+LOG_LINES = 5  # for a whole piece of work, without a terminal that can show a bar
+NARROW = 72  # letters of a terminal below which the time that is left has no room beside a bar
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
@@ -30,8 +31,9 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
     )
 
     console = Console(stderr=True)
-    columns = ("{task.description}", BarColumn(), TaskProgressColumn(), "{task.fields[state]}")
-    times = (TimeElapsedColumn(), "left", TimeRemainingColumn())
+    has_bar = console.file.isatty() and not console.is_dumb_terminal
+    middle = (BarColumn(), TaskProgressColumn(), "{task.fields[state]}", TimeElapsedColumn())
+    columns = middle if console.width >= NARROW else (TaskProgressColumn(),)
     start, logged = time.monotonic(), int(done * LOG_LINES)
 
     def show(share: float, state: str) -> None:
@@ -44,7 +46,8 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
             words = [f"{what}: {int(100 * share)} %, {each}, {remaining} left" for each in (state, plain)]
             log.info("%s", words[0], extra={"shown": words[1]})
 
-    with Progress(*columns, *times, console=console, disable=not console.is_terminal, transient=True) as bar:
+    shown = ("{task.description}", *columns, "left", TimeRemainingColumn())
+    with Progress(*shown, console=console, disable=not has_bar, transient=True) as bar:
         task = bar.add_task(what, total=1.0, state="")
         bar.update(task, completed=done)
         yield show
