@@ -67,8 +67,8 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
     log.info("24.5 dB", extra=IN_LOG)
     for _ in range(2):  # as jobs of a sweep
         log.warning("it is slow")
-    log.error("it is broken")
-    assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\n")
+    log.error("it is broken\nb\x1b[2J.png")
+    assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\nb\\x1b[2J.png\n")
     with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe: no bar, but lines
         monkeypatch.setattr(logging.getLogger("brushexp.system.progress"), "handlers", [Terminal()])
         show(0.5, "step 3 of 6, 24.50 dB")

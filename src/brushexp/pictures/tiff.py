@@ -17,9 +17,10 @@ from brushexp.pictures.kinds import CURE, PHOTOMETRIC, RAW, REDUCED, SENSOR, SUB
 from brushexp.pictures.limits import MAX_PIXELS, check_pixels
 from brushexp.pictures.srgb import ORIENTATION, floats_to_srgb, unit_range, upright
 
-WIDTH, LENGTH, BITS, COMPRESSION, PLANES, PROFILE = 256, 257, 258, 259, 284, 34675  # TIFF tags
+WIDTH, LENGTH, BITS, COMPRESSION, PLANES, SAMPLE_FORMAT, PROFILE = 256, 257, 258, 259, 284, 339, 34675  # TIFF tags
 UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, CMYK = 0, 1, 2, 5  # values of PHOTOMETRIC
+SIGNED = 2  # value of SAMPLE_FORMAT
 ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
 ROWS = 256  # of a picture that is averaged, at once
 LARGEST_PIECE = 2**28  # samples of a strip or a tile that is unpacked at once
@@ -32,7 +33,7 @@ def needs_tifffile(picture: ImageFile) -> bool:
         return False
     tags = picture.tag_v2
     unpacked = tags.get(COMPRESSION, 1) in UNPACKED
-    if max(tags.get(BITS, (1,))) <= 8:
+    if max(tags.get(BITS, (1,))) <= 8 and SIGNED not in tags.get(SAMPLE_FORMAT, ()):
         return unpacked and math.prod(picture.size) > MAX_PIXELS
     return unpacked or tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
 

@@ -6,7 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from brushexp.errors import on_a_line
+
 IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of what the terminal does not show
+LAYOUT = "\n\t"  # of tables and tracebacks
 _said: set[str] = set()  # notes so far: jobs of a sweep often have the same
 HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICAL: "brushexp: "}
 
@@ -23,7 +26,7 @@ class Terminal(logging.Handler):
             if record.levelno == logging.WARNING:
                 _said.add(words)
             stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
-            stream.write(f"{HEADS.get(record.levelno, '')}{words}\n")
+            stream.write(f"{HEADS.get(record.levelno, '')}{on_a_line(words, besides=LAYOUT)}\n")
             stream.flush()
         except Exception:  # a closed pipe, a full disk
             self.handleError(record)
