@@ -60,9 +60,7 @@ class Psd(PrintExporter):
             pixels = Image.fromarray(layer.pixels)
             left, top, right, bottom = pixels.getchannel("A").getbbox() or (0, 0, 1, 1)
             image.create_pixel_layer(pixels.crop((left, top, right, bottom)), layer.name, top, left)
-        if (
-            finished.shape[2] == 4
-        ):  # the form has colours over white there, and a sign for an alpha that is no selection
+        if finished.shape[2] == 4:  # the form has colours over white, and a sign for an alpha that is no selection
             finished = np.dstack([over_white(finished[..., :3], finished[..., 3:]), finished[..., 3]])
             document.layer_and_mask_information.layer_info.layer_count *= -1
         channels = [finished[..., k].tobytes() for k in range(finished.shape[2])]
