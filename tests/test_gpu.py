@@ -2,7 +2,10 @@
 
 import pytest
 import torch
+from brushexp_policies.traced import Traced
 from brushexp_training.tasks import train
+from painters import take
+from test_density import painter_of, picture
 
 from brushexp.tasks import paint
 
@@ -23,6 +26,14 @@ def test_a_painting_is_that_of_the_processor(chosen, run_task, tmp_path):
     there, here = (run_task(paint, *words, f"device={name}", f"output={tmp_path / name}") for name in ("cuda", "cpu"))
     assert (there["device"].partition(":")[0], here["device"]) == ("cuda", "cpu")
     assert there["psnr"] == pytest.approx(here["psnr"], abs=0.3)
+
+
+def test_a_surplus_of_strokes_goes_when_the_fit_has_left_them_on_the_processor():
+    painter = painter_of(Traced(surplus=0.4), n=60, steps=120, target=picture((72, 96))).cuda()
+    take(painter, 50)
+    assert len(painter.catalogue) > 60
+    painter.cpu().hand_over()
+    assert len(painter.catalogue) == len(painter.front_to_back) == 60
 
 
 def test_a_renderer_is_trained(run_task, tmp_path):

@@ -39,7 +39,7 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
     metrics = [key for panel in PANELS for key in [key for key in panel if key in measured][:1]]
     table = table[[(part, metric) for part in ("mean", "std") for metric in metrics]]
     others = means["setting"][[key for key in axes if key != across]]
-    typed = [{key: value for key, value in one.items() if isinstance(value, str)} for one in others.to_dict("records")]
+    typed = [{key: value for key, value in one.items() if isinstance(value, str)} for _, one in others.iterrows()]
     names = [" ".join(parts) or "default" for parts in differences(typed)]
     most = table["mean"].notna().sum().max() if metrics else 0
     if most < 2 or most < SPARSE * len(set(names)) * len(axes[across]):

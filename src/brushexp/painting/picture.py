@@ -151,7 +151,8 @@ class Depth:
     @torch.no_grad()
     def revise(self, keep: Tensor, new: int) -> None:
         """Remove strokes where ``keep`` (N,) is false, and add ``new`` ones on top; the others keep their order."""
-        stay = self.front_to_back[keep[self.front_to_back]]
+        before = self.front_to_back.to(keep.device)  # after a fit, Lightning leaves the strokes on the processor
+        stay = before[keep[before]]
         added = torch.arange(len(stay), len(stay) + new, device=stay.device).flip(0)
         self.front_to_back = torch.cat([added, (keep.cumsum(0) - 1)[stay]])
         if self.accuracy is not None:
