@@ -28,6 +28,8 @@ class Dots(Initializer):
         cover: share of the canvas that a layer covers, of what the one below does.
         width: of a dab, in distances of its layer; below 1 ground shows between them.
         length: of a dab, in distances of its layer.
+        jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
+        variety: of sizes within a layer, the deviation of their logarithm.
         division: how far hues go apart, 0 to 1.
     """
 
@@ -36,15 +38,22 @@ class Dots(Initializer):
     cover: Annotated[float, above(0, 1)] = 0.6
     width: Annotated[float, above(0, 10)] = 0.9
     length: Annotated[float, above(0, 10)] = 0.3
+    jitter: Annotated[float, between(0, 2)] = 0.22
+    variety: Annotated[float, between(0, 1)] = 0.0
     division: Annotated[float, between(0, 1)] = 0.3
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         layers = InLayers(
             layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
-            opacity=1.0, jitter=0.22,
+            opacity=1.0, jitter=self.jitter,
         )  # fmt: skip
         strokes = layers(target, n, generator, focus)
         angle = 2 * math.pi * torch.rand(n, generator=generator)
         thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
         room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue
-        return replace(strokes, color=(strokes.color + self.division * room.sqrt() * thirds.cos()).clamp(0, 1))
+        color = (strokes.color + self.division * room.sqrt() * thirds.cos()).clamp(0, 1)
+        if not self.variety:
+            return replace(strokes, color=color)
+        larger = (self.variety * torch.randn(n, generator=generator)).exp()
+        sizes = {name: getattr(strokes, name) * larger[:, None] for name in ("start", "control", "end")}
+        return replace(strokes, color=color, width=strokes.width * larger, **sizes)

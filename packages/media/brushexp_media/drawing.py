@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -22,7 +22,8 @@ Array = np.ndarray
 STEPS = 8  # points of a line on each side of its middle
 ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
-DEEP = 0.5  # share of ink in the dark wash
+DEEP = 0.7  # share of ink in a wash where the picture is black
+EDGE = 0.35  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
@@ -107,21 +108,29 @@ class Drawing(Initializer):
         return _strokes(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, _rgb(self.color), n)
 
     def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill dark places with strokes that are as broad as there is room: the light wash, and the dark one on it."""
+        """Fill dark places with soft strokes that are as broad as there is room: a wash, and another where it is dark.
+
+        Each has the tone of its place, and lies over lighter ones.
+        """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
         tones, light = self._above(self.wash_tones, dark), _rgb(self.wash)
         areas = [float((dark > tone).sum()) for tone in tones]
         first = round(n * areas[0] / max(sum(areas), 1))
-        parts, colors = [], (light, DEEP * _rgb(self.color) + (1 - DEEP) * light)
-        for tone, count, color in zip(tones, (first, n - first), colors, strict=True):
+        parts = []
+        for tone, count in zip(tones, (first, n - first), strict=True):
             room = distance_transform_edt(np.pad(dark > tone, 1, mode="edge"))[1:-1, 1:-1]
             room = room.clip(0, BROADEST / 2 * max(dark.shape))
             rows, columns = np.nonzero(room)
             chosen = random.integers(len(rows), size=count if len(rows) else 0)
-            places, half = np.stack([columns[chosen], rows[chosen]], 1) + 0.5, room[rows[chosen], columns[chosen]]
+            deep = ((dark[rows[chosen], columns[chosen]] - tones[0]) / max(1 - tones[0], EVEN)).clip(0, 1)
+            order = np.argsort(deep, kind="stable")
+            deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
+            places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
             curve = followed(places, np.full((1, 1), ANGLES[1]), 6 * half, room, 0.8 * half)
-            parts.append(_strokes(curve, 2 * half, half > 0, color, count))
+            color = light + DEEP * deep[:, None] * (_rgb(self.color) - light)
+            strokes = _strokes(curve, 2 * half, half > 0, color, count)
+            parts.append(replace(strokes, softness=EDGE * strokes.width))
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
@@ -190,12 +199,12 @@ def _rgb(color: str) -> Array:
 
 
 def _strokes(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes: the curves, and for those that are lacking some without ink."""
-    lacking = n - len(curve)
-    curve, width, seen = (
+    """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
+    lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
+    curve, width, seen, color = (
         np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])
-        for part, fill in ((curve, 0), (width, 1), (seen, False))
+        for part, fill in ((curve, 0), (width, 1), (seen, False), (color, 0))
     )
-    paint = torch.from_numpy(color).repeat(n, 1)
+    paint = torch.from_numpy(color)
     opacity = torch.from_numpy(seen).double()
     return strokes_along(torch.from_numpy(curve), torch.from_numpy(width), paint, opacity).map(Tensor.float)

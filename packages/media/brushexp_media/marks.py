@@ -73,12 +73,14 @@ LENGTH = 5.0  # half widths: length of the stroke for which grain is as long as 
 
 
 def chalk(variant: int) -> Tensor:
-    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends."""
+    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends; some press harder than others."""
     across, outside, t, along = _grid()
     grain = fractal_noise(along / 0.34, across / 0.34, 100 + variant, 3)
     streaks = gradient_noise(along / 6, across / 0.3, 200 + variant)
     inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # half widths to the edge
-    opacity = ((inside / 0.45).clamp(-1, 1) * 0.9 + 0.55 * grain + 1.1 * streaks - 0.02).mul(1.6).add(0.5).clamp(0, 1)
+    press = 0.5 * (2 * (3 * variant % VARIANTS) / (VARIANTS - 1) - 1.2)
+    opacity = (inside / 0.45).clamp(-1, 1) * 0.7 + 0.55 * grain + 1.1 * streaks + press - 0.02
+    opacity = opacity.mul(1.6).add(0.5).clamp(0, 1)
     opacity = opacity * (inside > -0.12)
     tone = 0.05 * grain.clamp(-2, 2) + 0.1 * streaks
     return torch.stack([opacity, tone.clamp(-0.3, 0.3), 0.3 + 0 * t])

@@ -15,7 +15,7 @@ from brushexp_media.noise import evened, fractal_noise, gradient_noise
 from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
 
 THOUSANDTHS = 1000
-PRESSURE = 0.03  # longer sides between places where the hand presses more and less
+PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
 STEEP = 1.4  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
@@ -31,6 +31,7 @@ class GrainedPaper(Paper):
         grain: size of its grain in thousandths of the longer side of the picture.
         tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
         pressure: by how much the hand presses unevenly, 0 to 1: a share of ``tooth`` by which it varies.
+        dust: how much of the paint is dust that half fills hollows, 0 (none: their borders are crisp) to 1.
         accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
         roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
         granulation: how much wet pigment settles in hollows, 0 to 2.
@@ -43,6 +44,7 @@ class GrainedPaper(Paper):
     grain: Annotated[float, above(0, 1000)] = 4.0
     tooth: Annotated[float, between(0, 1)] = 0.15
     pressure: Annotated[float, between(0, 1)] = 0.4
+    dust: Annotated[float, between(0, 1)] = 0.0
     accents: Annotated[float, between(0, 1)] = 0.0
     roughness: Annotated[float, between(0, 10)] = 0.15
     granulation: Annotated[float, between(0, 2)] = 0.0
@@ -88,13 +90,12 @@ class GrainedPaper(Paper):
         flat = gather_pigment(flat, painted * density)
         if self.tooth == 0:
             return flat
-        skipped = self.tooth * (1 + self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, 1)).to(
-            flat
-        )
+        pressed = self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, UNEVEN)
+        skipped = self.tooth * (1 + pressed.to(flat))
         if self.accents:
             detail = (flat - gaussian_blur(flat, RIM * grain)).abs().amax(0)
             skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
-        return ground + (0.5 + STEEP * (low - skipped)).clamp(0, 1) * (flat - ground)
+        return ground + (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1) * (flat - ground)
 
 
 @register("paper", "cold_pressed")

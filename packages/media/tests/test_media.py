@@ -183,3 +183,31 @@ def test_dots_go_apart_in_hue_and_their_mean_stays():
     assert_close(even, torch.full_like(even, 0.5))
     assert_close(divided.mean(0), even.mean(0), atol=0.03, rtol=0)
     assert float((divided.amax(1) - divided.amin(1)).median()) > 0.4
+
+
+def test_dots_of_a_layer_have_many_sizes_and_keep_their_shape():
+    target = torch.rand(3, 60, 60, generator=torch.Generator().manual_seed(1))
+    make = lambda variety: build_named("init", "dots", {"layers": 1, "variety": variety})(  # noqa: E731
+        target, 400, torch.Generator().manual_seed(0)
+    )
+    alike, varied = make(0.0), make(0.3)
+    larger = varied.width / alike.width
+    assert float(larger.log().std()) == pytest.approx(0.3, abs=0.03)
+    assert float(larger.median()) == pytest.approx(1, abs=0.05)
+    assert_close(varied.start, alike.start * larger[:, None])
+    assert torch.equal(varied.position, alike.position)
+
+
+def test_washes_have_the_tone_of_their_place_and_lie_over_lighter_ones():
+    target = torch.linspace(1, 0, 90).expand(3, 60, 90).contiguous()
+    strokes = build_named("init", "drawing", {"contours": 0.0, "washes": 1.0})(
+        target, 300, torch.Generator().manual_seed(0)
+    )
+    seen = strokes[strokes.opacity > 0]
+    tone, place = seen.color.mean(1), seen.position[:, 0]
+    assert len(tone.unique()) > 20
+    assert float(torch.corrcoef(torch.stack([tone, place]))[0, 1]) < -0.8
+    assert bool((seen.softness > 0).all())
+    first = int((tone.diff() > 0.05).nonzero()[0]) + 1  # there the second wash begins
+    assert bool((tone[:first].diff() <= 1e-6).all())
+    assert bool((tone[first:].diff() <= 1e-6).all())

@@ -134,3 +134,14 @@ def test_relief_of_a_paper_scales_with_the_picture():
     paper = build_named("paper", "weave", {"grain": 60.0})
     small, large = (paper.relief(Rows(0, size[0], size)) for size in ((60, 80), (120, 160)))
     assert_close(float(large.std()), 2 * float(small.std()), rtol=0.1, atol=0)
+
+
+def test_dust_half_fills_hollows_and_leaves_their_number():
+    black, rows = torch.zeros(3, 80, 80), Rows(0, 80, (80, 80))
+    crisp, dusty = (
+        build_named("paper", "rough", {"grain": 20.0, "tooth": 0.3, "dust": dust}).cover(black, WHITE, rows)[0]
+        for dust in (0.0, 1.0)
+    )
+    half = [float(((seen > 0.1) & (seen < 0.9)).float().mean()) for seen in (crisp, dusty)]
+    assert half[1] > 1.5 * half[0]
+    assert torch.equal(crisp > 0.5, dusty > 0.5)
