@@ -59,7 +59,7 @@ class Tab:
         self.version = -1
         visit.join()
         client = ui.context.client
-        client.on_connect(lambda: setattr(visit, "is_there", True))
+        client.on_connect(lambda: visit.arrive(client.tab_id))
         client.on_disconnect(lambda: setattr(visit, "is_there", False))
         with Tag("div", "studio"):
             Tag("h1", "unseen", "brushexp studio")

@@ -24,6 +24,7 @@ class Visit:
     against: Work | None = None  # the painting to compare with; None is the photograph
     begun: Work | None = None  # the last painting that this tab has begun
     is_there: bool = True  # whether the tab is open
+    tab: str | None = None  # what the browser calls it, also when it loads the page again
     reading: int = 0  # chosen pictures that are still being read
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
@@ -48,6 +49,17 @@ class Visit:
         if self.against is work:
             self.against = None
         self.notify()
+
+    def arrive(self, tab: str | None) -> None:
+        """Be connected to a tab; if it has loaded the page again, what it has begun stays its own, and is shown."""
+        self.is_there, self.tab = True, tab
+        mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
+        for work in mine:
+            work.owner = self
+        if mine and self.begun is None:
+            self.begun = mine[-1]
+            self.wishes.photo = mine[-1].wishes.photo
+            self.look_at(mine[-1])
 
     def join(self) -> None:
         """Show the last painting of another tab, if this one has no painting yet."""

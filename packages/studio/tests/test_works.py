@@ -24,6 +24,7 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     monkeypatch.setattr(Works, "_paint", lambda works, work: gate.wait(60))
     works = Works(tmp_path, {})
     mine, theirs = (Visit(Mock(), works, [], Wishes(photo=Mock())) for _ in range(2))
+    mine.arrive("first")
     mine.begun = works.begin(mine.wishes, mine)
     theirs.begun = works.begin(theirs.wishes, theirs)
     last = works.begin(theirs.wishes, theirs)
@@ -34,7 +35,12 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     assert [work.number for work in works.all] == [1, 3], "what waits is withdrawn"
     assert theirs.stoppable() is None, "the other tab is open"
     mine.is_there = False
-    assert theirs.stoppable() is mine.begun, "the tab is gone, or was loaded again"
+    assert theirs.stoppable() is mine.begun, "the tab is gone"
+    again = Visit(Mock(), works, [])
+    again.join()  # before it is known whose it is
+    again.arrive("first")
+    assert again.stoppable() is again.work is mine.begun, "it was loaded again, while others wait"
+    assert theirs.stoppable() is None
     gate.set()
     works._thread.join(60)
     assert {work.status for work in works.all} == {"done"}

@@ -46,7 +46,8 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
                     cfg.image = override_value(word)
             check(cfg, job)
         except UserError as error:
-            refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
+            is_plain = lenient and str(error).startswith(PICTURE)  # a picture of a folder: it says which
+            refused.append(f"{error}" if is_plain else f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):
                 raise UserError(refused[0]) from error
     drop_built()  # each job builds its own
