@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import as_sweep
+from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import one_store, parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.keys import keys_of
@@ -140,7 +141,7 @@ def in_place(words: Sequence[str]) -> list[str]:
 def reporting_errors(words: Sequence[str]) -> Iterator[None]:
     """Turn errors that a user can mend into one line on stderr and an exit code; bugs keep their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # else Hydra handles exceptions
-    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    warnings.filterwarnings("ignore", REMARKS)
     logging.raiseExceptions = False  # a full disk gives no tracebacks of the log
     end_on_signals()
     try:

@@ -7,6 +7,9 @@ from importlib.machinery import ModuleSpec
 from importlib.metadata import PackageNotFoundError
 from unittest.mock import patch
 
+# Warnings of Lightning that nobody can act on: a name that torch deprecates, and networks that are frozen on purpose.
+REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
+
 
 @contextmanager
 def hidden(*packages: str) -> Iterator[None]:

@@ -13,6 +13,7 @@ from lightning.pytorch.loggers import Logger
 from lightning.pytorch.profilers import PassThroughProfiler
 from omegaconf import DictConfig
 
+from brushexp.compat.hidden_packages import REMARKS
 from brushexp.errors import UserError, first_line
 from brushexp.plugin_errors import EXPLAINED_ERRORS, mistake_of
 from brushexp.registry import plugins, take_built
@@ -54,8 +55,7 @@ def make_trainer(
     ``callbacks``. A UserError names options that Lightning refuses.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
-    warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
-    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    warnings.filterwarnings("ignore", REMARKS)
     path = None if folder is None or not checkpoints else folder / CHECKPOINT
     own = [
         RunRecord(cfg, folder),
