@@ -38,7 +38,6 @@ class Hand:
     sway: float = 0.0  # of S-bends, spread, in widths
     taper: float = 0.0  # spread of the change of width from end to end, as a share
     even: bool = False  # places on a grid, slightly moved, not more of them where there is detail
-    keen: float = 0.6  # by how much strokes of each layer are denser where there is detail than those of the one below
     clip: float = 0.0  # difference of colour, sRGB, at which a stroke ends before its time; 0: never
 
 
@@ -64,7 +63,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> Laid:
     pitch = np.sqrt(area / n)
     angles = hatched(flow_of(picture, max(3.0, 0.45 * pitch)), hand.hatch, random)
     detail = detail_of(picture, pitch)
-    weights = [1 + layer * hand.keen * detail / max(detail.mean(), 1e-6) for layer in range(len(counts))]
+    weights = [1 + layer * 0.6 * detail / max(detail.mean(), 1e-6) for layer in range(len(counts))]
     places = np.concatenate([
         on_grid(k, size, random) if hand.even else scatter(k, weight, random)
         for k, weight in zip(counts, weights, strict=True)

@@ -18,7 +18,6 @@ Array = NDArray[Any]
 POINTS = 25  # of a curve, the ends of its straight pieces
 SAMPLES = 48  # of what changes along a stroke
 MARGIN = 3.0  # pixels around a stroke
-OCTAVES = 4  # of patches of paint: their sizes double
 GAPS = 5  # pixels: gaps between specks of paint so narrow are of the stroke's region
 F = np.float32
 
@@ -28,10 +27,9 @@ class Marks:
     """How the strokes of one painting look; each departs from it a little (domain randomisation, Tobin et al., 2017).
 
     Paint lies where what the brush holds exceeds what the bristle and the grain of the canvas take from it. It runs out
-    along the stroke, so a late part breaks up into streaks where ``bristle`` is large, into patches where it is
-    ``patchy``, too, and into specks where ``grain`` is. The unseen brushes of the benchmark differ: their outlines are
-    smooth and their ends straight, their knife is of one thickness, and their dry brush fades by streaks of a fixed
-    formula, with no patches, no grain of the canvas and no rim.
+    along the stroke, so a late part breaks up into streaks where ``bristle`` is large and into specks where ``grain``
+    is. The unseen brushes of the benchmark differ: their outlines are smooth and their ends straight, their knife is
+    of one thickness, and their dry brush fades by streaks of a fixed formula, with no grain of the canvas and no rim.
     """
 
     rough: float = 0.0  # of the outline, in half widths
@@ -47,30 +45,25 @@ class Marks:
     streak: float = 0.1  # change of tone between bristles
     load: float = 0.0  # difference of the colours at either side of the brush, sRGB
     thin: float = 0.0  # share of the paint that is missing at the start
-    fade: float = 1.0  # power of the share of the way that is behind: more keeps paint for longer
-    patchy: float = 0.0  # share of patches of all sizes in what bristles need, the rest are streaks
 
 
-def any_marks(random: Random, broken: bool = False) -> Marks:
-    """Choose how strokes look, from even and smooth to broken up; or ``broken`` and half transparent throughout."""
-    dry = broken or bool(random.random() < 0.4)
-    least, most = (0.1, 1.4) if broken else (0.6, 3.0)
+def any_marks(random: Random) -> Marks:
+    """Choose how strokes look, from even and smooth to broken up."""
+    dry = bool(random.random() < 0.4)
     return Marks(
         rough=float(random.choice([0.0, 0.08, 0.15, 0.3])),
         ends=float(random.uniform(0.05, 1.5)),
         ragged=float(random.choice([0.0, 0.3, 1.0])),
         tracks=int(random.integers(4, 40)),
-        full=float(random.uniform(least, most)) if dry else 4.0,
-        dry=float(random.uniform(0.0, 2.2) if broken else random.uniform(0.5, 3.5)) if dry else 0.0,
-        bristle=float(random.uniform(0.3 if broken else 0.0, 1.2)),
-        grain=float(random.uniform(0.05, 0.7) if broken else random.uniform(0.0, 1.0)),
-        sharp=float(random.uniform(0.5, 1.8) if broken else random.uniform(0.6, 3.0)),
+        full=float(random.uniform(0.6, 3.0)) if dry else 4.0,
+        dry=float(random.uniform(0.5, 3.5)) if dry else 0.0,
+        bristle=float(random.uniform(0.0, 1.2)),
+        grain=float(random.uniform(0.0, 1.0)),
+        sharp=float(random.uniform(0.6, 3.0)),
         rim=float(random.choice([0.0, 1.0]) * random.uniform(-0.35, 0.35)),
         streak=float(random.choice([0.0, 0.05, 0.1, 0.2])),
         load=float(random.choice([0.0, 0.0, 0.1, 0.25])),
         thin=float(random.choice([0.0, 0.0, 0.4])),
-        fade=float(np.exp(random.uniform(-0.7, 1.1))) if broken else 1.0,
-        patchy=float(random.uniform(0.1, 0.7)) if broken else 0.0,
     )
 
 
@@ -85,7 +78,7 @@ def draw_marks(laid: Laid, marks: Marks, size: tuple[int, int], random: Random) 
     windows = [
         _closed(_stamp(
             points[k].astype(F), F(laid.width[k]), laid.color[k].astype(F), int(side[k]), corner[k].astype(int), grain,
-            _along(random, marks), _outline(random),
+            _along(random, marks.tracks), _outline(random),
             np.array(astuple(marks), F) * random.uniform(0.8, 1.2, len(astuple(marks))).astype(F),
             (random.normal(size=3) * marks.load).astype(F),
         ))
@@ -102,18 +95,10 @@ def _even(noise: Array) -> Array:
     return ((noise - noise.mean()) / max(noise.std(), 1e-6)).astype(F)
 
 
-def _along(random: Random, marks: Marks) -> Array:
-    """Draw how bristles (`SAMPLES`, tracks) differ: each from the others, and each slowly along the stroke."""
-    size = (SAMPLES, marks.tracks)
-    slow = blurred(random.normal(size=size), (random.uniform(3, 20), 0.3))
-    streaks = _even(_even(slow) + random.uniform(0.3, 1.5) * random.normal(size=marks.tracks))
-    if not marks.patchy:
-        return streaks
-    patches = sum(
-        2 ** (random.uniform(0.2, 1) * octave) * _even(blurred(random.normal(size=size), (2.0**octave, 0.5 * octave)))
-        for octave in range(OCTAVES)
-    )
-    return _even((1 - marks.patchy) * streaks + marks.patchy * _even(patches))
+def _along(random: Random, tracks: int) -> Array:
+    """Draw how bristles (`SAMPLES`, ``tracks``) differ: each from the others, and each slowly along the stroke."""
+    slow = blurred(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
+    return _even(_even(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 
 
 def _outline(random: Random) -> Array:
@@ -132,7 +117,7 @@ def _closed(window: Array) -> Array:
 @function
 def _stamp(points, width, color, side, corner, grain, bristles, outline, marks, second):
     """Draw one stroke along ``points`` (P, 2): (side, side, 5) colour times alpha, alpha, and 0."""
-    rough, ends, ragged, _, full, dry, by_bristle, by_grain, sharp, rim, streak, _, thin, fade, _ = marks
+    rough, ends, ragged, _, full, dry, by_bristle, by_grain, sharp, rim, streak, _, thin = marks
     out = np.zeros((side, side, 5), F)
     half, pieces, tracks = F(0.5) * width, len(points) - 1, bristles.shape[1]
     length = F(0)
@@ -172,7 +157,7 @@ def _stamp(points, width, color, side, corner, grain, bristles, outline, marks, 
             if alpha <= 0:
                 continue
             spot = grain[(y + corner[1]) % grain.shape[0], (x + corner[0]) % grain.shape[1]]
-            held = full - dry * share**fade + by_bristle * bristle + by_grain * spot
+            held = full - dry * share + by_bristle * bristle + by_grain * spot
             alpha *= min(max(held * sharp + F(0.5), F(0)), F(1))
             alpha *= 1 - thin * (1 - share) ** 2
             depth = min(max((edge - abs(across)) / max(F(0.35) * half, F(1)), F(0)), F(1))

@@ -19,11 +19,9 @@ Array = NDArray[Any]
 
 SIDE = 512  # pixels of a painting
 COUNTS = (120, 2600)  # strokes of a painting
-PLAIN_SHARE = 0.35  # share of paintings by a plain hand
+PLAIN_SHARE = 0.55  # share of paintings by a plain hand
 BARE = 0.05  # share of paintings without a stroke
-MARKED = 0.65  # share of the looks that are marks by a formula, where the hand is not plain
-USUAL = 0.2  # share of the other paintings whose hand is plain, though their look is not
-BROKEN = 0.6  # share of the marks whose paint is broken up
+MARKED = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
 PLAIN = 900_046  # paintings from this number on are plain
 FEW = 400  # strokes beyond which the simulator of bristles takes too long
 OCHRE = (0.66, 0.56, 0.42)
@@ -43,7 +41,7 @@ class Painted:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
-    """Make painting ``number``: some as a plain hand paints, others of many kinds; from `PLAIN` on all plain."""
+    """Make painting ``number``: most as a plain hand paints, others of many kinds; from `PLAIN` on all plain."""
     random = np.random.default_rng([seed, number])
     picture = square_of(pictures[int(random.integers(len(pictures)))], random)
     n = int(np.exp(random.uniform(*np.log(COUNTS))))
@@ -53,12 +51,10 @@ def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
     look = plain_look(random) if plain else any_look(random)
     if look.name == "fluid":
         n = min(n, FEW) if random.random() < 0.85 else n
-    hand = Hand() if plain or random.random() < USUAL else any_hand(random)
-    laid = lay_strokes(picture, n, hand, random)
+    laid = lay_strokes(picture, n, Hand() if plain else any_hand(random), random)
     if not plain and random.random() < MARKED:
-        broken = bool(random.random() < BROKEN)
-        look = Look("marks", "marks", {}, float(random.uniform(1, 1.5 if broken else 3)))
-        drawn = draw_marks(laid, any_marks(random, broken), (SIDE, SIDE), random)
+        look = Look("marks", "marks", {}, float(random.uniform(1, 3)))
+        drawn = draw_marks(laid, any_marks(random), (SIDE, SIDE), random)
     else:
         drawn = draw_strokes(laid, look, int(random.integers(2**32)))
     composed = compose(drawn, laid, mixing_of(n, look, plain, random), ground_of(picture, plain, random))
@@ -130,15 +126,13 @@ def any_hand(random: Random) -> Hand:
         ((1.0, 1.0),),
         ((0.4, 1.0), (0.6, 0.6)),
         ((0.1, 1.0), (0.2, 0.7), (0.3, 0.5), (0.4, 0.3)),
-        ((0.15, 1.0), (0.3, 0.5), (0.55, 0.25)),
-        ((0.08, 1.0), (0.17, 0.6), (0.3, 0.35), (0.45, 0.18)),
     ]
-    aspect = np.exp(random.uniform(np.log(1.2), np.log(22)))
+    aspect = np.exp(random.uniform(np.log(1.6), np.log(22)))
     return Hand(
         layers=layers[int(random.integers(len(layers)))],
         cover=float(random.uniform(1.2, 4.5)),
         aspect=(float(aspect), float(random.uniform(0.1, 0.5))),
-        limits=(1.0, 40.0),
+        limits=(1.3, 40.0),
         uneven=float(random.choice([0.0, random.uniform(0.05, 0.35)])),
         directions=int(random.choice([2, 4, 8, 16, 64])),
         shaky=float(random.uniform(1, 12)),
@@ -149,7 +143,6 @@ def any_hand(random: Random) -> Hand:
         sway=float(random.choice([0.0, 0.0, 0.3, 0.8])),
         taper=float(random.choice([0.0, 0.2, 0.4])),
         even=bool(random.random() < 0.4),
-        keen=float(random.choice([0.6, random.uniform(0, 4)])),
         clip=float(random.choice([0.0, 0.0, random.uniform(0.03, 0.2)])),
     )
 
