@@ -10,10 +10,12 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from lightning_utilities.core.imports import RequirementCache
+from omegaconf import OmegaConf
 
 from brushexp.compat.hidden_packages import hidden
+from brushexp.runs.runner import explaining_to_users
 from brushexp.system import runtime
-from brushexp.system.runtime import forget_peak_memory, peak_memory, share
+from brushexp.system.runtime import end_on_signals, forget_peak_memory, peak_memory, share
 
 SCRIPT = """
 import sys
@@ -84,6 +86,30 @@ def test_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
 def test_a_fork_paints_after_a_painting():
     subprocess.run([sys.executable, "-c", FORKS], check=True)
+
+
+def test_an_interruption_that_a_callback_loses_comes_again(monkeypatch):
+    monkeypatch.setattr("brushexp.system.runtime.ENDING", [])
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: others.append(lost.exc_type))
+    others = []
+
+    class Lost:
+        def __init__(self, error):
+            self.error = error
+
+        def __del__(self):
+            raise self.error
+
+    end_on_signals()
+    Lost(ValueError())
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012
+        Lost(KeyboardInterrupt())
+        time.sleep(20)
+    assert others == [ValueError]
+    with pytest.raises(KeyboardInterrupt), explaining_to_users(OmegaConf.create()):  # noqa: PT012
+        Lost(KeyboardInterrupt())
+        raise RuntimeError("no compiled object yet")
+    time.sleep(2 * runtime.MOMENT)  # it is not raised a second time
 
 
 def test_the_peak_of_a_job_is_not_that_of_one_before_it():

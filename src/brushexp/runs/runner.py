@@ -34,6 +34,7 @@ from brushexp.system.runtime import (
     jobs_at_once,
     pass_signal_on,
     peak_memory,
+    take_lost,
     use_threads,
     was_signalled,
 )
@@ -125,6 +126,8 @@ def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
 
 def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
     """Return the error to raise instead; Lightning turns an interruption into a SystemExit."""
+    if take_lost():  # Numba fails where it was lost
+        return KeyboardInterrupt()
     if isinstance(error, SystemExit):
         if isinstance(error.__context__, KeyboardInterrupt):
             return KeyboardInterrupt()

@@ -7,6 +7,7 @@ import resource
 import signal
 import sys
 import threading
+from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -21,9 +22,11 @@ log = logging.getLogger(__name__)
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
+MOMENT = 0.05  # seconds
 THREADS = 256  # kernels use no more
 PARTS = 4  # each thread gets so many parts of a kernel's work, so that none waits long for another
 _received: list[int] = []  # signals so far
+_lost = threading.Event()  # an interruption in a callback from C
 _most_threads = [THREADS]
 _earlier_peak = [0.0]  # MB of the jobs before this one
 
@@ -101,15 +104,34 @@ os.register_at_fork(after_in_child=_begin_anew)
 
 
 def end_on_signals() -> None:
-    """Let SIGTERM (of clusters) and SIGHUP (of terminals) raise KeyboardInterrupt, unless they are ignored (nohup)."""
+    """Let SIGTERM (of clusters) and SIGHUP (of terminals) raise KeyboardInterrupt, unless they are ignored (nohup).
+
+    One that a library loses, in a callback from C or where memory is freed, is raised again a moment later.
+    """
+    others = sys.unraisablehook
+
+    def raise_again(lost: "sys.UnraisableHookArgs") -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            _lost.set()
+            threading.Timer(MOMENT, lambda: interrupt_main() if take_lost() else None).start()
+        else:
+            others(lost)
 
     def interrupt(signum: int, frame: FrameType | None) -> None:
         _received.append(signum)
         raise KeyboardInterrupt
 
+    sys.unraisablehook = raise_again
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
+
+
+def take_lost() -> bool:
+    """Tell whether an interruption was lost and is to be raised again; whoever asks has to raise it."""
+    was_lost = _lost.is_set()
+    _lost.clear()
+    return was_lost
 
 
 def was_signalled() -> bool:
