@@ -116,10 +116,9 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
     """End a fit whose results are on disk: remove its checkpoint, or raise what ended it before its last step."""
     if module.stop == INTERRUPTED:
-        can_go_on = folder is not None and (folder / CHECKPOINT).is_file()
-        raise KeyboardInterrupt(
-            *[f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}"] if can_go_on else []
-        )
+        if folder is not None and (folder / CHECKPOINT).is_file():
+            raise KeyboardInterrupt(f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}")
+        raise KeyboardInterrupt  # the runner says what there is
     if failure is not None:
         raise failure
     if module.stop == DIVERGED:
