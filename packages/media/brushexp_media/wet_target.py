@@ -36,6 +36,7 @@ class WetTarget(L.Callback):
 
     @torch.no_grad()
     def _look(self, painter: Any) -> None:
+        assert self.wet is not None
         wet = painter.picture.draw(*drag_paint(painter, self.wet))
         self.lack = painter.draw_whole() - wet
         self._aim(painter, self.lack)

@@ -93,7 +93,7 @@ class Sizes(Callback):
         other, width = painter.limit, painter.picture.size[1]
 
         def limit(strokes: Strokes, before: Strokes | None, rows: Tensor | None) -> Strokes:
-            return other(self.within(strokes, width), before, rows)  # type: ignore[no-any-return]
+            return other(self.within(strokes, width), before, rows)
 
         painter.limit = limit
         painter.catalogue.replace(painter.strokes())

@@ -1,5 +1,6 @@
 """Write the painting as layers (Adobe's PSD, version 1), for Photoshop, Affinity, Procreate, Krita, GIMP and others."""
 
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -62,7 +63,9 @@ class Psd(PrintExporter):
             image.create_pixel_layer(pixels.crop((left, top, right, bottom)), layer.name, top, left)
         if finished.shape[2] == 4:  # the form has colours over white, and a sign for an alpha that is no selection
             finished = np.dstack([over_white(finished[..., :3], finished[..., 3:]), finished[..., 3]])
-            document.layer_and_mask_information.layer_info.layer_count *= -1
+            info = document.layer_and_mask_information.layer_info
+            assert info is not None
+            info.layer_count *= -1
         channels = [finished[..., k].tobytes() for k in range(finished.shape[2])]
         document.header.channels = len(channels)
         document.image_data = ImageData(Compression.RLE)
@@ -74,12 +77,11 @@ class Psd(PrintExporter):
     def _resources(self) -> "ImageResources":
         """Make the parts of the file that hold its profile and its resolution."""
         from psd_tools.constants import Resource  # noqa: PLC0415
-        from psd_tools.psd.image_resources import ImageResource, ImageResources, ResoulutionInfo  # noqa: PLC0415
+        from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
 
         resources = ImageResources.new()
         resources[Resource.ICC_PROFILE] = ImageResource(key=Resource.ICC_PROFILE, data=srgb())
         if self.density is not None:
-            dots = round(FIXED * self.density)
-            info = ResoulutionInfo(dots, PER_INCH, CENTIMETRES, dots, PER_INCH, CENTIMETRES)
+            info = struct.pack(">IHHIHH", *2 * (round(FIXED * self.density), PER_INCH, CENTIMETRES))
             resources[Resource.RESOLUTION_INFO] = ImageResource(key=Resource.RESOLUTION_INFO, data=info)
         return resources
