@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from brushexp_recovery.baseline_edges import edges_and_test
 from brushexp_recovery.baseline_growing import growing_and_ellipses
 from brushexp_recovery.given import Given, given_catalogue, given_curves, given_labels, given_recovered
+from brushexp_recovery.model import NAME
 
 Array = NDArray[Any]
 Method = Callable[[Array, int], Given]
@@ -21,16 +22,16 @@ COMPACTNESS = 10.0  # of superpixels, as Achanta et al. (2012)
 STEPS = 150  # of gradient descent
 
 
-def recovery(image: Array, count: int) -> Given:
+def recovery(image: Array, count: int, weights: str = NAME) -> Given:
     """Recover strokes as ``task=recover`` does; the number is not used."""
     from brushexp_recovery.recover import recover  # noqa: PLC0415
 
-    return given_recovered(recover(image))
+    return given_recovered(recover(image, weights=weights))
 
 
-def recovered_curves(image: Array, count: int) -> Given:
+def recovered_curves(image: Array, count: int, weights: str = NAME) -> Given:
     """Recover strokes, and take their curves alone, drawn as plain lines in the order that was found."""
-    given = recovery(image, count)
+    given = recovery(image, count, weights)
     lines = given_curves(given.curve, given.width, given.color, np.ones(len(given)), image.shape[:2])
     return replace(lines, confidence=given.confidence)
 
@@ -62,6 +63,7 @@ def gradient(image: Array, count: int) -> Given:
     return given_catalogue(painting.finished.job.saved, size)
 
 
+LEARNT = {"recovery", "recovered_curves"}  # which take weights
 METHODS: dict[str, Method] = {
     "recovery": recovery,
     "recovered_curves": recovered_curves,

@@ -22,6 +22,7 @@ class BenchmarkTask(Task):
     repeats: int = key(1, "paintings of each kind and number", at_least(1))
     side: int = key(512, "of a painting, pixels", between(64, 4096))
     methods: list[str] | None = key(None, "that find strokes; null = all; [] = only write the paintings")
+    weights: str = key("strokes", "of recovery: shipped ones, or the .safetensors of task=train model=recovery")
     hard: bool = key(True, "also a photograph of each painting: canvas, blur, noise, JPEG")
     add: str | None = key(None, "folder of strokes by others: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
     seed: int = key(20_251_125, "of the paintings; another one makes another benchmark", at_least(0))

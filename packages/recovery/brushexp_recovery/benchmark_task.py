@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_picture
-from brushexp_recovery.baselines import METHODS
+from brushexp_recovery.baselines import LEARNT, METHODS
 from brushexp_recovery.benchmark_report import Row, write_figures, write_report
 from brushexp_recovery.benchmark_scenes import KINDS, SEEN, Scene, paint, scenes_of
 from brushexp_recovery.given import Given, read_given
@@ -47,11 +48,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, look for strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
     (folder / FOLDER).mkdir(exist_ok=True)
     scenes = scenes_of(cfg.kinds or KINDS, cfg.counts, cfg.repeats)
-    methods = list(METHODS) if cfg.methods is None else list(cfg.methods)
+    names = list(METHODS) if cfg.methods is None else list(cfg.methods)
+    methods = {name: partial(METHODS[name], **({"weights": cfg.weights} if name in LEARNT else {})) for name in names}
     rows: list[Row] = []
     for number, scene in enumerate(scenes, start=1):
         for case in cases_of(scene, cfg, folder / FOLDER):
-            found = {name: timed(METHODS[name], case) for name in methods}
+            found = {name: timed(method, case) for name, method in methods.items()}
             if cfg.add is not None:
                 found["add"] = added(Path(cfg.add), case), float("nan")
             rows += [row_of(case, name, given, seconds, folder) for name, (given, seconds) in found.items()]

@@ -97,6 +97,8 @@ def test_one_command_paints_looks_and_scores(run_task, tmp_path):
     assert result["f1"] == pytest.approx(float(rows[0]["f1"]), abs=1e-3)
     with pytest.raises(UserError, match="methods has no 'nope'; choose from: recovery"):
         run_task(benchmark_task, "task=benchmark", "methods=[nope]")
+    with pytest.raises(UserError, match=r"mine\.safetensors"):
+        run_task(benchmark_task, "task=benchmark", *words, "methods=[recovered_curves]", "weights=mine.safetensors")
     with pytest.raises(UserError, match=r"has no strokes of knife-12; write knife-12\.npz there"):
         run_task(benchmark_task, "task=benchmark", *words, f"add={tmp_path / 'paintings' / '..'}")
 
