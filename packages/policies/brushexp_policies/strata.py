@@ -41,4 +41,5 @@ class Strata(Traced):
         return super().replaced(replace(state, budget=len(state.strokes) + missing), missing, weakest)
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
-        return round(self._first * (budget / self._first) ** (current / rounds))
+        first = max(1, self._first)
+        return round(first * (budget / first) ** (current / rounds))
