@@ -52,6 +52,9 @@ class WetTarget(L.Callback):
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         self._aim(painter, None)
 
+    def on_exception(self, trainer: L.Trainer, painter: Any, exception: BaseException) -> None:
+        self._aim(painter, None)
+
     def state_dict(self) -> dict[str, Any]:
         return {"lack": self.lack}
 

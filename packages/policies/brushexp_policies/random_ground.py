@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from brushexp.bounds import between
+from brushexp.errors import UserError
 from brushexp.plugins.callbacks.base import Callback
 from brushexp.registry import register
 
@@ -32,18 +33,24 @@ class RandomGround(Callback):
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import LambdaCallback  # noqa: PLC0415  (takes seconds to import)
 
-        own: list[Any] = []
+        own: list[Any] = []  # the ground, while another is in its place
 
-        def change(_: L.Trainer, module: Any, view: Any, number: int) -> None:
-            if hasattr(module, "picture") and getattr(view, "active", 0) is None and module.progress < self.until:
-                own.append(module.picture.background)
-                module.picture.background = random_color(own[0], module.schedule.step)
+        def check(_: L.Trainer, painter: Any, stage: str) -> None:
+            if not hasattr(painter, "catalogue"):
+                raise UserError("callbacks=random_ground is for painter=gradient; drop it, or drop painter=")
 
-        def restore(_: L.Trainer, module: Any, *__: object) -> None:
+        def change(_: L.Trainer, painter: Any, view: Any, number: int) -> None:
+            if view.active is None and painter.progress < self.until:
+                own.append(painter.picture.background)
+                painter.picture.background = random_color(own[0], painter.schedule.step)
+
+        def restore(_: L.Trainer, painter: Any, *__: object) -> None:
             if own:
-                module.picture.background = own.pop()
+                painter.picture.background = own.pop()
 
-        return LambdaCallback(on_train_batch_start=change, on_train_batch_end=restore)
+        return LambdaCallback(
+            setup=check, on_train_batch_start=change, on_train_batch_end=restore, on_exception=restore
+        )
 
 
 def random_color(like: Any, step: int) -> Any:

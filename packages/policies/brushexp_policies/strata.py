@@ -29,13 +29,14 @@ class Strata(Traced):
         moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
         price: least gain of a stroke that is laid elsewhere, over what it was worth; below 1, since steps improve it.
         tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
-        surplus: not used.
+        surplus: 0, as the number only grows.
     """
 
     start: Annotated[float, between(1e-3, 1)] = 1 / 16
     rounds: Annotated[int, at_least(1)] = 4
     until: Annotated[float, between(0, 1)] = 0.6
     moved: Annotated[float, between(0, 0.5)] = 0.0
+    surplus: Annotated[float, between(0, 0)] = 0.0
 
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         return super().replaced(replace(state, budget=len(state.strokes) + missing), missing, weakest)

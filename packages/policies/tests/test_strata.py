@@ -1,11 +1,13 @@
 """Growth in strata, and a ground that changes with each step."""
 
+import pytest
 import torch
 from brushexp_policies.random_ground import RandomGround, random_color
 from brushexp_policies.strata import Strata
 from painters import take
 from test_density import painter_of
 
+from brushexp.errors import UserError
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import half_width_of
@@ -48,3 +50,14 @@ def test_the_ground_stays_while_a_part_of_the_picture_is_looked_at():
     own, callback = painter.picture.background, RandomGround().open(None)
     callback.on_train_batch_start(None, painter, part, 0)
     assert painter.picture.background is own
+
+
+def test_an_error_in_a_step_leaves_the_ground_its_own_and_other_painters_are_refused():
+    painter = painter_of(Fixed())
+    own, callback, view = painter.picture.background, RandomGround().open(None), next(iter(painter.train_dataloader()))
+    callback.on_train_batch_start(None, painter, view, 0)
+    assert painter.picture.background is not own
+    callback.on_exception(None, painter, ValueError())
+    assert painter.picture.background is own
+    with pytest.raises(UserError, match="painter=gradient"):
+        callback.setup(None, torch.nn.Linear(1, 1), "fit")

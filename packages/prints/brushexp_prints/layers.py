@@ -30,11 +30,13 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
     alone do not show the painting, to `ROUNDING`, the difference: ``light and paper``. Each ends where the painting
     is transparent.
     """
-    finished, layers = _picture_of(job), [*_painted(job, count)]
-    shown, colors = _flattened(layers, job.size), finished[..., :3]
-    if not job.is_bare or np.abs(shown.astype(int) - colors).max() > ROUNDING:
-        layers.append(Layer("light and paper", overlay(shown, colors)))
-    return finished, [Layer(layer.name, _cut(layer.pixels, job)) for layer in layers]
+    picture, alpha, layers = job.picture(), job.alpha(), [*_painted(job, count)]
+    shown = _flattened(layers, job.size)
+    if not job.is_bare or np.abs(shown.astype(int) - picture).max() > ROUNDING:
+        layers.append(Layer("light and paper", overlay(shown, picture)))
+    if alpha is None:
+        return picture, layers
+    return np.dstack([picture, alpha]), [replace(layer, pixels=_cut(layer.pixels, alpha)) for layer in layers]
 
 
 def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
@@ -65,16 +67,8 @@ def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
     return (255 * torch.cat([color, alpha])).round().to(torch.uint8).movedim(0, 2).numpy()
 
 
-def _picture_of(job: ExportJob) -> np.ndarray:
-    alpha, picture = job.alpha(), job.picture()
-    return picture if alpha is None else np.dstack([picture, alpha])
-
-
-def _cut(pixels: np.ndarray, job: ExportJob) -> np.ndarray:
-    """Make a layer (H, W, 4) as transparent as its painting is."""
-    alpha = job.alpha()
-    if alpha is None:
-        return pixels
+def _cut(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Make a layer (H, W, 4) as transparent as its painting is, by the alpha of that (H, W, 1)."""
     share = pixels[..., 3:].astype(np.uint16) * alpha
     return np.concatenate([pixels[..., :3], ((share + 127) // 255).astype(np.uint8)], axis=2)
 

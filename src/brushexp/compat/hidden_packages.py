@@ -1,4 +1,4 @@
-"""Hide packages that lightning_utilities 0.15 would import for metrics that no run needs."""
+"""Hide what Lightning 2.6 says that no user can act on, and packages that lightning_utilities loads for nothing."""
 
 import sys
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from importlib.machinery import ModuleSpec
 from importlib.metadata import PackageNotFoundError
 from unittest.mock import patch
 
-# Warnings of Lightning that nobody can act on: a name that torch deprecates, and networks that are frozen on purpose.
+# Patterns of warnings: a name that torch deprecates, and networks that are frozen on purpose.
 REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
 
 
