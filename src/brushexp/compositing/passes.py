@@ -226,24 +226,9 @@ def _miss(look, own, buf):
 
 @function
 def backward_pass(
-    begin,
-    end,
-    p,
-    data,
-    reach,
-    order,
-    first,
-    stroke,
-    slot,
-    columns,
-    background,
-    used,
-    there,
-    near,
-    picture,
-    weighs,
-    pairs,
-):
+    begin, end, p, data, reach, order, first, stroke, slot, columns, background, used, there, near, picture,
+    weighs, pairs,
+):  # fmt: skip
     """Visit the strokes of these workers' tiles back to front, for the gradients of all pairs.
 
     Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (C, H, W). If it

@@ -46,15 +46,8 @@ class Rasterization(Rasterizer):
         self._forward, self._backward = inputs.kernel.passes(self.channels)
         data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in inputs.data)
         self._strokes = np.ascontiguousarray(inputs.strokes.detach().numpy()), data
-        self._tiles = (
-            layers.reach.detach().numpy(),
-            self.order,
-            lists.first,
-            lists.stroke,
-            lists.slot,
-            lists.shape[1],
-            background.numpy(),
-        )
+        parts = lists.first, lists.stroke, lists.slot, lists.shape[1]
+        self._tiles = layers.reach.detach().numpy(), self.order, *parts, background.numpy()
         self._workers = min(WORKERS, -(-(len(lists.first) - 1) // RUN))
         self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
@@ -65,17 +58,8 @@ class Rasterization(Rasterizer):
         image = np.empty((self.channels, *self.size), F)
         errors = np.empty((0 if target is None else pairs, 2), F)
         goal = np.zeros((self.channels, 0, 0), F) if target is None else target.contiguous().numpy()
-        share(
-            self._forward,
-            self._workers,
-            *self._strokes,
-            *self._tiles,
-            F(self.opaque),
-            goal,
-            image,
-            *self._trace,
-            errors,
-        )
+        rest = F(self.opaque), goal, image, *self._trace, errors
+        share(self._forward, self._workers, *self._strokes, *self._tiles, *rest)
         if target is not None:
             self.errors = torch.from_numpy(self._sums(errors))
         return torch.from_numpy(image)

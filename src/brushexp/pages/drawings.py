@@ -64,16 +64,9 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
     if largest < 1.15 * end:
         end = largest or 1.0
     counts, _ = np.histogram(np.minimum(values, end), BINS, (0.0, end))
-    return {
-        "kind": "histogram",
-        "title": title,
-        "summary": f"{title}: half of the strokes are below {median:.3g}; {x_label}",
-        "counts": counts.tolist(),
-        "end": end,
-        "largest": largest,
-        "median": median,
-        "x_label": x_label,
-    }
+    summary = f"{title}: half of the strokes are below {median:.3g}; {x_label}"
+    chart = {"kind": "histogram", "title": title, "summary": summary, "x_label": x_label}
+    return chart | {"counts": counts.tolist(), "end": end, "largest": largest, "median": median}
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:

@@ -95,24 +95,15 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
     for path, (name, run), parts in zip(paths, frame["run"].iterrows(), labels, strict=True):
         report = quote(f"{path}/report.html", errors="surrogateescape")
         curve = curve_from(run["anytime"]) or ()
-        rows.append(
-            {
-                "name": names[path],
-                "label": " ".join(parts) or "default",
-                "parts": parts,
-                "chosen": settings.loc[name].to_dict(),
-                "cells": texts.loc[name].to_dict(),
-                "numbers": values.loc[name].dropna().to_dict(),
-                "target": targets.index(run["target"]) if run["target"] in targets else None,
-                "group": groups.get((run["image"], run["label"])),
-                "status": run["status"],
-                "error": run["error"] if run["status"] == "failed" else "",
-                "command": run["command"],
-                "report": report if (run["folder"] / "report.html").is_file() else "",
-                "picture": thumbnail(run["picture"], side) if run["picture"] else None,
-                "curve": [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)],
-            }
-        )
+        row = {"name": names[path], "label": " ".join(parts) or "default", "parts": parts, "command": run["command"]}
+        row |= {"chosen": settings.loc[name].to_dict(), "cells": texts.loc[name].to_dict()}
+        row |= {"numbers": values.loc[name].dropna().to_dict(), "group": groups.get((run["image"], run["label"]))}
+        row["target"] = targets.index(run["target"]) if run["target"] in targets else None
+        row |= {"status": run["status"], "error": run["error"] if run["status"] == "failed" else ""}
+        row["report"] = report if (run["folder"] / "report.html").is_file() else ""
+        row["picture"] = thumbnail(run["picture"], side) if run["picture"] else None
+        row["curve"] = [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)]
+        rows.append(row)
     return rows
 
 

@@ -114,16 +114,8 @@ def finish(
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
     """Make the job of a painting that has no strokes yet, from its settings and what draws it."""
-    saved = Saved(
-        strokes=Strokes.none(),
-        depth=torch.empty(0, dtype=torch.int32),
-        size=size,
-        background=torch.ones(3),
-        renderer=plugin_of(cfg.renderer).name,
-        renderer_hash=renderer.weights_hash,
-        seed=cfg.seed,
-        config=OmegaConf.to_yaml(cfg, resolve=True),
-    )
+    source = plugin_of(cfg.renderer).name, renderer.weights_hash, cfg.seed, OmegaConf.to_yaml(cfg, resolve=True)
+    saved = Saved(Strokes.none(), torch.empty(0, dtype=torch.int32), size, torch.ones(3), *source)
     parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
     return ExportJob(saved, *parts, str(cfg.image), take_built(cfg.paper))
 
@@ -138,18 +130,17 @@ def alpha_from(cfg: DictConfig) -> Tensor | None:
 
 def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
     """List what a painting of ``n`` strokes has cost, for metrics.json."""
-    schedule = painter.schedule
-    return {
-        "seconds": schedule.seconds,
+    schedule, seconds = painter.schedule, painter.schedule.seconds
+    a_step = seconds / schedule.step if schedule.step else None
+    effort: dict[str, object] = {
+        "seconds": seconds,
         "seconds_total": None,
-        "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
+        "seconds_per_step": a_step,
         "peak_memory_mb": None,
-        "n_strokes": n,
-        "steps": schedule.step,
-        "status": painter.stop or "completed",
-        "cpu_seconds": schedule.cpu_seconds,
-        "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime],
     }
+    effort |= {"n_strokes": n, "steps": schedule.step, "status": painter.stop or "completed"}
+    anytime = [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime]
+    return effort | {"cpu_seconds": schedule.cpu_seconds, "anytime": anytime}
 
 
 def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, float]:

@@ -49,16 +49,9 @@ def strokes_of(parameters: Tensor) -> Strokes:
     """Invert `parameters_of`: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
-    return Strokes(
-        position=torch.zeros_like(start),
-        scale=WINDOW * one,
-        start=start,
-        control=control,
-        end=end,
-        width=WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width[:, 0] + 1),
-        color=0.5 * (color + 1),
-        opacity=one,
-    )
+    width = WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width[:, 0] + 1)
+    where = torch.zeros_like(start), WINDOW * one, start, control, end
+    return Strokes(*where, width, 0.5 * (color + 1), one)
 
 
 def clamp_to_prior(strokes: Strokes) -> Strokes:
