@@ -28,7 +28,7 @@ CONFIG = "renderer: {_target_: brushexp.plugins.renderer.analytic.Analytic, soft
 def catalogue(n: int = 7) -> Saved:
     """Random strokes of a small painting."""
     torch.manual_seed(n)
-    strokes = {name: torch.rand(field.shape(n)).clamp(min=0.01) for name, field in FIELDS.items()}
+    strokes = {name: field.nearest(torch.rand(field.shape(n)).clamp(min=0.01)) for name, field in FIELDS.items()}
     return Saved(Strokes(**strokes), torch.randperm(n).int(), (30, 50), torch.rand(3), "analytic", "", 3, CONFIG)
 
 

@@ -30,6 +30,7 @@ DEGENERATE = {
     "almost folded": replace(straight((4, 8), (9, 8)), control=torch.tensor([[1.9, 0.01]])),
     "from nothing": replace(straight((2, 3), (14, 9)), widening=torch.ones(1)),
     "to nothing": replace(straight((2, 3), (14, 9)), widening=-torch.ones(1)),
+    "a point of two colours": replace(straight((8.3, 8.1), (8.3, 8.1)), drift=torch.tensor([[-0.5, 0.1, 0.5]])),
     "softer than the canvas": replace(straight((2, 3), (14, 9)), softness=torch.tensor([1e3])),
 }
 
@@ -55,6 +56,8 @@ def paint(renderer, blend, strokes, size, *, order=None, target=None) -> Canvas:
 def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -> tuple[Tensor, dict[str, Tensor]]:
     """Picture, and the gradient of its weighted sum with respect to each field, in float64."""
     leaves = strokes.map(lambda value: value.detach().clone().requires_grad_())
+    if not strokes.drift.any():
+        leaves = replace(leaves, drift=strokes.drift)  # strokes of one colour have kernels of their own
     image = paint(renderer, blend, leaves, size, order=order).image
     (image * weight.to(image)).sum().backward()
     zero = {name: torch.zeros_like(value) for name, value in leaves.items()}
@@ -89,7 +92,8 @@ def check_random_scene(renderer, blend, n, size, seed, bend, thick, shaped, fiel
 
 
 def check_accuracy(renderer, blend):
-    strokes, target, order = random_strokes(30, (20, 33)), torch.rand(3, 20, 33), torch.randperm(30)
+    strokes = with_shapes(random_strokes(30, (20, 33), bend=0.1))
+    target, order = torch.rand(3, 20, 33), torch.randperm(30)
     strokes.position[3] = 500
     accuracy = paint(renderer, blend, strokes, (20, 33), order=order, target=target).accuracy
     exact = paint(renderer, DENSE, strokes.map(lambda v: v.double()), (20, 33), order=order, target=target).accuracy
@@ -103,7 +107,7 @@ def check_accuracy(renderer, blend):
 @torch.no_grad()
 def check_importance(renderer, blend):
     """Also return what the blend was given."""
-    size, strokes = (20, 29), random_strokes(25, (20, 29), bend=0.05)
+    size, strokes = (20, 29), with_shapes(random_strokes(25, (20, 29), bend=0.05))
     order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
     layers = renderer(strokes)
     estimate = blend.importance(layers, order, size, BACKGROUND, target, weight)

@@ -38,6 +38,6 @@ def straight(start, end, *, width=4.0, color=(1.0, 0.0, 0.0), opacity=1.0) -> St
 
 
 def with_shapes(strokes: Strokes, seed: int = 0) -> Strokes:
-    """The same strokes with edges and growths of their own."""
-    draws = torch.rand(2, len(strokes), generator=torch.Generator().manual_seed(seed)).to(strokes.position)
-    return replace(strokes, softness=0.5 * draws[0], widening=2 * draws[1] - 1)
+    """The same strokes with edges, growths and changes of colour of their own."""
+    draws = torch.rand(5, len(strokes), generator=torch.Generator().manual_seed(seed)).to(strokes.position)
+    return replace(strokes, softness=0.5 * draws[0], widening=2 * draws[1] - 1, drift=draws[2:].T - 0.5)

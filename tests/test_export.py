@@ -456,7 +456,7 @@ def test_edited_strokes_are_painted(tmp_path):
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda d: d.update(format="x"), "not a brushexp catalogue"),
-    (lambda d: d.update(format_version=4), "has format_version 4, and this brushexp reads 3; update brushexp"),
+    (lambda d: d.update(format_version=5), "has format_version 5, and this brushexp reads 4; update brushexp"),
     (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
     (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
     (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
@@ -518,6 +518,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
     strokes = Strokes.join(
         straight((10, 20), (30, 20), width=4), straight((5, 30), (5, 10), width=1, color=(0, 0.5, 1), opacity=0.25)
     )
+    strokes = replace(strokes, drift=torch.tensor([[0.0, 0.0, 0.0], [-0.3, 0.25, 0.1]]))  # 0 and 1 leave it no room
     what = changed(job_of(strokes), depth=torch.tensor([1, 0]).int())
     (path,) = Csv().write(what, tmp_path)
     first, second = csv.DictReader(path.read_text().splitlines())
@@ -526,7 +527,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
         {
             "stroke": 1, "start_x_px": 5, "start_y_px": 30, "control_x_px": 5, "control_y_px": 20, "end_x_px": 5,
             "end_y_px": 10, "width_px": 1, "red": 0, "green": 0.5, "blue": 1, "opacity": 0.25, "softness_px": 0,
-            "widening": 0, "length_px": 20, "direction_deg": -90,
+            "widening": 0, "red_drift": 0, "green_drift": 0.25, "blue_drift": 0, "length_px": 20, "direction_deg": -90,
         }
     )  # fmt: skip
     assert (second["stroke"], second["direction_deg"], second["length_px"]) == ("0", "0", "20")

@@ -22,7 +22,7 @@ from kernels import (
     paint,
     paint_with_gradient,
 )  # fmt: skip
-from scenes import random_strokes, straight
+from scenes import leaves, random_strokes, straight, with_shapes
 from torch import nn
 
 from brushexp.compat.compiled import Compiled, function, inline
@@ -100,6 +100,25 @@ def test_what_is_skipped_cannot_be_seen_and_threads_do_not_change_a_bit(kind):
         results.append([image, *gradient.values()])
     torch.set_num_threads(1)
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
+
+
+def test_the_gradient_of_strokes_with_shapes_is_that_of_finite_differences():
+    strokes = with_shapes(random_strokes(3, (7, 9), bend=0.1, width=(0.1, 0.3), dtype=torch.float64))
+    names, numbers = zip(*leaves(strokes, torch.float64).items(), strict=True)
+
+    def picture(*numbers):
+        return paint(KINDS["plain"], DENSE, Strokes(**dict(zip(names, numbers, strict=True))), (7, 9)).image
+
+    assert torch.autograd.gradcheck(picture, numbers, atol=1e-5)
+
+
+def test_colours_drift_along_a_stroke_and_stay_in_range():
+    stroke = straight((2, 4), (30, 4), width=6, color=(0.5, 0.9, 0.0))
+    stroke = replace(stroke, drift=torch.tensor([[0.25, 0.5, 0.5]]))
+    row = paint(Analytic(), TILED, stroke, (8, 32)).image[:, 4, 2:30]
+    torch.testing.assert_close(row[0], torch.linspace(0.25, 0.75, 28), atol=0.02, rtol=0)
+    torch.testing.assert_close(row[1], torch.linspace(0.8, 1.0, 28), atol=0.01, rtol=0)
+    assert not row[2].any(), "black has no room"
 
 
 def test_topk_keeps_the_uppermost_strokes_that_are_there():

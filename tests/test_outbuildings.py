@@ -76,8 +76,8 @@ def test_a_package_has_tests_and_is_in_the_wheel(package):
 
 @pytest.mark.slow
 def test_the_program_helps_and_paints_without_them(tmp_path):
-    small = ["image=coffee", "look=plain", "resolution=32", "strokes=12", "steps=2", "frames=0", "output=out"]
-    code = ALONE.format(modules=MODULES, words=[["look=plain", "--help"], small])
+    small = ["image=coffee", "look=even", "resolution=32", "strokes=12", "steps=2", "frames=0", "output=out"]
+    code = ALONE.format(modules=MODULES, words=[["look=even", "--help"], small])
     environment = os.environ | {"BRUSHEXP_PLUGINS": ""}
     found = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300,

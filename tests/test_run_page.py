@@ -32,7 +32,7 @@ from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.shading.light import Light, normals_of, shade_picture
-from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at, softness_of
+from brushexp.strokes.bezier import closest_parameter, curve_of, drift_of, half_width_of, point_at, softness_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
@@ -266,7 +266,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     measures = measure_strokes(saved.strokes, saved.depth, saved.size)
     packed = replay_of(export_job(saved), measures)
     data = base64.b64decode(packed["data"])
-    assert len(data) == 38 * 200
+    assert len(data) == 44 * 200
     result, at = {}, 800
     for name, each, low, high in packed["columns"]:
         shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / STEPS
@@ -277,6 +277,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert_allclose(2 * result["half"][:, 0], measures.width[order], atol=0.001)
     assert_allclose(result["softness"][:, 0], softness_of(saved.strokes).numpy()[order], atol=0.001)
     assert_allclose(result["widening"][:, 0], saved.strokes.widening.numpy()[order], atol=1e-4)
+    assert_allclose(result["drift"], drift_of(saved.strokes).numpy()[order], atol=1e-4)
     assert_allclose(result["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
     assert_allclose(result["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3

@@ -44,24 +44,25 @@ def test_the_file_says_what_it_holds(stored):
     with h5py.File(stored) as file:
         assert set(file) == {*FIELDS, "brush", "depth"}
         assert file.attrs["format"] == b"brushexp catalogue"
-        assert file.attrs["format_version"] == 3
+        assert file.attrs["format_version"] == 4
         for name, field in FIELDS.items():
             assert file[name].dtype == np.float32
             assert file[name].attrs["unit"].decode() == field.unit
         assert file["depth"].dtype == file["brush"].dtype == np.int32
 
 
-def test_a_file_without_softness_and_widening_is_one_of_before_them(tmp_path):
+@pytest.mark.parametrize(("version", "missing"), [(2, tuple(LATER_FIELDS)), (3, ("drift",))])
+def test_a_file_without_later_fields_is_one_of_before_them(version, missing, tmp_path):
     saved = catalogue()
-    shapes = {name: torch.zeros(len(saved.strokes)) for name in LATER_FIELDS}
+    shapes = {name: torch.zeros(FIELDS[name].shape(len(saved.strokes))) for name in missing}
     saved = replace(saved, strokes=replace(saved.strokes, **shapes))
     save_catalogue(tmp_path / "a.h5", saved)
     with h5py.File(tmp_path / "a.h5") as file:
-        assert set(file) == {*FIELDS, "brush", "depth"} - set(LATER_FIELDS)
-        assert file.attrs["format_version"] == 2
+        assert set(file) == {*FIELDS, "brush", "depth"} - set(missing)
+        assert file.attrs["format_version"] == version
     text = "".join(json_lines(saved))
-    assert '"format_version": 2' in text
-    assert not any(name in text for name in LATER_FIELDS)
+    assert f'"format_version": {version}' in text
+    assert not any(f'"{name}"' in text for name in missing)
     for read in (load_catalogue(tmp_path / "a.h5"), parse(text)):
         assert_same(read, saved)
 
@@ -138,7 +139,7 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
 @pytest.mark.parametrize(("name", "value", "message"), [
     ("format", "brushexp strokes", "not a brushexp catalogue"),
     ("format", 3, "attribute format is"),
-    ("format_version", 4, "has format_version 4, and this brushexp reads 3; update brushexp"),
+    ("format_version", 5, "has format_version 5, and this brushexp reads 4; update brushexp"),
     ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
     ("height", 0, "the canvas is 0 x 50 pixels"),
     ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),

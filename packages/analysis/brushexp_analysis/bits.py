@@ -8,7 +8,7 @@ import torch
 
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, half_width_of, softness_of, strokes_along
+from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 PLACES = 4  # steps of a pixel: of control points, width and softness
@@ -18,16 +18,17 @@ WIDENINGS = 31  # to either side of 0
 
 
 def quantised(strokes: Strokes) -> np.ndarray:
-    """Round strokes to whole numbers (N, 13), int32: start, control and end from it, width, softness, and the rest.
+    """Round strokes to whole numbers (N, 16), int32: start, control and end from it, width, softness, and the rest.
 
-    That is colour, opacity and widening. Points, widths and softness are in quarters of a pixel, colours in 256 levels,
-    opacities in 64 and widenings in 63. What lies farther away than a short integer can say is held at its end.
+    That is colour, opacity, widening and drift. Points, widths and softness are in quarters of a pixel, colours and
+    drifts in 256 levels, opacities in 64 and widenings in 63. What lies farther away than a short integer can say is
+    held at its end.
     """
     start, control, end = curve_of(strokes).unbind(1)
     across = torch.stack([2 * half_width_of(strokes), softness_of(strokes)], dim=1)
     lengths = torch.cat([start, control - start, end - start, across], dim=1) * PLACES
     shares = torch.stack([strokes.opacity * OPACITIES, strokes.widening * WIDENINGS], dim=1)
-    numbers = torch.cat([lengths, strokes.color * LEVELS, shares], dim=1)
+    numbers = torch.cat([lengths, strokes.color * LEVELS, shares, drift_of(strokes) * LEVELS], dim=1)
     limits = np.iinfo(np.int16)
     return numbers.round().clamp(limits.min, limits.max).to(torch.int32).cpu().numpy()
 
@@ -38,11 +39,12 @@ def restored(numbers: np.ndarray) -> Strokes:
     points = values[:, :6].reshape(-1, 3, 2) / PLACES
     points = torch.cat([points[:, :1], points[:, :1] + points[:, 1:]], dim=1)
     strokes = strokes_along(points, values[:, 6] / PLACES, values[:, 8:11] / LEVELS, values[:, 11] / OPACITIES)
-    return replace(strokes, softness=values[:, 7] / PLACES / strokes.scale, widening=values[:, 12] / WIDENINGS)
+    rest = {"widening": values[:, 12] / WIDENINGS, "drift": values[:, 13:] / LEVELS}
+    return replace(strokes, softness=values[:, 7] / PLACES / strokes.scale, **rest)
 
 
 def packed(numbers: np.ndarray) -> bytes:
-    """Compress whole numbers (N, 13) without loss: columns one after another, in low and high bytes (LZMA)."""
+    """Compress whole numbers (N, 16) without loss: columns one after another, in low and high bytes (LZMA)."""
     columns = np.ascontiguousarray(numbers.T, "<i2").view(np.uint8).reshape(numbers.shape[1], -1, 2)
     filters = [{"id": lzma.FILTER_LZMA1, "preset": 9, "lc": 0, "lp": 0, "pb": 0}]
     return lzma.compress(columns.transpose(0, 2, 1).tobytes(), format=lzma.FORMAT_ALONE, filters=filters)
@@ -52,8 +54,8 @@ def packed(numbers: np.ndarray) -> bytes:
 class BitsPerPixel(Metric):
     """Bits per pixel that the strokes take, rounded (points to a quarter of a pixel) and packed without loss.
 
-    Thirteen numbers of a stroke are free of each other: three points, width, colour, opacity, softness and widening.
-    The last two cost next to nothing where they are 0.
+    Sixteen numbers of a stroke are free of each other: three points, width, colour, opacity, softness, widening and
+    drift. The last three cost next to nothing where they are 0.
     """
 
     title, digits = "bits per pixel", 3

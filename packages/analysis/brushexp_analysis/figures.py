@@ -176,7 +176,7 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
     zoom = STROKES_SIDE / max(analysis.size)
     size = (max(1, round(analysis.size[0] * zoom)), max(1, round(analysis.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
-    strokes = replace(analysis.strokes.map(Tensor.float), color=color).moved(zoom=zoom)
+    strokes = replace(analysis.strokes.map(Tensor.float), color=color, drift=torch.zeros_like(color)).moved(zoom=zoom)
     above = torch.from_numpy(analysis.depth).argsort(descending=True)
     picture: NDArray[np.float32] = Tiled()(Analytic()(strokes), above, size, torch.ones(3)).image.numpy()
     return picture.transpose(1, 2, 0).clip(0, 1)

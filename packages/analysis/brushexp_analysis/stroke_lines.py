@@ -8,12 +8,12 @@ from torch import Tensor
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, length_of, softness_of
+from brushexp.strokes.bezier import curve_of, drift_of, length_of, softness_of
 from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
-PAINT = ("red", "green", "blue", "opacity", "softness_px", "widening")
+PAINT = ("red", "green", "blue", "opacity", "softness_px", "widening", "red_drift", "green_drift", "blue_drift")
 COLUMNS = (*POINTS, "width_px", *PAINT, "length_px", "direction_deg")
 
 
@@ -25,6 +25,7 @@ class Csv(Exporter):
     pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
     ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, by which its edge is wider than
     its renderer's; ``widening``, the share by which it is thicker than that at its end, and thinner at its start;
+    ``red_drift``, ``green_drift`` and ``blue_drift``, what its colour has more at its end, and less at its start;
     ``length_px`` along the curve; ``direction_deg`` from start to end, clockwise as one sees it: 0 is to the right, 90
     down, -90 up; empty where both are one point.
     Numbers have seven digits, which is what float32 holds. Lengths and widths of a painting by gradient descent are
@@ -42,7 +43,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
     for number in job.bottom_up.cpu().split(AT_ONCE):
         strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
         curve, width = curve_of(strokes), strokes.width * strokes.scale
-        paint = strokes.color, strokes.opacity, softness_of(strokes), strokes.widening
+        paint = strokes.color, strokes.opacity, softness_of(strokes), strokes.widening, drift_of(strokes)
         shape = length_of(curve), heading_degrees(curve)
         rows = torch.column_stack((number, curve.flatten(1), width, *paint, *shape)).tolist()
         yield "".join([line % tuple(row) for row in rows]).replace("nan\n", "\n")

@@ -31,7 +31,7 @@ def test_a_painting_of_rounded_strokes_looks_the_same():
 
 def test_packing_loses_nothing():
     numbers = quantised(random_strokes(60, SIZE))
-    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(13, 2, -1)
+    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(16, 2, -1)
     assert (numbers == bytes_.transpose(0, 2, 1).copy().view("<i2")[..., 0].T).all()
 
 

@@ -16,7 +16,7 @@ def rasterize(
     inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
 ) -> Rasterizer | None:
     """Make the rasterizer of plain and of textured strokes; None for others, and where no kernel of Triton runs."""
-    known = inputs.kernel in (profile.KERNEL, textured_profile.KERNEL)
+    known = inputs.kernel in (profile.KERNEL, profile.DRIFTING, textured_profile.KERNEL)
     if not known or not _runs_on(inputs.strokes.device.type):
         return None
     from brushexp_gpu.rasterization import TritonRasterization  # noqa: PLC0415  (without a GPU nobody waits for it)

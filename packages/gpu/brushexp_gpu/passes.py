@@ -53,6 +53,17 @@ def _load_colors(colors, i, here, C: tl.constexpr, CP: tl.constexpr):
 
 
 @inline
+def _load_paint(strokes, row, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr, DRIFTS: tl.constexpr):
+    """Colours (CP, TILES, 1 or AREA) at the nearest points ``t``, and how they drift along the strokes."""
+    paint = _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP)
+    drift = paint
+    if DRIFTS:
+        drift = _load_colors(strokes + 10 + C, row, here, C, CP)
+        paint += drift * (t + t - 1.0)[None]
+    return paint, drift
+
+
+@inline
 def _load_bare(background, C: tl.constexpr, CP: tl.constexpr):
     c = tl.arange(0, CP)
     return tl.load(background + c, c < C, 0.0)[:, None, None]
@@ -113,7 +124,7 @@ def forward_pass(
     strokes, begin, cells, frames, taper, stroke, slot, part, first, chunks, background, opaque, target, image,
     used, near, above, states, errors, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
-    JUDGE: tl.constexpr, KEEP: tl.constexpr,
+    DRIFTS: tl.constexpr, JUDGE: tl.constexpr, KEEP: tl.constexpr,
 ):  # fmt: skip
     """Paint ``image`` (C, H, W), and write ``used``.
 
@@ -144,7 +155,7 @@ def forward_pass(
                 t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
             )
             alpha = cover * _load_number(strokes, row, 7, here)
-            paint = _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP)
+            paint, _ = _load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
             shown = paint * (1.0 - tl.abs(tone))[None] + tl.maximum(tone, 0.0)[None]
             if KEEP:
                 pair = (at + k)[:, None] * AREA + q
@@ -212,7 +223,7 @@ def backward_pass(
     strokes, begin, cells, frames, taper, stroke, slot, first, chunks, chunk_tile, near, above, behinds,
     picture, pairs, tiles, columns, height, width, numbers,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
-    WEIGHS: tl.constexpr,
+    DRIFTS: tl.constexpr, WEIGHS: tl.constexpr,
 ):  # fmt: skip
     """Visit the strokes of chunks back to front, each of which belongs to ``chunk_tile``, after `behind_pass`.
 
@@ -240,10 +251,8 @@ def backward_pass(
         cover, cover_u, cover_v, tone, tone_u, tone_v = _look(
             t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
         )
-        opacity, paint = (
-            _load_number(strokes, row, 7, here),
-            _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP),
-        )
+        opacity = _load_number(strokes, row, 7, here)
+        paint, drift = _load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
         alpha, pure, white = cover * opacity, 1.0 - tl.abs(tone), tl.maximum(tone, 0.0)
         out = pairs + tl.load(slot + at + k, here, 0) * (1 if WEIGHS else numbers)
         if WEIGHS:
@@ -256,6 +265,10 @@ def backward_pass(
             shown = pure * plain + white * every
             ga = light * (shown - behind)
             _pull_color(out, cover, ga, given, light * alpha * pure, here, C, CP, TEXTURED)
+            by_color = tl.zeros_like(ga)
+            if DRIFTS:
+                by_color = 2.0 * light * alpha * tl.sum(drift * given, axis=0)
+                _store_colors(out + 10 + C, given, light * alpha * (t + t - 1.0), here, C, CP)
             x, y = pixels()
             half = _load_number(strokes, row, 6, here)
             if TEXTURED:
@@ -265,7 +278,9 @@ def backward_pass(
                 textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here)
             else:
                 sharp, widening = _load_number(strokes, row, 8, here), _load_number(strokes, row, 9, here)
-                plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, here)
+                plain_pull(
+                    out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here
+                )
             behind += alpha * (shown - behind)
 
 
@@ -273,8 +288,14 @@ def backward_pass(
 def _pull_color(out, cover, ga, given, seen, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr):
     """Write the gradient of opacity and colour from that of alpha ``ga``, and how much of the colour is ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
+    _store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
+
+
+@inline
+def _store_colors(out, given, seen, here, C: tl.constexpr, CP: tl.constexpr):
+    """Write the sums of channels ``given`` (CP, TILES, AREA) by how much they are ``seen`` (TILES, AREA)."""
     c = tl.arange(0, CP)[:, None]
-    tl.store(out[None] + (9 if TEXTURED else 10) + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
+    tl.store(out[None] + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
 
 
 @jit(do_not_specialize=["numbers"])

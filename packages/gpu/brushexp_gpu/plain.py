@@ -1,4 +1,4 @@
-"""Strokes of one colour: `brushexp.compositing.profile` for the kernels of this package."""
+"""Strokes without a texture: `brushexp.compositing.profile` for the kernels of this package."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -40,8 +40,11 @@ def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
 
 
 @inline
-def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, here):
-    """Write the gradient of all but opacity and colour to ``out`` + 0 to 9, from that of alpha ``ga``."""
+def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here):
+    """Write the gradient of all but opacity and colour to ``out`` + 0 to 9.
+
+    It comes from that of alpha, ``ga``, and of the parameter, ``by_color``, on which the colour depends.
+    """
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
     thin, grown = 1.0 - taper * u * u, 1.0 + widening * u
@@ -53,12 +56,13 @@ def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, w
     tl.store(out + 8, sum_pixels(6.0 * opacity * ga * (inner * (ht - d) + outer * (ht + d))), here)
     tl.store(out + 9, sum_pixels(scale * gh * half * thin * u), here)
     gx, gy = scale * gd * rx, scale * gd * ry  # to the point of the curve
-    # The thickness depends on t, and t on the control points.
+    # Thickness and colour depend on t, and t on the control points.
     dx, dy = bx * t + fx, by * t + fy
     size = bx * bx + by * by + 3.0 * tl.abs(bx * fx + by * fy) + 2.0 * (fx * fx + fy * fy)
     bend = 2.0 * (dx * dx + dy * dy) + bx * rx + by * ry
     thins = 2.0 * (2.0 * taper * u * grown - widening * thin)  # in t, by half the width
-    gt = scale * gh * half * thins / tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
+    gt = scale * gh * half * thins - by_color
+    gt /= tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
     gt = tl.where((t > 0.0) & (t < 1.0), gt, 0.0)  # held at an end, t does not move
     gx, gy, vx, vy = gx + gt * dx, gy + gt * dy, gt * rx, gt * ry  # and to half of the velocity there
     ux, uy = t * gx, t * gy

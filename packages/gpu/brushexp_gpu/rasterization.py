@@ -5,6 +5,7 @@ import triton
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, Size
+from brushexp.compositing.profile import DRIFTING
 from brushexp.compositing.textured_profile import KERNEL as TEXTURED
 from brushexp.compositing.tile_lists import AREA
 from brushexp_gpu.launch import launch
@@ -30,7 +31,7 @@ class TritonRasterization:
         taper = 0.0 if self._textured else float(inputs.data[0])
         looks = inputs.data if self._textured else (nothing, nothing, nothing)
         self._numbers = self._strokes, *(part.contiguous() for part in looks), taper
-        channels = len(background)
+        channels, self._drifts = len(background), inputs.kernel is DRIFTING
         self._kind = {"C": channels, "CP": triton.next_power_of_2(channels), "TILES": TILES, "num_warps": min(TILES, 8)}
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
@@ -45,7 +46,8 @@ class TritonRasterization:
         launch(
             forward_pass, self._programs(tiles), *self._numbers, lists.stroke, lists.slot, lists.part, lists.first,
             lists.chunks, self.background, self.opaque, goal, image, used, near, above, states, errors, *self._sizes(),
-            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, JUDGE=target is not None, KEEP=keep,
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, DRIFTS=self._drifts,
+            JUDGE=target is not None, KEEP=keep,
         )  # fmt: skip
         if keep:
             chunk_tile = used.new_empty(lists.chunk_room)
@@ -71,7 +73,7 @@ class TritonRasterization:
         launch(
             backward_pass, self._programs(lists.chunk_room), *self._numbers, lists.stroke, lists.slot, lists.first,
             lists.chunks, *self._trace, picture.contiguous(), pairs, *self._sizes(),
-            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, WEIGHS=weighs,
+            **self._kind, CHUNK=CHUNK, TEXTURED=self._textured, DRIFTS=self._drifts, WEIGHS=weighs,
         )  # fmt: skip
         return pairs
 

@@ -65,7 +65,7 @@ class Gltf(Exporter):
         columns = {
             "POSITION": unit * ribbons.points,
             "NORMAL": ribbons.normals,
-            "COLOR_0": np.broadcast_to(light_of(ribbons)[:, None, None], (*shape, 4)),
+            "COLOR_0": np.broadcast_to(light_of(ribbons)[:, :, None], (*shape, 4)),
             "TEXCOORD_0": np.stack(np.broadcast_arrays(ribbons.along[:, None], np.linspace(0, 1, ACROSS)), -1),
             "_TIME": self.seconds / max(count, 1) * begin,
             "_WIDTH": unit * ribbons.width[..., None],
@@ -86,9 +86,10 @@ class Gltf(Exporter):
 
 
 def light_of(ribbons: Ribbons) -> Array:
-    """Return linear RGB and opacity (N, 4) in 16 bits."""
+    """Return linear RGB and opacity (N, S, 4) in 16 bits."""
     color = build_named("color", "linear", {}).encode(torch.from_numpy(ribbons.color)).numpy()
-    return np.rint(65535 * np.concatenate([color, ribbons.opacity[:, None]], 1).clip(0, 1)).astype(np.uint16)
+    opacity = np.broadcast_to(ribbons.opacity[:, None, None], (*color.shape[:2], 1))
+    return np.rint(65535 * np.concatenate([color, opacity], 2).clip(0, 1)).astype(np.uint16)
 
 
 class _Glb:

@@ -29,7 +29,7 @@ class Ribbons:
     points: Array  # (N, S, A, 3) from the start of a stroke to its end, and from its right to its left
     normals: Array  # (N, S, A, 3) unit vectors, upwards
     along: Array  # (S,) 0 at the start to 1 at the end
-    color: Array  # (N, 3) display-referred RGB in [0, 1]
+    color: Array  # (N, S, 3) display-referred RGB in [0, 1]
     opacity: Array  # (N,)
     width: Array  # (N, S) thickness of the stroke in pixels
 
@@ -44,6 +44,8 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
     t = torch.linspace(0, 1, BODY, dtype=torch.float64).expand(len(order), -1)
     u = 2 * t - 1
     wide = half[:, None] * (1 - profile.taper * u**2) * (1 + rows["widening"][:, None] * u)
+    around = u[:, np.arange(-CAPS, BODY + CAPS).clip(0, BODY - 1), None]
+    color = rows["color"][:, None] + rows["drift"][:, None] * around
     middle, wide, left = _with_ends(rows["curve"], t, wide.clamp_min(0))
     flat = middle[:, :, None] + torch.linspace(-1, 1, ACROSS)[:, None] * (wide[..., None] * left)[:, :, None]
     size = flat.new_tensor(job.size[::-1])
@@ -60,7 +62,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
         points=points,
         normals=_normals(points),
         along=np.linspace(0, 1, SECTIONS),
-        color=rows["color"].numpy()[kept],
+        color=color.numpy()[kept],
         opacity=opacity[:, 0].numpy()[kept],
         width=2 * wide.numpy()[kept],
     )

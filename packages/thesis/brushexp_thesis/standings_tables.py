@@ -21,8 +21,8 @@ EXPLANATION = (
     "optimisation, memory is of the process, on the machine that painted. PSNR is what *gradient* works for, and most "
     "other painters do not; intervals are each for itself. *Rows in italics are published figures*: they were not "
     "measured here, enter no mean, and are of the pictures that their row names. A stroke has 13 numbers that are "
-    "optimised, of which 11 are free (its place is in its three points, too), and in look=plain 15 and 13, with "
-    "softness and widening; a Gaussian of these papers has 8, so equal counts are not equal sizes."
+    "optimised, of which 11 are free (its place is in its three points, too), and in look=plain 18 and 16, with "
+    "softness, widening and drift of colour; a Gaussian of these papers has 8, so equal counts are not equal sizes."
 )
 BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."

@@ -58,8 +58,9 @@ class Table:
         return replace(strokes, width=width / strokes.scale, opacity=torch.ones_like(strokes.opacity), **points)
 
     def mixed(self, strokes: Strokes) -> Strokes:
-        """Give each stroke the colour of its nearest mixture; one that has such a colour keeps it."""
-        return replace(strokes, color=self.mixtures.color.to(strokes.color)[self.mixture_of(strokes.color)])
+        """Give each stroke the colour of its nearest mixture, all along it; one that has such a colour keeps it."""
+        color = self.mixtures.color.to(strokes.color)[self.mixture_of(strokes.color)]
+        return replace(strokes, color=color, drift=torch.zeros_like(color))
 
     def stage_of(self, strokes: Strokes) -> Tensor:
         """Number the stages (N,) in which strokes are painted: large brushes first, with each from dark to light."""

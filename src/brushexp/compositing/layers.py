@@ -33,15 +33,16 @@ class TileKernel:
         columns: numbers that ``pull`` writes; None: as many as a stroke has.
         gather: makes gradients of what ``pull`` wrote, called with pairs, there, row of the lists, order, gradient of
             the picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
+        constants: that parts have as globals of these names.
     """
 
     def __init__(
         self, *, rows: int, cover: Part, tint: Part, shade: Part, tone: Part, pull: Part,
         rows_per_channel: int = 0, temporary: int = 1, curved: bool = True, columns: int | None = None,
-        gather: Callable[..., Any] | None = None,
+        gather: Callable[..., Any] | None = None, **constants: Any,
     ) -> None:  # fmt: skip
         parts: dict[str, Any] = {"cover": cover, "tint": tint, "shade": shade, "tone": tone, "TEMPORARY": temporary}
-        parts |= {"seek": find_nearest, "recall": recall_nearest} if curved else {}
+        parts |= constants | ({"seek": find_nearest, "recall": recall_nearest} if curved else {})
         self._parts, self._pull, self._rows = parts, pull, (rows, rows_per_channel)
         self.columns, self.curved, self.gather = columns, curved, gather
 

@@ -1,7 +1,8 @@
-"""Strokes of one colour with round ends and a soft edge, and the parts of their kernel.
+"""Strokes with round ends and a soft edge, whose colour may drift along them, and the parts of their kernel.
 
 By the envelope theorem the distance to a curve depends on its control points only through the nearest point at fixed t,
-so its gradient is the unit normal times the Bernstein weights; a tapered stroke adds the derivative of t itself.
+so its gradient is the unit normal times the Bernstein weights; where thickness or colour change along the stroke, the
+derivative of t itself is added.
 """
 # mypy: allow-untyped-defs
 
@@ -22,21 +23,22 @@ from brushexp.strokes.bezier import closest_parameter, point_at
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
 SHARP, WIDENING = 8, 9  # columns after the control points, the half width and the opacity
-COLOR = 10  # column of the first channel
+COLOR = 10  # column of the first channel; after the last one, how they drift, if they do
+DRIFTS = False  # whether colours change along strokes: a constant of the kernel
 DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the curve, coverage before opacity
 
 
 @dataclass(frozen=True)
 class Profile(Layers):
-    """Strokes of one colour each, with round ends and a soft edge.
+    """Strokes of a colour each that may drift along them, with round ends and a soft edge.
 
     alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
     S of width ``soft`` + ``softness``: the box of half width h smoothed by S, so that a line thinner than the edge
     fades instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u)
-    with u = 2t - 1.
+    with u = 2t - 1, and the colour is color + drift * u.
     """
 
-    per_stroke = ("curve", "half_width", "color", "opacity", "softness", "widening")
+    per_stroke = ("curve", "half_width", "color", "opacity", "softness", "widening", "drift")
 
     curve: Tensor
     half_width: Tensor  # (N,) pixels
@@ -46,37 +48,48 @@ class Profile(Layers):
     taper: float  # how much thinner both ends are, 0 (not) to 1 (pointed)
     softness: Tensor = None  # type: ignore[assignment]  # (N,) by how many pixels edges are wider; 0 if not given
     widening: Tensor = None  # type: ignore[assignment]  # (N,) growth from the middle to the end, -1 to 1; 0 if not given
+    drift: Tensor = None  # type: ignore[assignment]  # (N, C) colour at the end less that in the middle; 0 if not given
 
     def __post_init__(self) -> None:
-        for name in ("softness", "widening"):
+        for name, like in (("softness", self.half_width), ("widening", self.half_width), ("drift", self.color)):
             if getattr(self, name) is None:
-                object.__setattr__(self, name, torch.zeros_like(self.half_width))
+                object.__setattr__(self, name, torch.zeros_like(like))
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
         return self.half_width * (1 + self.widening.abs()) + 0.5 * (self.soft + self.softness)
 
+    @property
+    def drifts(self) -> bool:
+        return self.drift.requires_grad or bool(self.drift.any())
+
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         curve = self.curve[index][:, :, None]  # (T, K, 1, 3, 2)
         points = points[:, None]  # (T, 1, P, 2)
         t = closest_parameter(curve, points)  # (T, K, P)
-        if not self.taper and not self.widening.any():
+        if not (self.taper or self.widening.any() or self.drifts):
             t = t.detach()  # t is where the distance is least: to first order it does not matter
         offset = (point_at(curve, t) - points).square().sum(-1)
         distance = (offset + 1e-12 * (offset == 0)).sqrt()  # the slope at 0 is 0, not 0/0
         half, soft = self.half_width[index][..., None], self.soft + self.softness[index][..., None]
-        half = half * (1 - self.taper * (2 * t - 1) ** 2) * (1 + self.widening[index][..., None] * (2 * t - 1))
+        u = 2 * t - 1
+        half = half * (1 - self.taper * u**2) * (1 + self.widening[index][..., None] * u)
         coverage = smooth_rise((half + distance) / soft) + smooth_rise((half - distance) / soft)
         coverage = coverage.clamp_min(0)  # rounding may leave less
-        return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
+        color = self.color[index][:, :, None]
+        if self.drifts:
+            color = color + self.drift[index][:, :, None] * u[..., None]
+        return self.opacity[index][..., None] * coverage, color
 
     def encoded(self, encode: Encode) -> Self:
-        return replace(self, color=encode(self.color))
+        first, last = encode(self.color - self.drift), encode(self.color + self.drift)
+        return replace(self, color=(first + last) / 2, drift=(last - first) / 2)
 
     def compiled(self) -> KernelInput:
         numbers = self.half_width, self.opacity, 1 / (self.soft + self.softness), self.widening
         strokes = [self.curve.flatten(1), torch.stack(numbers, dim=1), self.color]
-        return KernelInput(KERNEL, torch.cat(strokes, dim=1), (F(self.taper),))
+        strokes += [self.drift] if self.drifts else []
+        return KernelInput(DRIFTING if self.drifts else KERNEL, torch.cat(strokes, dim=1), (F(self.taper),))
 
 
 def smooth_rise(x: Tensor) -> Tensor:
@@ -111,6 +124,12 @@ def _shape(taper, widening, u):
 
 
 @inline
+def _growth(taper, widening, u):
+    """Derivative of `_shape` with respect to t."""
+    return F(2) * (widening * (F(1) - taper * u * u) - F(2) * taper * u * (F(1) + widening * u))
+
+
+@inline
 def _cover(p, i, data, ox, oy, own, temporary):
     if _is_wide(p, i, data[0]):
         _cover_pixels(p, i, ox, oy, data[0], own, True)
@@ -141,17 +160,20 @@ def _cover_pixels(p, i, ox, oy, taper, own, wide):
 
 @inline
 def _tint(p, i):
-    return p[i, 7], first_of(p[i, COLOR:], CHANNELS)
+    if DRIFTS:
+        return p[i, 7], first_of(p[i, COLOR:], CHANNELS), first_of(p[i, COLOR + CHANNELS :], CHANNELS)
+    return p[i, 7], first_of(p[i, COLOR:], CHANNELS), first_of(p[i, COLOR:], CHANNELS)
 
 
 @inline
 def _shade(look, own, q):
-    return (look[0] * own[COVER * AREA + q],)
+    t = own[NEAREST * AREA + q] if DRIFTS else F(0.5)
+    return look[0] * own[COVER * AREA + q], t + t - F(1)
 
 
 @inline
 def _tone(look, seen, own, q, c):
-    return seen[0] * look[1][c]
+    return seen[0] * (look[1][c] + seen[1] * look[2][c] if DRIFTS else look[1][c])
 
 
 @inline
@@ -161,28 +183,38 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     else:
         _pull_curve(p, i, ox, oy, data[0], own, temporary, buf, out, False)
     for c in range(CHANNELS):
-        total = F(0)
+        total, moment = F(0), F(0)
         for q in range(AREA):
-            total += own[COVER * AREA + q] * of_color(own, buf, q, c)
+            gc = own[COVER * AREA + q] * of_color(own, buf, q, c)
+            total += gc
+            if DRIFTS:
+                moment += gc * own[NEAREST * AREA + q]
         out[COLOR + c] = p[i, 7] * total
-    if data[0] > F(0) or p[i, WIDENING] != F(0):
-        _add_shape(p, i, ox, oy, data[0], own, temporary, out)
+        if DRIFTS:
+            out[COLOR + CHANNELS + c] = p[i, 7] * (moment + moment - total)
+    if DRIFTS or data[0] > F(0) or p[i, WIDENING] != F(0):
+        _add_change(p, i, ox, oy, data[0], own, temporary, out)
 
 
 @inline
-def _pull_curve(p, i, ox, oy, taper, own, of_thickness, buf, out, wide):
+def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
     """Gradient of the control points at fixed t, half width, opacity, sharpness and widening."""
     sharp, widening = p[i, SHARP], p[i, WIDENING]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
-    h, scale, color = p[i, 6], F(6) * p[i, 7] * sharp, first_of(p[i, COLOR:], CHANNELS)
+    h, scale, (_, color, drift) = p[i, 6], F(6) * p[i, 7] * sharp, _tint(p, i)
     x0, x1, x2, y0, y1, y2 = F(0), F(0), F(0), F(0), F(0), F(0)
     g6, g7, g8, g9 = F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t, d = own[NEAREST * AREA + q], own[DISTANCE * AREA + q]
-        ga = buf[PULL_ALPHA * AREA + q] + _of_all(color, own, buf, q)
-        g7 += own[COVER * AREA + q] * ga
         u = t + t - F(1)
+        ga = buf[PULL_ALPHA * AREA + q] + _of_all(color, own, buf, q)
+        gt = F(0)
+        if DRIFTS:
+            gu = _of_all(drift, own, buf, q)
+            ga += u * gu
+            gt = F(2) * p[i, 7] * own[COVER * AREA + q] * gu
+        g7 += own[COVER * AREA + q] * ga
         if wide:
             ht = h + h * widening * u
             gh = ga * _slope((ht - d) * sharp)
@@ -197,7 +229,7 @@ def _pull_curve(p, i, ox, oy, taper, own, of_thickness, buf, out, wide):
             g6 += gh * _shape(taper, widening, u)
             g8 += ga * (inner * (ht - d) + outer * (ht + d))
             g9 += gh * (F(1) - taper * u * u) * u
-        of_thickness[q] = scale * gh
+        of_t[q] = gt + scale * gh * p[i, 6] * _growth(taper, widening, u)
         gd /= max(d, F(1e-6))
         px, py = gd * ((bx * t + fx) * t + (sx - CENTER_X[q])), gd * ((by * t + fy) * t + (sy - CENTER_Y[q]))
         x0 += px  # moments, from which the Bernstein weights follow
@@ -221,12 +253,12 @@ def _of_all(color, own, buf, q):
 
 
 @inline
-def _add_shape(p, i, ox, oy, taper, own, of_thickness, out):
-    """Add to the gradient of the curve that the thickness depends on t, and t on the control points."""
+def _add_change(p, i, ox, oy, taper, own, of_t, out):
+    """Add to the gradient of the curve that thickness and colour depend on t, and t on the control points."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)
-    floor, widening = LEAST_SLOPE * size + F(1e-20), p[i, WIDENING]
+    floor = LEAST_SLOPE * size + F(1e-20)
     g0, g1, g2, g3, g4, g5 = F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
@@ -237,8 +269,7 @@ def _add_shape(p, i, ox, oy, taper, own, of_thickness, out):
         ry = b0 * sy + b1 * cy + b2 * ey - CENTER_Y[q]
         dx, dy = bx * t + fx, by * t + fy
         bend = max(F(2) * (dx * dx + dy * dy) + bx * rx + by * ry, floor, LEAST_BEND)
-        thins = F(2) * taper * u * (F(1) + widening * u) - widening * (F(1) - taper * u * u)  # in t, by half
-        gt = F(2) * of_thickness[q] * p[i, 6] * thins / bend
+        gt = -of_t[q] / bend
         gt = gt if t > F(0) else F(0)  # held at an end, t does not move
         gt = gt if t < F(1) else F(0)
         g0 += gt * (b0 * dx - v * rx)
@@ -256,3 +287,4 @@ def _add_shape(p, i, ox, oy, taper, own, of_thickness, out):
 
 
 KERNEL = TileKernel(rows=ROWS, cover=_cover, tint=_tint, shade=_shade, tone=_tone, pull=_pull)
+DRIFTING = TileKernel(rows=ROWS, cover=_cover, tint=_tint, shade=_shade, tone=_tone, pull=_pull, DRIFTS=True)

@@ -13,7 +13,7 @@ from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
-from brushexp.strokes.bezier import curve_of, half_width_of, softness_of
+from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of
 from brushexp.strokes.saved import config_of
 
 MAX_STROKES = 200_000  # browsers can still draw a page of so many
@@ -51,9 +51,9 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
     number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
     shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Plain strokes also have
-    ``softness``, in pixels, and ``widening``; textured ones half width (``thick``) and opacity (``strength``) of their
-    renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is flipped; textures are counted as
-    in ``looks``, sorted, None for all of them.
+    ``softness``, in pixels, ``widening`` and ``drift``, each unless all are 0; textured ones half width (``thick``) and
+    opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is
+    flipped; textures are counted as in ``looks``, sorted, None for all of them.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -67,8 +67,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
         "opacity": (saved.strokes.opacity.numpy(), 0, 1),
     } | dict(about or {})
     if textured is None:
-        soft = softness_of(saved.strokes).numpy().clip(0, far)
-        values |= {"softness": (soft, 0, soft.max(initial=0)), "widening": (saved.strokes.widening.numpy(), -1, 1)}
+        rest = {"softness": softness_of(saved.strokes).clamp(0, far), "drift": drift_of(saved.strokes)}
+        for name, field in (rest | {"widening": saved.strokes.widening}).items():
+            if field.any():
+                values[name] = field.numpy(), min(0.0, float(field.min())), max(0.0, float(field.max()))
     else:
         thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
         look = textured.look.numpy() if looks is None else np.searchsorted(looks, textured.look.numpy())

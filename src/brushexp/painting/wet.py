@@ -45,7 +45,8 @@ def drag_paint(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
     for k, reach in enumerate(REACHES, start=1):
         film = cut_short(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
         opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
-        parts.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
+        numbers = {"color": picked[dragging], "drift": torch.zeros_like(film.drift), "opacity": opacity}
+        parts.append(painter.renderer.clamp(replace(film, width=width, **numbers)))
         height.append(height[0][dragging] + k)
     brush = torch.cat([part.brush for part in parts])  # a film has the bristles of its stroke
     return replace(Strokes.join(*parts), brush=brush), torch.cat(height).argsort(descending=True)

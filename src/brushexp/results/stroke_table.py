@@ -116,7 +116,7 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
     """Sum over the canvas what each stroke (N,) adds to the picture per unit of its colour."""
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
-        layers = Analytic()(replace(strokes, color=color))
+        layers = Analytic()(replace(strokes, color=color, drift=torch.zeros_like(color)))
         picture = Tiled()(layers, above, size, torch.zeros(3)).image
         (slope,) = torch.autograd.grad(picture[0].sum(), color, allow_unused=True, materialize_grads=True)
     return slope[:, 0]

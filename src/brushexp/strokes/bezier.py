@@ -39,6 +39,12 @@ def softness_of(strokes: Strokes) -> Tensor:
     return strokes.softness * strokes.scale
 
 
+def drift_of(strokes: Strokes) -> Tensor:
+    """Compute drifts (N, 3) of colour that are held so small that neither end of a stroke leaves [0, 1]."""
+    room = strokes.color.minimum(1 - strokes.color)
+    return strokes.drift.minimum(room).maximum(-room)
+
+
 def roomy_window(pitch: float) -> float:
     """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 at 10 (thesis 2020)."""
     return max(6.4 * pitch, 4.0)

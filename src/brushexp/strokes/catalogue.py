@@ -43,8 +43,9 @@ FIELDS = {
     "opacity": Field(0, 0.0, 1.0, "1 covers what lies below"),
     "softness": Field(0, 0.0, 1e3, "width of the edge, beyond the renderer's own, as a fraction of the window's side"),
     "widening": Field(0, -1.0, 1.0, "growth of the thickness from the middle to the end; the start shrinks as much"),
+    "drift": Field(3, -0.5, 0.5, "colour at the end less that in the middle; the start differs as much the other way"),
 }
-LATER_FIELDS = ("softness", "widening")  # catalogues of versions 1 and 2 have none of them, where they are 0
+LATER_FIELDS = {"softness": 3, "widening": 3, "drift": 4}  # first version of catalogues that has it; before, it is 0
 SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit of position
 
 
@@ -77,12 +78,13 @@ class Strokes:
     opacity: Tensor  # (N,)
     softness: Tensor = None  # type: ignore[assignment]  # (N,) 0 if it is not given
     widening: Tensor = None  # type: ignore[assignment]  # (N,) 0 if it is not given
+    drift: Tensor = None  # type: ignore[assignment]  # (N, 3) 0 if it is not given
     brush: Tensor = None  # type: ignore[assignment]  # (N,) int64, 0 or more
 
     def __post_init__(self) -> None:
         for name in LATER_FIELDS:
             if getattr(self, name) is None:
-                object.__setattr__(self, name, torch.zeros_like(self.width))
+                object.__setattr__(self, name, torch.zeros_like(self.color if FIELDS[name].size else self.width))
         if self.brush is None:
             object.__setattr__(self, "brush", torch.arange(len(self), device=self.position.device))
 

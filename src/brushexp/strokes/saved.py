@@ -21,7 +21,7 @@ from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
-VERSION = 3  # raise it whenever a file of the new kind would mislead an older reader
+VERSION = 4  # raise it whenever a file of the new kind would mislead an older reader
 VERSION_WITHOUT = 2  # of files without `LATER_FIELDS`
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
@@ -113,8 +113,9 @@ def json_lines(saved: Saved) -> Iterator[str]:
 
 def fields_in(strokes: Strokes) -> tuple[list[str], int]:
     """List the fields that a file of strokes needs, and its version: later ones are left out where they are all 0."""
-    needed = [name for name in LATER_FIELDS if bool(getattr(strokes, name).any())]
-    return [name for name in FIELDS if name not in LATER_FIELDS or needed], VERSION if needed else VERSION_WITHOUT
+    needed = [first for name, first in LATER_FIELDS.items() if bool(getattr(strokes, name).any())]
+    version = max(needed, default=VERSION_WITHOUT)
+    return [name for name in FIELDS if LATER_FIELDS.get(name, 0) <= version], version
 
 
 def parse(text: str) -> Saved:
@@ -178,7 +179,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
                 f"stroke {index} has a field {shortened(unknown[0])}; it takes {', '.join(FIELDS)}, brush and depth"
             )
     values = {}
-    zeros = dict.fromkeys(LATER_FIELDS, 0)
+    zeros = {name: [0] * FIELDS[name].size or 0 for name in LATER_FIELDS}
     for name, field in FIELDS.items():
         column = [_numbers(zeros | row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()

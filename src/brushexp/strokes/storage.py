@@ -17,7 +17,6 @@ from brushexp.strokes.saved import (
     BRUSH_UNIT,
     DEPTH_UNIT,
     FORMAT,
-    VERSION_WITHOUT,
     Saved,
     alpha_of,
     check_version,
@@ -50,17 +49,10 @@ def save_catalogue(path: Path, saved: Saved) -> None:
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         if saved.alpha is not None:
             _put(file, "alpha", np.frombuffer(png_of(saved.alpha), np.uint8), ALPHA_UNIT)
-        file.attrs.update(
-            format=fixed(FORMAT),
-            format_version=version,
-            height=saved.size[0],
-            width=saved.size[1],
-            background=saved.background.detach().to("cpu", torch.float32).numpy(),
-            renderer=fixed(saved.renderer),
-            renderer_hash=fixed(saved.renderer_hash),
-            seed=saved.seed,
-            config=fixed(saved.config),
-        )
+        (height, width), background = saved.size, saved.background.detach().to("cpu", torch.float32).numpy()
+        file.attrs.update(format=fixed(FORMAT), format_version=version, height=height, width=width)
+        file.attrs.update(background=background, renderer=fixed(saved.renderer))
+        file.attrs.update(renderer_hash=fixed(saved.renderer_hash), seed=saved.seed, config=fixed(saved.config))
     write_bytes(path, memory.getvalue())
 
 
@@ -95,7 +87,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     check_version(version := whole_number_of(file, "format_version"))
     depth = dataset_of(file, "depth", np.int32, None, MOST_STROKES)
     count = depth.shape[0]
-    known = {name: FIELDS[name] for name in FIELDS if version > VERSION_WITHOUT or name not in LATER_FIELDS}
+    known = {name: FIELDS[name] for name in FIELDS if LATER_FIELDS.get(name, 0) <= version}
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in known.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
@@ -107,14 +99,8 @@ def _read(file: h5py.File, cure: str) -> Saved:
     alpha = None
     if "alpha" in file:
         alpha = alpha_of(numbers_of(dataset_of(file, "alpha", np.uint8, None, LARGEST_TEXT)).tobytes())
-    return Saved(
-        alpha=alpha,
-        strokes=Strokes(**fields, brush=brush),
-        depth=torch.from_numpy(numbers_of(depth)),
-        size=(whole_number_of(file, "height"), whole_number_of(file, "width")),
-        background=torch.from_numpy(background.astype(np.float32)),
-        renderer=text_of(file, "renderer"),
-        renderer_hash=text_of(file, "renderer_hash"),
-        seed=whole_number_of(file, "seed"),
-        config=text_of(file, "config"),
-    )
+    height, width, seed = (whole_number_of(file, name) for name in ("height", "width", "seed"))
+    texts = {name: text_of(file, name) for name in ("renderer", "renderer_hash", "config")}
+    strokes, ranks = Strokes(**fields, brush=brush), torch.from_numpy(numbers_of(depth))
+    bare = torch.from_numpy(background.astype(np.float32))
+    return Saved(strokes, ranks, (height, width), bare, seed=seed, alpha=alpha, **texts)

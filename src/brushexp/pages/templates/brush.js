@@ -61,9 +61,9 @@
   (window.brushexp ??= {}).brush = (strokes) => {
     const { taper, texture } = strokes;
     const texels = texture && Uint8Array.from(atob(texture.texels), (letter) => letter.charCodeAt(0));
-    const seen = { alpha: 0, tone: 0 }; // of the pixel last looked at
+    const seen = { alpha: 0, tone: 0, along: 0 }; // of the pixel last looked at
 
-    // A stroke of one colour with a soft edge.
+    // A stroke with a soft edge, whose colour may drift along it.
     function plain(k, curve) {
       const half = strokes.half[k];
       const opacity = strokes.opacity[k];
@@ -71,7 +71,9 @@
       const widening = strokes.widening[k];
       const look = (t, wx, wy) => {
         const distance = Math.sqrt(wx * wx + wy * wy);
-        const wide = half * (1 - taper * (2 * t - 1) ** 2) * (1 + widening * (2 * t - 1));
+        const along = 2 * t - 1;
+        const wide = half * (1 - taper * along ** 2) * (1 + widening * along);
+        seen.along = along;
         seen.alpha = opacity * Math.max(0, rise((wide + distance) / soft) + rise((wide - distance) / soft));
       };
       return { reach: half > 0 ? half * (1 + Math.abs(widening)) + soft / 2 : 0, look };
@@ -119,7 +121,8 @@
       const curve = curveOf(strokes.points.subarray(6 * k, 6 * k + 6));
       const { reach, look } = (texture ? textured : plain)(k, curve);
       if (!reach) return;
-      const [red, green, blue] = strokes.paint.subarray(3 * k, 3 * k + 3);
+      const paint = strokes.paint.subarray(3 * k, 3 * k + 3);
+      const drift = strokes.drift.subarray(3 * k, 3 * k + 3);
       const boxes = boxesOf(curve, reach, zoom);
       const last = Math.min(height, Math.max(...boxes.map((box) => box[3])));
       for (let row = Math.max(0, Math.min(...boxes.map((box) => box[1]))); row < last; row++) {
@@ -133,13 +136,11 @@
           const wy = y - curve.y0 - t * (2 * curve.fy + t * curve.by);
           if (wx * wx + wy * wy >= reach * reach) continue;
           look(t, wx, wy);
-          const { alpha, tone } = seen;
+          const { alpha, tone, along } = seen;
           const pure = 255 * (1 - Math.abs(tone));
           const white = tone > 0 ? 255 * tone : 0;
           const i = 4 * (row * width + column);
-          data[i] += alpha * (pure * red + white - data[i]);
-          data[i + 1] += alpha * (pure * green + white - data[i + 1]);
-          data[i + 2] += alpha * (pure * blue + white - data[i + 2]);
+          for (let c = 0; c < 3; c++) data[i + c] += alpha * (pure * (paint[c] + along * drift[c]) + white - data[i + c]);
         }
       }
     };

@@ -15,7 +15,7 @@
       strokes[name] = Float32Array.from(packed, (value) => low + (value / STEPS) * (high - low));
       at += packed.byteLength;
     }
-    for (const name of ["softness", "widening"]) strokes[name] ??= new Float32Array(count); // textured ones have none
+    for (const name of ["softness", "widening", "drift"]) strokes[name] ??= new Float32Array(3 * count);
     const hex = (share) => Math.round(255 * share).toString(16).padStart(2, "0");
     const colorOf = (k) => `#${[...strokes.paint.subarray(3 * k, 3 * k + 3)].map(hex).join("")}`;
     strokes.color = Array.from({ length: count }, (_, k) => colorOf(k));

@@ -30,6 +30,8 @@ LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at mos
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
 SIDE_POINTS, WEDGE_POINTS = 24, 12  # points on each long side of a stroke that tapers, and of one that only widens
+ONE_COLOR = 1 / 255  # drift up to which a stroke is drawn in one colour
+LEAST_SPREAD = 0.3  # of a curve to the side, over that along it, from which on its colours follow it there
 EVEN = 0.02  # widening up to which a stroke is drawn as if it were as thick all along
 PATH_EDGE = 3.0  # pixels of soft edge that one path makes, at most
 MOST_PATHS = 5  # of a stroke
@@ -46,8 +48,8 @@ class Svg(Exporter):
     A path is a curve with a width and round ends; where the thickness changes along the stroke it is a filled outline.
     Sizes are pixels of the canvas. Programs fill the pixels at an edge by the share that is covered, which is sharper
     than the soft edge of the renderer; two ``outlines`` come close to it, and a stroke with a softness of its own has
-    more. A stroke thinner than its edge is drawn wider and fainter, as the renderer does. One that cannot be seen (no
-    width, no opacity) has no path; one without length is a dot.
+    more. A stroke thinner than its edge is drawn wider and fainter, as the renderer does. One whose colour drifts has a
+    linear gradient. One that cannot be seen (no width, no opacity) has no path; one without length is a dot.
 
     Strokes with a texture are bitmaps with transparency, one image each, coarser than the picture where all would be
     too large; those of a slow renderer (``neural``) are paths without the texture. The lamp of a painting (``light.*``)
@@ -127,21 +129,26 @@ class Svg(Exporter):
                 if not len(alike := ((counts == count) & (changes == filled)).nonzero()[:, 0]):
                     continue
                 part = Profile(soft=profile.soft, taper=profile.taper, **{k: v[alike] for k, v in rows.items()})
-                for index, text in zip(alike.tolist(), self._drawn(part, count, filled=filled), strict=True):
+                drawn = self._drawn(part, number[alike], count, filled=filled)
+                for index, text in zip(alike.tolist(), drawn, strict=True):
                     texts[index] = text
         yield from texts
 
-    def _drawn(self, profile: Profile, count: int, *, filled: bool) -> Iterator[str]:
-        """Draw each stroke by ``count`` paths, one on another: outlines that are ``filled``, or curves with a width."""
+    def _drawn(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
+        """Draw each stroke by ``count`` paths, one on another: outlines that are ``filled``, or curves with a width.
+
+        Those whose colour drifts have a gradient named by their ``number`` (N,).
+        """
         middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
         widths = _round(2 * (middle[:, None] + offset), self.digits).tolist()
         kind = "fill" if filled else "stroke"
         shapes: Iterable[list[str]] = ([text] * count for text in curve_paths(profile.curve, self.digits))
         if filled:
             shapes = outline_paths(profile, middle, offset, self.digits)
-        rows = zip(shapes, hexadecimal(profile.color), widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
-        for paths, paint, path_widths, opacities in rows:
-            text = ""
+        paints = gradients(profile, number, self.digits)
+        rows = zip(shapes, paints, widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
+        for paths, (gradient, paint), path_widths, opacities in rows:
+            text = gradient
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
                 if width > 0 and opaque > 0:
                     more = "" if filled else f' stroke-width="{width:.12g}"'
@@ -205,6 +212,30 @@ def hexadecimal(color: Tensor) -> list[str]:
     """Write colours (N, 3) in [0, 1] as ``#rrggbb``."""
     levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
+
+
+def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
+    """Yield the linear gradient of each stroke, if its colour drifts, and the name of its paint.
+
+    It changes with the place as best fits 2 t - 1 along the curve.
+    """
+    u = torch.linspace(-1, 1, WEDGE_POINTS).to(profile.curve)
+    point = point_at(profile.curve[:, None], ((u + 1) / 2).expand(len(profile.curve), -1))
+    middle = point.mean(1)
+    slope = torch.linalg.pinv(point - middle[:, None], rtol=LEAST_SPREAD) @ u  # (N, 2) per pixel
+    half = slope / slope.square().sum(1, keepdim=True)
+    ends = torch.stack([middle - half, middle + half], dim=1)
+    drifts = (profile.drift.abs().amax(1) > ONE_COLOR) & ends.isfinite().all((1, 2))
+    colors = zip(*(hexadecimal(profile.color + k * profile.drift) for k in (0, -1, 1)), strict=True)
+    rows = zip(drifts.tolist(), number.tolist(), _round(ends, digits).flatten(1).tolist(), colors, strict=True)
+    for is_gradient, name, line, (plain, first, last) in rows:
+        if not is_gradient:
+            yield "", plain
+            continue
+        place = " ".join(f'{axis}="{at:.12g}"' for axis, at in zip(("x1", "y1", "x2", "y2"), line, strict=True))
+        stops = f'<stop stop-color="{first}"/><stop offset="1" stop-color="{last}"/>'
+        head = f'<linearGradient id="drift-{name}" gradientUnits="userSpaceOnUse" {place}>'
+        yield f"{head}{stops}</linearGradient>\n", f"url(#drift-{name})"
 
 
 def _numbers(*values: float) -> str:

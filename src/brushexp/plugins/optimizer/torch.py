@@ -16,7 +16,7 @@ from brushexp.registry import register
 
 # A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
-UNITS |= {"softness": 0.0, "widening": 0.0}
+UNITS |= {"softness": 0.0, "widening": 0.0, "drift": 0.0}
 LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # name -> module
 
 

@@ -7,15 +7,16 @@ from brushexp.compositing.layers import EDGE
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, half_width_of, softness_of
+from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of
 from brushexp.strokes.catalogue import Strokes
 
 
 @register("renderer", "analytic")
 class Analytic(Renderer):
-    """Quadratic Bezier stroke of one colour with round ends and a soft edge.
+    """Quadratic Bezier stroke with round ends and a soft edge.
 
-    It draws ``softness`` and ``widening`` of strokes, which move if ``optimizer.units`` says so, as in ``look=plain``.
+    It draws ``softness``, ``widening`` and ``drift`` of strokes, which move if ``optimizer.units`` says so, as in
+    ``look=plain``.
 
     Args:
         soft: width of the edge in pixels of the picture, to which the softness of a stroke is added; wider gives
@@ -34,5 +35,5 @@ class Analytic(Renderer):
 
     def forward(self, strokes: Strokes) -> Profile:
         half, softness = half_width_of(strokes), softness_of(strokes)
-        numbers = strokes.color, strokes.opacity, self.soft, self.taper, softness, strokes.widening
+        numbers = strokes.color, strokes.opacity, self.soft, self.taper, softness, strokes.widening, drift_of(strokes)
         return Profile(curve_of(strokes), half, *numbers)

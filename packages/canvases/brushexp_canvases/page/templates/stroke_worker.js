@@ -1,5 +1,6 @@
 // In a worker, which has brush.js and strokes.js too: the strokes of cells are drawn into tiles, and found under a
-// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones are drawn pixel by pixel.
+// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones, and those that change colour, are drawn
+// pixel by pixel.
 "use strict";
 if (!self.document) {
   const EVERY = { undefined: true }; // strokes in cells have no layers
@@ -39,7 +40,7 @@ if (!self.document) {
     const pen = canvas.getContext("2d", { alpha: false, willReadFrequently: true });
     pen.fillStyle = strokes.background;
     pen.fillRect(0, 0, tile.width, tile.height);
-    (strokes.texture || strokes.isSoft ? draw_pixels : draw_shapes)(pen, strokes, tile);
+    (strokes.texture || strokes.isSmooth ? draw_pixels : draw_shapes)(pen, strokes, tile);
     return canvas.transferToImageBitmap();
   }
 
@@ -61,7 +62,7 @@ if (!self.document) {
     const known = cells.get(name);
     if (!("data" in known)) return known;
     const strokes = self.brushexp.strokes({ ...known, texture: cells.get("textures") ?? null });
-    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count), isSoft: strokes.softness.some(Boolean) }));
+    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count), isSmooth: strokes.softness.some(Boolean) || strokes.drift.some(Boolean) }));
     return strokes;
   }
 
