@@ -57,9 +57,10 @@ def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, coun
     blend = Compositor(blend, Pigment()) if kind == "pigment" else blend
     renderer = Textured().requires_grad_(False).eval() if kind == "textured" else Analytic()
     strokes = scene(count, side)
-    if kind == "shaped":  # each with an edge and a growth of its own, as in look=plain
-        strokes = replace(strokes, softness=0.05 * torch.rand(count), widening=torch.rand(count) - 0.5)
-    leaves = strokes.map(lambda value: value.to(device).requires_grad_())
+    if kind == "shaped":  # each with an edge, a growth and a change of colour of its own, as in look=plain
+        shapes = {"softness": 0.05 * torch.rand(count), "drift": 0.2 * torch.rand(count, 3) - 0.1}
+        strokes = replace(strokes, widening=torch.rand(count) - 0.5, **shapes)
+    leaves = strokes.map(lambda value: value.to(device).requires_grad_(bool(value.any())))
     target, order, bare = torch.rand(3, side, side, device=device), torch.arange(count, device=device), BACKGROUND
     renderer, bare = renderer.to(device), bare.to(device)
 

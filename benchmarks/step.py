@@ -54,7 +54,7 @@ def scene(n: int, side: int) -> Strokes:
 
 def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Callable[[], tuple[torch.Tensor, ...]]:
     """A function that takes one step: forward, mean squared error, backward."""
-    leaves = strokes.map(lambda value: value.clone().requires_grad_())
+    leaves = strokes.map(lambda value: value.clone().requires_grad_(bool(value.any())))
     order, size = torch.arange(len(strokes)), (target.shape[1], target.shape[2])
     renderer = Analytic()
 
@@ -63,7 +63,7 @@ def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Calla
             value.grad = None
         image = blend(renderer(leaves), order, size, BACKGROUND).image
         (image - target).square().mean().backward()
-        return image.detach(), *(value.grad for _, value in leaves.items())
+        return image.detach(), *(value.grad for _, value in leaves.items() if value.grad is not None)
 
     return step
 
