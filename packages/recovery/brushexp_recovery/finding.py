@@ -15,7 +15,7 @@ from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import LENGTH, OVER, PAINT, WIDTH
 from brushexp_recovery.regions import pieces_of
-from brushexp_recovery.tiling import Box, box_size, nearest, on_threads, tiles, zoomed
+from brushexp_recovery.tiling import Box, box_size, giving_back, nearest, on_threads, tiles, zoomed
 from brushexp_recovery.tree import Tree, cut, grow, node_features
 
 Array = NDArray[Any]
@@ -56,6 +56,7 @@ class Candidate:
     told: Array  # (7,)
 
 
+@giving_back()
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
     """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes.
 

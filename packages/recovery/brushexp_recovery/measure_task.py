@@ -7,11 +7,13 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pictures.load import load_picture
+from brushexp.system.files import to_bytes
 from brushexp.system.progress import showing
 from brushexp_recovery.finding import Progress
 from brushexp_recovery.measure import KINDS, Sighting, compare, draws_of, intervals_of, is_apart, sight
@@ -51,7 +53,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         log.info("apart: %s", ", ".join(name for name, one in differences.items() if is_apart(one)) or "nothing")
     rows = rows_of(found, mm)
     paths = write_measures(folder, rows, figures, differences, both_mm)
-    paths.append(write_page(folder, image, rows, name, tables=tables, threshold=cfg.threshold))
+    pixels = to_bytes(torch.from_numpy(image).permute(2, 0, 1))
+    paths.append(write_page(folder, pixels, rows, name, tables=tables, threshold=cfg.threshold))
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
     for measure in ("strokes", "length", "width", "direction"):
         one, unit = figures["whole"][measure], KINDS[measure].unit_in(mm)

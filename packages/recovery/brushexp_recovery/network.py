@@ -32,7 +32,7 @@ class Block(nn.Module):
         self.skip = nn.Conv2d(before, after, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.relu(self.body(x) + self.skip(x))
+        return self.body(x).add_(self.skip(x)).relu_()  # in place: a large picture's layers are large, too
 
 
 class StrokeNetwork(nn.Module):

@@ -15,7 +15,7 @@ from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
 from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import Fitted, fit_curves
-from brushexp_recovery.finding import Regions, find_regions
+from brushexp_recovery.finding import find_regions
 from brushexp_recovery.judges import ask_linear
 from brushexp_recovery.model import NAME, RecoveryModel, load_model
 from brushexp_recovery.refining import refine
@@ -64,16 +64,18 @@ def recover_with(
     fitted = fit_curves(regions, image)
     pairs, features = meetings_of(regions, fitted)
     order = stack(len(regions.chance), pairs, ask_linear(model.order, features))
-    fitted = refine(fitted, regions.labels, order, show=lambda share, state: show(FOUND + (1 - FOUND) * share, state))
     confidence = 1 / (1 + np.exp(-ask_linear(model.confidence, signs_of(regions))))
-    return in_order(regions, fitted, confidence, order, image)
+    labels = regions.labels
+    del regions  # with its maps of what is above, which fill the memory
+    fitted = refine(fitted, labels, order, show=lambda share, state: show(FOUND + (1 - FOUND) * share, state))
+    return in_order(labels, fitted, confidence, order, image)
 
 
-def in_order(regions: Regions, fitted: Fitted, confidence: Array, order: Array, image: Array) -> Recovered:
-    """Make a catalogue of fitted strokes, bottom to top by ``order`` (N,)."""
-    rank = np.empty(len(order), np.int32)
+def in_order(labels: Array, fitted: Fitted, confidence: Array, order: Array, image: Array) -> Recovered:
+    """Make a catalogue of strokes fitted to regions (H, W), bottom to top by ``order`` (N,)."""
+    rank = np.full(len(order) + 1, -1, np.int32)  # the last is that of -1
     rank[order] = np.arange(len(order), dtype=np.int32)
-    labels = np.where(regions.labels >= 0, rank[regions.labels], -1).astype(np.int32) if len(rank) else regions.labels
+    labels = rank[labels]
     curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
     every = max(1, round((labels.size / SAMPLED) ** 0.5))
     sample, empty = image[::every, ::every].reshape(-1, 3), labels[::every, ::every].ravel() < 0

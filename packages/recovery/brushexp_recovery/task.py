@@ -3,14 +3,16 @@
 import logging
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from omegaconf import DictConfig
 
 from brushexp.api.parts import render
 from brushexp.pictures.load import load_picture
 from brushexp.reporting.tables import csv_table
-from brushexp.system.files import write_json, write_picture, write_text
+from brushexp.system.files import to_bytes, write_json, write_picture, write_text
 from brushexp.system.progress import showing
 from brushexp.system.runtime import peak_memory
 from brushexp_recovery.measure_scale import scale_of
@@ -18,8 +20,10 @@ from brushexp_recovery.model import load_model
 from brushexp_recovery.page import write_page
 from brushexp_recovery.recover import recover_with
 from brushexp_recovery.storage import Recovered, write_recovered
-from brushexp_recovery.stroke_rows import remark_on, rows_of, table_with_units
+from brushexp_recovery.stroke_rows import Rows, remark_on, rows_of, table_with_units
+from brushexp_recovery.tiling import giving_back
 
+Array = NDArray[Any]
 log = logging.getLogger(__name__)
 
 
@@ -29,22 +33,32 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     model = load_model(cfg.weights)
     with showing("finding strokes") as show:
         recovered = recover_with(model, picture.permute(1, 2, 0).numpy(), cfg.scale, cfg.copies, show)
-    write_recovered(folder / "catalogue.h5", recovered)
-    saved = recovered.saved
-    write_picture(folder / "target.png", picture)
-    painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
-    write_picture(folder / "painting.png", painting)
-    write_picture(folder / "regions.png", colored(recovered.labels))
-    rows = rows_of(recovered, scale_of(saved.size, cfg.width_cm, None))
-    write_text(folder / "strokes.csv", csv_table(table_with_units(rows), significant=6))
-    write_page(folder, picture.permute(1, 2, 0).numpy(), rows, Path(cfg.image).name)
+    pixels = to_bytes(picture)
+    del picture  # which is four times as large
+    rows = write_files(cfg, folder, pixels, recovered)
     metrics = figures_of(recovered) | {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
     metrics |= {"picture": "painting.png", "status": "completed"}
     write_json(folder / "metrics.json", metrics)
-    log.info("%s: %d strokes on %.0f %% of the picture", folder, len(saved.strokes), 100 * metrics["covered"])  # type: ignore[operator]
+    log.info("%s: %d strokes on %.0f %% of the picture", folder, len(rows), 100 * metrics["covered"])  # type: ignore[operator]
     if (remark := remark_on(rows)) is not None:
         log.warning(remark)
     return metrics
+
+
+@giving_back()
+def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered) -> Rows:
+    """Write what was recovered from a photograph (H, W, 3) uint8, and return its rows."""
+    saved = recovered.saved
+    write_recovered(folder / "catalogue.h5", recovered)
+    write_picture(folder / "target.png", pixels)
+    painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
+    write_picture(folder / "painting.png", painting)
+    del painting
+    write_picture(folder / "regions.png", colored(recovered.labels))
+    rows = rows_of(recovered, scale_of(saved.size, cfg.width_cm, None))
+    write_text(folder / "strokes.csv", csv_table(table_with_units(rows), significant=6))
+    write_page(folder, pixels, rows, Path(cfg.image).name)
+    return rows
 
 
 def figures_of(recovered: Recovered) -> dict[str, object]:
@@ -57,7 +71,7 @@ def figures_of(recovered: Recovered) -> dict[str, object]:
     }
 
 
-def colored(labels: np.ndarray) -> np.ndarray:
+def colored(labels: Array) -> Array:
     """Draw regions (H, W) in colours of their own, (H, W, 3) uint8, and what belongs to none in black."""
     colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
     colors[-1] = 0

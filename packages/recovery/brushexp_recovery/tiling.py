@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
@@ -9,13 +10,14 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from brushexp.system.runtime import give_memory_back
+from brushexp.system.runtime import give_memory_back, keep_memory
 
 Array = NDArray[Any]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+KEPT = 2**23  # bytes: larger arrays are given back once they are freed; the holes that they would leave fit no others
 MARGIN = 64  # pixels at the borders of a tile that its neighbours know better
 
 
@@ -55,6 +57,17 @@ def zoomed(image: Array, zoom: float) -> Array:
     method = Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS
     channels = [Image.fromarray(image[..., c]).resize((width, height), method) for c in range(3)]
     return np.clip(np.stack([np.asarray(channel) for channel in channels], 2), 0, 1)
+
+
+@contextmanager
+def giving_back() -> Iterator[None]:
+    """Give the memory of pictures back to the system as soon as they are freed."""
+    keep_memory(KEPT)
+    give_memory_back()
+    try:
+        yield
+    finally:
+        keep_memory()
 
 
 def on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:

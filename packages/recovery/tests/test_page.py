@@ -37,7 +37,7 @@ def recovered() -> tuple[SimpleNamespace, np.ndarray]:
 
 def rows_and_image(mm: float | None = 0.5) -> tuple[Rows, np.ndarray]:
     found, image = recovered()
-    return rows_of(found, mm), image
+    return rows_of(found, mm), (255 * image).astype(np.uint8)
 
 
 def test_rows_are_the_strokes_from_the_bottom_up_with_units():
@@ -76,7 +76,9 @@ def test_files_hold_the_figures(tmp_path):
     assert data["mm_per_px"] == 0.5
     assert (tmp_path / "measures.pdf").read_bytes().startswith(b"%PDF")
     assert r"\toprule" in (tmp_path / "measures.tex").read_text()
-    page = write_page(tmp_path, image, rows, "x.jpg", tables={"Measures": figure_rows(figures, 0.5)})
+    page = write_page(
+        tmp_path, (255 * image).astype(np.uint8), rows, "x.jpg", tables={"Measures": figure_rows(figures, 0.5)}
+    )
     for name in ("measures.pdf", "measures.xlsx", "measures.tex", "strokes.csv"):
         assert f'href="{name}"' in page.read_text()
 

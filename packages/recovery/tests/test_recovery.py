@@ -273,16 +273,12 @@ def test_what_was_recovered_is_read_as_it_was_written(tmp_path):
 
 def some_strokes(n: int, random: np.random.Generator) -> Recovered:
     """Strokes that nobody has painted."""
-    from brushexp_recovery.finding import Regions  # noqa: PLC0415
     from brushexp_recovery.recover import in_order  # noqa: PLC0415
 
-    curve = random.random((n, 3, 2)) * 30
     labels = random.integers(-1, n, (20, 30)).astype(np.int32)
-    regions = Regions(labels, random.random(n), np.zeros((n, 7)), np.zeros((8, 20, 30), np.int8), 1.0)
-    fitted = Fitted(curve, random.random(n) * 5 + 1, random.random((n, 3)))
-    return in_order(
-        regions, fitted, regions.chance, random.permutation(n), random.random((20, 30, 3)).astype(np.float32)
-    )
+    fitted = Fitted(random.random((n, 3, 2)) * 30, random.random(n) * 5 + 1, random.random((n, 3)))
+    image = random.random((20, 30, 3)).astype(np.float32)
+    return in_order(labels, fitted, random.random(n), random.permutation(n), image)
 
 
 def test_a_painted_catalogue_is_not_one_that_was_recovered(tmp_path):

@@ -36,12 +36,12 @@ def let_threads_sleep() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
-def keep_memory() -> None:
-    """Let glibc keep freed pictures for the next step, also blocks above 32 MB."""
+def keep_memory(most: int = 2**30) -> None:
+    """Let glibc keep freed pictures for the next step, of up to ``most`` bytes; larger ones are given back at once."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
         if hasattr(libc, "mallopt"):  # musl has none
-            libc.mallopt(M_MMAP_THRESHOLD, 2**30)
+            libc.mallopt(M_MMAP_THRESHOLD, most)
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 

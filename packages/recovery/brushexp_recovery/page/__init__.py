@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 
 from brushexp.pages.html import embed, page
-from brushexp.system.files import to_bytes, write_text
+from brushexp.system.files import write_text
 from brushexp_recovery.measure_files import APART, DIRECTIONS, MEANING
 from brushexp_recovery.stroke_rows import Rows
 
@@ -37,7 +36,7 @@ def write_page(
 ) -> Path:  # fmt: skip
     """Write ``strokes.html`` into a folder, one file that opens from disk, with links to the files there.
 
-    ``image`` (H, W, 3) in [0, 1] is the photograph at its full size, ``tables`` are rows by title, and ``threshold`` is
+    ``image`` (H, W, 3) uint8 is the photograph at its full size, ``tables`` are rows by title, and ``threshold`` is
     the confidence from which on strokes are shown at first.
     """
     write_text(folder / PAGE_NAME, page_of(image, rows, name, tables=tables, threshold=threshold, folder=folder))
@@ -49,7 +48,6 @@ def page_of(
     threshold: float = 0.5, folder: Path | None = None,
 ) -> str:  # fmt: skip
     """Make the page; without a ``folder`` it links to no files."""
-    photograph = Image.fromarray(to_bytes(torch.as_tensor(image).permute(2, 0, 1)))
     there = [(file, about) for file, about in ABOUT.items() if folder is not None and (folder / file).is_file()]
     (height, width), mm = rows.size, rows.mm
     lead = f"{len(rows):,} strokes recovered from {width:,} × {height:,} pixels"
@@ -62,7 +60,7 @@ def page_of(
         width=width,
         height=height,
         mm=mm,
-        photograph=embed(photograph, max(rows.size), **JPEG)["source"],
+        photograph=embed(Image.fromarray(image), max(rows.size), **JPEG)["source"],
         threshold=threshold,
         data=data_of(rows, name),
         words=WORDS,
