@@ -10,7 +10,7 @@ from PIL import Image
 
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
-from brushexp_recovery.calibration import join_reliability
+from brushexp_recovery.calibration import ece_of, join_reliability
 
 Row: TypeAlias = dict[str, Any]  # of one picture and method: place, figures, seconds
 
@@ -23,7 +23,7 @@ ERRORS = {  # column: heading, digits
     "length_rel": ("length", 2), "width_rel": ("width", 2), "color_de00": ("colour, ΔE00", 1),
     "order_agreement": ("order", 2), "order_tau": ("order, τ", 2), "field_direction_deg": ("field of direction, °", 1),
     "field_length_rel": ("field of length", 2), "field_width_rel": ("field of width", 2), "auc": ("AUC", 2),
-    "ece": ("ECE", 2), "seconds": ("seconds", 1),
+    "seconds": ("seconds", 1),
 }  # fmt: skip
 
 
@@ -40,11 +40,17 @@ def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
         "ones; order is the share of found pairs that overlap whose upper one was told; fields are those of "
         "neighbourhoods, matched or not.", markdown_table(errors),
     ]  # fmt: skip
+    if reliable := reliability_of(rows):
+        parts += [
+            "Confidence of recovery, over the strokes of all paintings of a group together: the expected calibration "
+            "error (ECE) of few strokes is large even where the confidence is right.",
+            markdown_table(confidence_table(reliable)),
+        ]
     write_text(folder / "summary.md", "\n\n".join(parts) + "\n")
     write_text(folder / "summary.tex", latex_table(by_group) + "\n" + latex_table(errors))
     paths = [folder / name for name in ("summary.md", "summary.tex")]
     paths.append(plot_scores(folder / "benchmark.png", rows))
-    if reliable := reliability_of(rows):
+    if reliable:
         write_json(folder / "reliability.json", reliable)
         paths += [folder / "reliability.json", plot_reliability(folder / "reliability.png", reliable)]
     return [*paths, *draw_examples(folder, rows)]
@@ -111,6 +117,21 @@ def reliability_of(rows: Sequence[Row]) -> dict[str, Any]:
             seen = "seen" if row["seen"] else "unseen"
             tables.setdefault(f"{seen}, {row['look']}", []).append(row["reliability"])
     return {name: join_reliability(group) for name, group in tables.items()}
+
+
+def confidence_table(reliable: dict[str, Any]) -> list[dict[str, Any]]:
+    """Compare the mean confidence of each group of paintings, and of all that look alike, with the share right."""
+    groups = dict(reliable)
+    for look in ("clean", "hard"):
+        alike = [rows for name, rows in reliable.items() if name.endswith(look)]
+        groups |= {f"all, {look}": join_reliability(alike)} if len(alike) > 1 else {}
+    table = []
+    for name, rows in groups.items():
+        mean, share, count = np.array(rows).T
+        figures = {"confidence": np.average(mean, weights=count), "right": np.average(share, weights=count)}
+        figures["ECE"] = ece_of(rows)
+        table.append({"group": name, "strokes": int(count.sum())} | {key: f"{v:.2f}" for key, v in figures.items()})
+    return table
 
 
 def plot_scores(path: Path, rows: Sequence[Row]) -> Path:

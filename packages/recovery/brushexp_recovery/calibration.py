@@ -1,5 +1,6 @@
 """How far a confidence can be trusted: of strokes found with 0.8, 80 % should be right."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,17 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
         for k in range(BINS)
         if (place == k).any()
     ]
-    gap = sum(count * abs(mean - share) for mean, share, count in rows) / max(len(confidence), 1)
-    return {"auc": auc_of(right, wrong), "ece": gap if rows else float("nan"), "reliability": rows}
+    return {"auc": auc_of(right, wrong), "ece": ece_of(rows), "reliability": rows}
+
+
+def ece_of(reliability: Sequence[tuple[float, float, int]]) -> float:
+    """Compute the expected calibration error (Naeini et al., 2015); NaN of no strokes.
+
+    Of few strokes it is large even where the confidence is right: join the reliability of paintings first.
+    """
+    total = sum(count for *_, count in reliability)
+    gap = sum(count * abs(mean - share) for mean, share, count in reliability)
+    return gap / total if total else float("nan")
 
 
 def auc_of(right: Array, wrong: Array) -> float:

@@ -111,9 +111,14 @@ def test_reports_join_the_reliability_of_recovery(tmp_path):
         place | {"seconds": 2.0, "reliability": [(0.5, 0.6, 5)]},
     ]
     rows += [place | {"look": "clean", "seconds": 1.0}]
+    rows += [place | {"seen": True, "seconds": 1.0, "reliability": [(0.5, 0.2, 5), (0.9, 0.6, 15)]}]
     from brushexp_recovery import benchmark_report  # noqa: PLC0415
 
     pytest.MonkeyPatch().setattr(benchmark_report, "draw_examples", lambda folder, rows: [])
     write_report(tmp_path, rows)
-    assert json.loads((tmp_path / "reliability.json").read_text()) == {"unseen, hard": [[0.5, 0.5, 10]]}
-    assert "| recovery | – | – | 0.500 | 0.500 |" in (tmp_path / "summary.md").read_text()
+    assert json.loads((tmp_path / "reliability.json").read_text())["unseen, hard"] == [[0.5, 0.5, 10]]
+    summary = (tmp_path / "summary.md").read_text()
+    assert "| recovery | – | 0.500 | 0.500 | 0.500 |" in summary
+    for line in ("unseen, hard | 10 | 0.50 | 0.50 | 0.00", "seen, hard | 20 | 0.80 | 0.50 | 0.30"):
+        assert f"| {line} |" in summary
+    assert "| all, hard | 30 | 0.70 | 0.50 | 0.20 |" in summary  # 15 at 0.5 of which 0.4 are right, and 15 at 0.9
