@@ -27,6 +27,7 @@ EDGE = 0.35  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
+DOT = 3.0  # widths below which a contour is no line
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
 FORM, TURN = 0.03, 0.6  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
@@ -71,29 +72,12 @@ class Drawing(Initializer):
         side, dark = max(picture.shape), 1 - luminance(picture)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         washes = round(n * self.washes)
-        contours = min(n - washes, round(n * self.contours))
+        lines = min(n - washes, round(n * self.contours))
         return Strokes.join(
             self._washes(gaussian_filter(dark, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(dark, SMOOTH * side), forms(picture), n - washes - contours, random),
-            self._contours(picture, contours),
+            self._hatching(gaussian_filter(dark, SMOOTH * side), forms(picture), n - washes - lines, random),
+            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color)),
         )
-
-    def _contours(self, picture: Array, n: int) -> Strokes:
-        """Trace lines of a picture, at most one from each of its cells: those that are strong and straight."""
-        side = max(picture.shape)
-        lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
-        frame = round(FRAME * side)
-        lines *= np.pad(np.ones(np.array(lines.shape) - 2 * frame), frame) if min(lines.shape) > 2 * frame else 0.0
-        flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-        _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
-        strength = sampled_at(lines, x, y)
-        # Outlines are straight for long, texture is not.
-        straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
-        best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
-        places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
-        pressed = 0.35 + 0.65 * strength
-        curve = followed(places, flow, 0.5 * self._longest(side) * pressed, lines, FAINTEST)
-        return _strokes(curve, self._widest(side) * pressed, strength > FAINTEST, _rgb(self.color), n)
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
         """Lay lines over dark places at the angles, ``turned`` (H, W) by forms, as close as ``n`` lines allow."""
@@ -105,7 +89,7 @@ class Drawing(Initializer):
         curve = np.concatenate(parts)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         darkness = sampled_at(dark, *curve.mean(1).T)
-        return _strokes(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, _rgb(self.color), n)
+        return strokes_of(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
         """Fill dark places with soft strokes that are as broad as there is room: a wash, and another where it is dark.
@@ -114,7 +98,7 @@ class Drawing(Initializer):
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
-        tones, light = self._above(self.wash_tones, dark), _rgb(self.wash)
+        tones, light = self._above(self.wash_tones, dark), rgb_of(self.wash)
         areas = [float((dark > tone).sum()) for tone in tones]
         first = round(n * areas[0] / max(sum(areas), 1))
         parts = []
@@ -128,8 +112,8 @@ class Drawing(Initializer):
             deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
             places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
             curve = followed(places, np.full((1, 1), ANGLES[1]), 6 * half, room, 0.8 * half)
-            color = light + DEEP * deep[:, None] * (_rgb(self.color) - light)
-            strokes = _strokes(curve, 2 * half, half > 0, color, count)
+            color = light + DEEP * deep[:, None] * (rgb_of(self.color) - light)
+            strokes = strokes_of(curve, 2 * half, half > 0, color, count)
             parts.append(replace(strokes, softness=EDGE * strokes.width))
         return Strokes.join(*parts)
 
@@ -143,6 +127,28 @@ class Drawing(Initializer):
 
     def _widest(self, side: int) -> float:
         return 0.001 * self.width * side
+
+
+def contours(picture: Array, n: int, length: float, width: float, color: Array) -> Strokes:
+    """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
+
+    ``length`` and ``width``, in pixels, are those of the strongest.
+    """
+    side = max(picture.shape)
+    lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
+    frame = round(FRAME * side)
+    lines *= np.pad(np.ones(np.array(lines.shape) - 2 * frame), frame) if min(lines.shape) > 2 * frame else 0.0
+    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
+    strength = sampled_at(lines, x, y)
+    # Outlines are straight for long, texture is not.
+    straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
+    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
+    places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
+    pressed = 0.35 + 0.65 * strength
+    curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > DOT * width)
+    return strokes_of(curve, width * pressed, seen, color, n)
 
 
 def forms(picture: Array) -> Array:
@@ -194,11 +200,12 @@ def _unit(angle: Array) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], 1)
 
 
-def _rgb(color: str) -> Array:
+def rgb_of(color: str) -> Array:
+    """Return the colour (3,), 0 to 1, that a name or '#rrggbb' says."""
     return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
 
 
-def _strokes(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
+def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
     """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
     lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
     curve, width, seen, color = (

@@ -147,14 +147,50 @@ def test_colours_of_one_luma_have_a_line_between_them():
     assert lines[:, :26].max() == lines[:, 40:].max() == 0
 
 
+@pytest.mark.parametrize("init", ["drawing", "rows"])
 @pytest.mark.parametrize("target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2)])
-def test_any_picture_is_drawn_with_as_many_strokes_as_asked(target):
+def test_any_picture_is_drawn_with_as_many_strokes_as_asked(init, target):
     n = min(50, target[0].numel())
-    strokes = build_named("init", "drawing", {})(target, n, torch.Generator().manual_seed(0))
+    strokes = build_named("init", init, {})(target, n, torch.Generator().manual_seed(0))
     assert len(strokes) == n
     assert all(value.isfinite().all() for _, value in strokes.items())
-    if target.min() == 1:
+    if target.min() == 1 and init == "drawing":
         assert float(strokes.opacity.max()) == 0
+
+
+def rows_of(target, n, **options):
+    return build_named("init", "rows", {"under": 0.0, "outlines": 0.0, "layers": 1, **options})(
+        target, n, torch.Generator().manual_seed(0)
+    )[1:]  # without the one that is always there, of the underpainting
+
+
+def slopes(strokes):
+    """Angles of chords against the x axis, radians in [-pi / 2, pi / 2]."""
+    along = strokes.end - strokes.start
+    return torch.atan(along[:, 1] / along[:, 0])[strokes.opacity > 0]
+
+
+def test_rows_follow_forms_and_turn_where_there_are_none():
+    y, x = np.mgrid[:90, :120].astype(float)
+    striped = torch.from_numpy(np.broadcast_to(0.5 + 0.1 * np.sin((y + x) / 8), (3, 90, 120)).copy()).float()
+    along = slopes(rows_of(striped, 60, edges=1.0))
+    assert float((along + math.pi / 4).abs().median()) < 0.15
+    calm = torch.full((3, 90, 120), 0.5)
+    assert float(slopes(rows_of(calm, 60, turning=0.0)).abs().max()) < 1e-3
+    assert float(slopes(rows_of(calm, 60)).std()) > 0.2
+
+
+def test_rows_lie_beside_each_other_and_end_where_colours_do():
+    target = torch.full((3, 90, 120), 0.2)
+    target[:, 45:] = 0.8
+    strokes = rows_of(target, 80, edges=0.1, turning=0.0, variety=0.0)
+    places = strokes.position[strokes.opacity > 0]
+    distance = float(strokes.width[0] * strokes.scale[0]) / 1.2  # as `width` is by default
+    apart = (places[:, None, 1] - places[:, 1]).abs()
+    assert float(apart[(apart > 0.01 * distance)].min()) > 0.4 * distance
+    away = (places[:, 1] - 45).abs() > distance
+    tone = strokes.color[strokes.opacity > 0].mean(1)
+    assert bool(((tone > 0.5) == (places[:, 1] > 45))[away].all())
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 1.0])
