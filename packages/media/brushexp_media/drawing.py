@@ -22,11 +22,15 @@ Array = np.ndarray
 STEPS = 8  # points of a line on each side of its middle
 ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
+GLAZES = 3  # tones of a wash
 DEEP = 0.7  # share of ink in a wash where the picture is black
-EDGE = 0.35  # softness of the edge of a wash, in widths of its strokes
+EDGE = 0.06  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
+FEATURES, FINER = 0.45, 0.6  # share of the contours that are fine ones, and their size over that of the others
+SPARED = 0.2  # share of darkness that hatchings leave to lines and washes where one looks first
+SUBTLE = 0.004  # least difference, over the luma around it, of fine ones
 DOT = 3.0  # widths below which a contour is no line
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
 FORM, TURN = 0.03, 0.6  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
@@ -41,7 +45,7 @@ class Drawing(Initializer):
 
     Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
     after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
-    fixed but for `TURN`.
+    fixed but for `TURN`. With a focus there are finer contours and fewer hatchings in it.
 
     Args:
         contours: share of the strokes that are contours, 0 to 1.
@@ -70,13 +74,15 @@ class Drawing(Initializer):
 
         picture = target.numpy().astype(np.float64)
         side, dark = max(picture.shape), 1 - luminance(picture)
+        weight = None if focus is None else focus.numpy().astype(np.float64)
+        spared = 1.0 if weight is None else 1 - SPARED * weight / weight.max()
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         return Strokes.join(
             self._washes(gaussian_filter(dark, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(dark, SMOOTH * side), forms(picture), n - washes - lines, random),
-            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color)),
+            self._hatching(gaussian_filter(dark * spared, SMOOTH * side), forms(picture), n - washes - lines, random),
+            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
         )
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
@@ -92,9 +98,9 @@ class Drawing(Initializer):
         return strokes_of(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill dark places with soft strokes that are as broad as there is room: a wash, and another where it is dark.
+        """Fill dark places with strokes that are as broad as there is room: a wash, and another where it is dark.
 
-        Each has the tone of its place, and lies over lighter ones.
+        Each has one of `GLAZES` tones, that of its place, and lies over lighter ones.
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
@@ -108,6 +114,7 @@ class Drawing(Initializer):
             rows, columns = np.nonzero(room)
             chosen = random.integers(len(rows), size=count if len(rows) else 0)
             deep = ((dark[rows[chosen], columns[chosen]] - tones[0]) / max(1 - tones[0], EVEN)).clip(0, 1)
+            deep = np.ceil(deep * GLAZES) / GLAZES
             order = np.argsort(deep, kind="stable")
             deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
             places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
@@ -129,17 +136,34 @@ class Drawing(Initializer):
         return 0.001 * self.width * side
 
 
-def contours(picture: Array, n: int, length: float, width: float, color: Array) -> Strokes:
+def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
     """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
 
-    ``length`` and ``width``, in pixels, are those of the strongest.
+    ``length`` and ``width``, in pixels, are those of the strongest. Where a focus (H, W) is more than half of its
+    largest, a share of them is finer, and faint ones are drawn, too: eyes and mouths are made of those.
     """
     side = max(picture.shape)
-    lines = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0))
     frame = round(FRAME * side)
-    lines *= np.pad(np.ones(np.array(lines.shape) - 2 * frame), frame) if min(lines.shape) > 2 * frame else 0.0
+    inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
+    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner
+    if focus is None:
+        return _traced(picture, coarse, n, length, width, color)
+    attended = focus > 0.5 * focus.max()
+    few = round(FEATURES * n)
+    features = np.maximum(edge_lines(picture, FINER, SUBTLE), edge_lines(picture, 1.0, SUBTLE)) * inner * attended
+    return Strokes.join(
+        _traced(picture, coarse, n - few, length, width, color),
+        _traced(picture, features, few, length, FINER * width, color, area=float(attended.sum())),
+    )
+
+
+def _traced(
+    picture: Array, lines: Array, n: int, length: float, width: float, color: Array, area: float | None = None
+) -> Strokes:
+    """Trace n lines of a map (H, W) of their strength, in cells that divide an ``area`` in pixels, or all of it."""
+    side = max(picture.shape)
     flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)
     # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))

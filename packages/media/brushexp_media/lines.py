@@ -16,10 +16,11 @@ def luminance(picture: Array) -> Array:
     return luma
 
 
-def edge_lines(picture: Array, scale: float = 1.0) -> Array:
+def edge_lines(picture: Array, scale: float = 1.0, least: float = LEAST) -> Array:
     """Compute how much of a line (H, W), 0 to 1, goes through each pixel of a picture (3, H, W).
 
-    Lines are on the dark side of edges, and ``scale`` times as thick as a pen's. Source: Winnemöller et al., "XDoG: An
+    Lines are on the dark side of edges, and ``scale`` times as thick as a pen's, from a
+    difference of ``least`` on. Source: Winnemöller et al., "XDoG: An
     extended difference-of-Gaussians compendium" (2012). Differs: the difference counts in proportion to the light
     around it, so that things in the dark have lines, too; and it is the largest of red, green and blue, so that colours
     of one luma are told apart.
@@ -30,5 +31,5 @@ def edge_lines(picture: Array, scale: float = 1.0) -> Array:
     planes = picture.astype(np.float64)
     around, near = (gaussian_filter(planes, (0, width, width)) for width in (WIDER * sigma, sigma))
     difference = ((around - near) / (around + DARKEST)).max(0)
-    lines: Array = np.tanh(STRENGTH * (difference - LEAST)).clip(0, 1)
+    lines: Array = np.tanh(STRENGTH * (difference - least)).clip(0, 1)
     return lines
