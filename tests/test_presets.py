@@ -73,7 +73,7 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
     ("look=plain", "predicted", "plain"),
     ("", "predicted", "brushed"),
     ("look=ink", "drawing", None),
-    ("look=vangogh", "layers", None),
+    ("look=vangogh", "rows", None),
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):

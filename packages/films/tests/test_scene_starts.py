@@ -11,7 +11,7 @@ from brushexp.registry import plugin_of
     ("look=oil", "predicted", "brushed"),
     ("look=oil quality=draft", "predicted", "brushed"),
     ("look=ink", "drawing", None),
-    ("look=vangogh", "layers", None),
+    ("look=vangogh", "rows", None),
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_scenes_begin_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):

@@ -1,4 +1,4 @@
-"""Draw strokes with the marks of chalk, flat brushes and palette knives, whose textures are formulas."""
+"""Draw strokes with the marks of chalk, flat brushes, palette knives, washes and dabs, whose textures are formulas."""
 
 from functools import lru_cache
 from typing import Annotated
@@ -18,17 +18,17 @@ from brushexp_media.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-KINDS = ("chalk", "flat", "knife")
+KINDS = ("chalk", "flat", "knife", "wash", "dab")
 
 
 @register("renderer", "marks")
 class Marks(Renderer):
-    """Bezier stroke with the mark of a tool: broken chalk, a flat brush with square dry ends, a palette knife.
+    """Bezier stroke with the mark of a tool: broken chalk, a flat brush with dry ends, a palette knife, a wash, a dab.
 
     Textures are drawn by formulas, the same every time; nothing is trained.
 
     Args:
-        kind: chalk, flat or knife.
+        kind: chalk, flat, knife, wash or dab.
     """
 
     cost = "not measured"
@@ -113,9 +113,28 @@ def knife(variant: int) -> Tensor:
     gaps = (2.6 + 1.0 * (1 - t) + 0.3 * torn + 0.6 * drag).clamp(0, 1)
     ridge = torch.exp(-(((across.abs() - 0.9) / 0.09) ** 2)) * (0.7 + drag).clamp_min(0)
     lip = torch.exp(-(((outside - 0.2) / 0.12) ** 2))
-    film = 0.35 + 0.08 * drag + 0.6 * ridge + 0.4 * lip
-    tone = 0.12 * drag + 0.03 * torn
+    streaks = gradient_noise(along / 20, across / 0.12, 650 + variant)
+    film = 0.35 + 0.12 * drag + 0.15 * streaks + 0.5 * ridge + 0.4 * lip
+    tone = 0.16 * drag + 0.1 * streaks + 0.03 * torn
     return torch.stack([side * start * end * gaps, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 
 
-DRAWN = {"chalk": chalk, "flat": flat, "knife": knife}
+def wash(variant: int) -> Tensor:
+    """Draw a loaded round brush on wet paper: a flat tint whose edge runs, and no height."""
+    across, outside, t, along = _grid()
+    runs = 0.15 * fractal_noise(along / 1.1, across / 1.1, 800 + variant, 3)
+    inside = 0.92 + runs - torch.hypot(across, outside)
+    return torch.stack([(inside / 0.08).clamp(0, 1), 0 * t, 0 * t])
+
+
+def dab(variant: int) -> Tensor:
+    """Draw a touch of the tip of a brush: a soft, uneven spot, thickest where the brush left it."""
+    across, outside, t, _ = _grid()
+    along = 0.7 * t + outside  # a dab is hardly longer than wide
+    uneven = 0.16 * fractal_noise(along / 1.5, across / 1.5, 900 + variant, 2)
+    inside = 0.95 + uneven - torch.hypot(across, outside)
+    tone = 0.12 * gradient_noise(along / 3, across / 0.6, 950 + variant)
+    return torch.stack([(inside / 0.45).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
+
+
+DRAWN = {"chalk": chalk, "flat": flat, "knife": knife, "wash": wash, "dab": dab}

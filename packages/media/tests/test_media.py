@@ -10,8 +10,10 @@ from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
 from brushexp_media.drawing import ANGLES, GLAZES, TURN, forms
 from brushexp_media.lines import LUMA, edge_lines, luminance
+from brushexp_media.marks import KINDS
 from brushexp_media.palettes import as_lab, grouped
 from brushexp_media.wetness import gaussian_blur
+from brushexp_testing.families import some_strokes
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
 
@@ -20,6 +22,7 @@ from brushexp.pictures.color import to_lab
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import build_named
 from brushexp.shading.light import UNLIT
+from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
 SIDE = 128
@@ -249,6 +252,19 @@ def test_where_one_looks_first_faint_lines_are_drawn_and_finer():
     assert len(seen["without"]) == 0
     assert len(seen["with"]) > 0
     assert bool((seen["with"].position[:, 0] > 64).all())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_mark_covers_its_middle_and_nothing_far_away(kind):
+    strokes = some_strokes(16, (64, 64), width=(0.2, 0.3))
+    strokes = replace(strokes, opacity=torch.ones(16), brush=torch.arange(16))
+    curve = curve_of(strokes)
+    middle = (curve[:, 0] + 2 * curve[:, 1] + curve[:, 2]) / 4
+    layers = build_named("renderer", "marks", {"kind": kind})(strokes)
+    alpha, _ = layers.sample(torch.arange(16)[None], torch.stack([middle, middle + 500], 1).flatten(0, 1)[None])
+    alpha = alpha[0].reshape(16, 16, 2)[range(16), range(16)]
+    assert float(alpha[:, 0].mean()) > 0.4
+    assert float(alpha[:, 1].max()) == 0
 
 
 def test_washes_have_the_tone_of_their_place_and_lie_over_lighter_ones():
