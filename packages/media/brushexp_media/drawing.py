@@ -105,6 +105,7 @@ class Drawing(Initializer):
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
         tones, light = self._above(self.wash_tones, dark), rgb_of(self.wash)
+        flow = along_edges(structure_tensor(dark[None], SMOOTH_WASH * max(dark.shape)))  # along the edges of the wash
         areas = [float((dark > tone).sum()) for tone in tones]
         first = round(n * areas[0] / max(sum(areas), 1))
         parts = []
@@ -118,7 +119,7 @@ class Drawing(Initializer):
             order = np.argsort(deep, kind="stable")
             deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
             places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
-            curve = followed(places, np.full((1, 1), ANGLES[1]), 6 * half, room, 0.8 * half)
+            curve = followed(places, flow, 6 * half, room, 0.8 * half)
             color = light + DEEP * deep[:, None] * (rgb_of(self.color) - light)
             strokes = strokes_of(curve, 2 * half, half > 0, color, count)
             parts.append(replace(strokes, softness=EDGE * strokes.width))
