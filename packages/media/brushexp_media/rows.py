@@ -32,7 +32,6 @@ FULL = 1.7  # so many marks of full length would cover the canvas once, since ma
 REACH = 1.5  # deviation of the blur of forms, in distances of rows
 CALM = 0.004  # differences of neighbouring pixels below which forms give way to turns
 TURNS = 0.4  # longer sides from one turn to the next
-NUDGE = 0.01  # turns, over which their slope is measured
 OUTLINE = 2.0, 0.8  # length and width of the strongest outline, over those of the finest marks
 THIRDS = 2 * math.pi / 3 * np.arange(3)
 MIDDLE = np.array([0.25, 0.5, 0.25])  # weights of the points of a curve in its middle
@@ -92,12 +91,13 @@ class InRows(Initializer):
         asked = n * shares.cumsum() / shares.sum()  # up to each layer
         asked[0] = n if self.layers > 1 else asked[0]  # the first covers the canvas, whatever that takes
         distance = math.sqrt(FULL * weight.size / max(n * shares[0] / shares.sum(), 1) / self.length)
+        calm = _turns(picture.shape[1:], self.turning, random)
         curves: list[Array] = []
         colors, widths, below = [], [], picture
         for number, up_to in enumerate(asked):
             blurred = _blur(picture, BLUR * distance)
             detail = weight * np.abs(blurred - below).sum(0) if number else np.ones_like(weight)
-            flow = _flow(blurred, distance, self.turning, random)
+            flow = along_edges(structure_tensor(blurred, REACH * distance) + calm)
             rows = Rows(blurred, flow, distance, self.length, self.edges, random)
             curves.append(rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves)))
             colors.append(sampled_at(blurred, *np.tensordot(curves[-1], MIDDLE, (1, 0)).T).T)
@@ -191,17 +191,15 @@ def _pixel(point: Array) -> tuple[int, int]:
     return int(point[1]), int(point[0])
 
 
-def _flow(picture: Array, distance: float, turning: float, random: np.random.Generator) -> Array:
-    """Compute the direction of rows (H, W), radians: that of forms, or of contour lines of noise where it is calm."""
-    height, width = picture.shape[1:]
+def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -> Array:
+    """Compute the tensors (3, H, W) of rows where it is calm: along the contour lines of noise over level ones."""
+    y, x = (torch.arange(side + 1) / (TURNS * max(size)) for side in size)
     seed = int(random.integers(2**31))
-    y, x = (torch.arange(side) / (TURNS * max(height, width)) for side in (height, width))
-    y, x = y[:, None].expand(height, width), x.expand(height, width)
-    here, right, below = (fractal_noise(x + dx, y + dy, seed, 2) for dx, dy in ((0, 0), (NUDGE, 0), (0, NUDGE)))
-    slope = torch.stack([turning * (right - here), turning * (below - here) + NUDGE]).double().numpy()
-    slope = CALM * slope / np.hypot(*slope).clip(1e-9)
-    calm = np.stack([slope[0] ** 2, slope[0] * slope[1], slope[1] ** 2])
-    return along_edges(structure_tensor(picture, REACH * distance) + calm)
+    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), seed, 2).double().numpy()
+    height = turning * noise + y[:, None].double().numpy()
+    slope = np.stack([height[:-1, 1:] - height[:-1, :-1], height[1:, :-1] - height[:-1, :-1]])
+    slope *= CALM / np.hypot(*slope).clip(1e-9)
+    return np.stack([slope[0] ** 2, slope[0] * slope[1], slope[1] ** 2])
 
 
 def _varied(color: Array, variety: float, random: np.random.Generator) -> Array:
