@@ -19,11 +19,10 @@ def luminance(picture: Array) -> Array:
 def edge_lines(picture: Array, scale: float = 1.0, least: float = LEAST) -> Array:
     """Compute how much of a line (H, W), 0 to 1, goes through each pixel of a picture (3, H, W).
 
-    Lines are on the dark side of edges, and ``scale`` times as thick as a pen's, from a
-    difference of ``least`` on. Source: Winnemöller et al., "XDoG: An
-    extended difference-of-Gaussians compendium" (2012). Differs: the difference counts in proportion to the light
-    around it, so that things in the dark have lines, too; and it is the largest of red, green and blue, so that colours
-    of one luma are told apart.
+    Lines are on the dark side of edges, and ``scale`` times as thick as a pen's, from a difference of ``least`` on.
+    Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Differs: the difference
+    counts in proportion to the light around it, so that things in the dark have lines, too; and it is the largest of
+    red, green and blue, so that colours of one luma are told apart.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
