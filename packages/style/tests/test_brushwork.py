@@ -233,7 +233,7 @@ def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_p
     cfg = config("strokes=60", f"style.brushwork={path}")
     target = torch.rand(3, 40, 56)
     losses = build_components(cfg).losses
-    assert set(losses) == {"mse", "brushwork"}
+    assert set(losses) == {"mse", "curvature", "brushwork"}
     plain = first_strokes(config("strokes=60"), target, Fixed(), None)[0]
     drawn = first_strokes(cfg, target, Fixed(), None)[0]
     before, after = (float(losses["brushwork"](painting(made, (40, 56)))) for made in (plain, drawn))

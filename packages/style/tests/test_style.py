@@ -195,7 +195,7 @@ def test_the_style_is_added_and_the_others_are_weakened(config, content):
     assert list(losses) == ["mse", "l1", "style"]
     assert [loss.weight for loss in losses.values()] == [content, 2 * content, 1.0]
     assert (losses["style"].image, losses["style"].colors, losses["style"].kernel) == ("coffee", "content", "meanstd")
-    assert list(build_losses(config())) == ["mse"]
+    assert list(build_losses(config())) == ["mse", "curvature"]
 
 
 def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, tmp_path):

@@ -79,7 +79,7 @@ def test_trackers_write_below_the_run_and_are_quiet(tracked):
     (line,) = [line for line in tracked.said.splitlines() if "wandb: " in line]
     assert f"to send this run: wandb sync '{tracked.run}/wandb/offline-run-" in line
     lines = (tracked.run / "curves" / "metrics.csv").read_text().splitlines()
-    assert set(lines[0].split(",")) == {"loss/mse", "psnr", "seconds", "step"}
+    assert set(lines[0].split(",")) == {"loss/curvature", "loss/mse", "psnr", "seconds", "step"}
     assert lines[-1].endswith(",19")
 
 

@@ -42,7 +42,7 @@ def softness_of(strokes: Strokes) -> Tensor:
 def drift_of(strokes: Strokes) -> Tensor:
     """Compute drifts (N, 3) of colour that are held so small that neither end of a stroke leaves [0, 1]."""
     room = strokes.color.minimum(1 - strokes.color)
-    return strokes.drift.minimum(room).maximum(-room)
+    return strokes.drift.clamp(-room, room)  # where both are 0 the gradient of the colour has no part in it
 
 
 def roomy_window(pitch: float) -> float:
