@@ -14,64 +14,21 @@ Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` are the n
 import triton.language as tl
 from triton import jit
 
-from brushexp_gpu.curves import AREA, PARTS, TILE, find_nearest, load_curve, pixels, sum_pixels
+from brushexp_gpu.curves import AREA, PARTS, find_nearest, load_curve, pixels, sum_pixels
 from brushexp_gpu.launch import inline
 from brushexp_gpu.plain import plain_cover, plain_pull
+from brushexp_gpu.planes import (
+    load_bare,
+    load_number,
+    load_paint,
+    load_planes,
+    pixel_places,
+    store_colors,
+    store_planes,
+)
 from brushexp_gpu.textured import look_up, textured_pull
 
 SIZES = ["tiles", "columns", "height", "width", "numbers"]  # of no size is there a kernel of its own
-
-
-@inline
-def _places(tile, columns, height, width, here):
-    """Where pixels of tiles are in a plane (TILES, AREA), whether they are there, and corners of tiles (TILES,)."""
-    q = tl.arange(0, AREA)[None, :]
-    top, left = tile // columns * TILE, tile % columns * TILE
-    row, column = top[:, None] + q // TILE, left[:, None] + q % TILE
-    there = (row < height) & (column < width) & here[:, None]
-    return row.to(tl.int64) * width + column, there, left.to(tl.float32), top.to(tl.float32)
-
-
-@inline
-def _load_planes(picture, place, there, height, width, C: tl.constexpr, CP: tl.constexpr):
-    """Pixels (CP, TILES, AREA) of the first C planes of a picture; 0 beyond its edge."""
-    c = tl.arange(0, CP)[:, None, None]
-    offset = c.to(tl.int64) * height * width + place[None]
-    return tl.load(picture + offset, there[None] & (c < C), 0.0)
-
-
-@inline
-def _store_planes(picture, color, place, there, height, width, C: tl.constexpr, CP: tl.constexpr):
-    c = tl.arange(0, CP)[:, None, None]
-    tl.store(picture + c.to(tl.int64) * height * width + place[None], color, there[None] & (c < C))
-
-
-@inline
-def _load_colors(colors, i, here, C: tl.constexpr, CP: tl.constexpr):
-    c = tl.arange(0, CP)[:, None, None]
-    return tl.load(colors + i[None, :, None] + c, here[None, :, None] & (c < C), 0.0)  # (CP, TILES, 1)
-
-
-@inline
-def _load_paint(strokes, row, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr, DRIFTS: tl.constexpr):
-    """Colours (CP, TILES, 1 or AREA) at the nearest points ``t``, and how they drift along the strokes."""
-    paint = _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP)
-    drift = paint
-    if DRIFTS:
-        drift = _load_colors(strokes + 10 + C, row, here, C, CP)
-        paint += drift * (t + t - 1.0)[None]
-    return paint, drift
-
-
-@inline
-def _load_bare(background, C: tl.constexpr, CP: tl.constexpr):
-    c = tl.arange(0, CP)
-    return tl.load(background + c, c < C, 0.0)[:, None, None]
-
-
-@inline
-def _load_number(strokes, at, k: tl.constexpr, here):
-    return tl.load(strokes + at + k, here, 0.0)[:, None]
 
 
 @inline
@@ -88,14 +45,14 @@ def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper
     """Coverage before opacity, its slopes in a texture, and tone and its slopes, all (TILES, AREA); 0 if not here."""
     x, y = pixels()
     if TEXTURED:
-        scale = _load_number(strokes, at, 8, here)
+        scale = load_number(strokes, at, 8, here)
         cover, cover_u, cover_v, tone, tone_u, tone_v = look_up(
             t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, here
         )
         cover, cover_u, cover_v = cover / 255.0, cover_u / 255.0, cover_v / 255.0
     else:
-        half, sharp = _load_number(strokes, at, 6, here), _load_number(strokes, at, 8, here)
-        widening = _load_number(strokes, at, 9, here)
+        half, sharp = load_number(strokes, at, 6, here), load_number(strokes, at, 8, here)
+        widening = load_number(strokes, at, 9, here)
         cover = plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper)
         tone = tl.zeros_like(cover)
         cover_u, cover_v, tone_u, tone_v = tone, tone, tone, tone
@@ -138,7 +95,7 @@ def forward_pass(
     at = tl.load(first + tile, inside, 0)
     count = (tl.load(first + tile + 1, inside, 0) - at).to(tl.int32)
     chunk = tl.load(chunks + tile, inside, 0)
-    place, there, ox, oy = _places(tile, columns, height, width, inside)
+    place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
     q = tl.arange(0, AREA)[None, :]
     color, light = tl.zeros((CP, TILES, AREA), tl.float32), tl.full((TILES, AREA), 1.0, tl.float32)
     done = tl.zeros((TILES,), tl.int32)
@@ -154,15 +111,15 @@ def forward_pass(
             cover, _, _, tone, _, _ = _look(
                 t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
             )
-            alpha = cover * _load_number(strokes, row, 7, here)
-            paint, _ = _load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
+            alpha = cover * load_number(strokes, row, 7, here)
+            paint, _ = load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
             shown = paint * (1.0 - tl.abs(tone))[None] + tl.maximum(tone, 0.0)[None]
             if KEEP:
                 pair = (at + k)[:, None] * AREA + q
                 tl.store(near + pair, t, here[:, None])
                 tl.store(above + pair, light * clear, here[:, None])
             if JUDGE:
-                goal = _load_planes(target, place, there, height, width, C, CP)
+                goal = load_planes(target, place, there, height, width, C, CP)
                 _judge(errors, tl.load(slot + at + k, here, 0), shown, goal, there, alpha, here, C, CP)
             own += shown * (clear * alpha)[None]
             clear -= clear * alpha
@@ -175,8 +132,8 @@ def forward_pass(
             count = tl.where(tl.max(light, axis=1) >= opaque, count, 0)
         begun += CHUNK
         longest = tl.max(count)
-    color += _load_bare(background, C, CP) * light[None]
-    _store_planes(image, color, place, there, height, width, C, CP)
+    color += load_bare(background, C, CP) * light[None]
+    store_planes(image, color, place, there, height, width, C, CP)
     tl.store(used + tile, done, inside)
 
 
@@ -196,7 +153,7 @@ def behind_pass(
     for k in range(0, tl.max(listed)):
         tl.store(chunk_tile + chunk + k, tl.where(k < count, tile, -1), k < listed)
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
-    behind = tl.zeros((CP, TILES, AREA), tl.float32) + _load_bare(background, C, CP)
+    behind = tl.zeros((CP, TILES, AREA), tl.float32) + load_bare(background, C, CP)
     for back in range(0, tl.max(count)):
         here = back < count
         row, mask = chunk + count - 1 - back, here[None, :, None] & (c < C)
@@ -232,9 +189,9 @@ def backward_pass(
     (C + 1, H, W), and ``pairs`` (pairs, 1) is what the weighted squared error would grow by without a stroke.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
-    place, there, ox, oy = _places(tile, columns, height, width, inside)
+    place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
-    given = _load_planes(picture, place, there, height, width, C, CP)
+    given = load_planes(picture, place, there, height, width, C, CP)
     state = (chunk * C * AREA)[None, :, None] + c * AREA + q[None]
     behind = tl.load(behinds + state, inside[None, :, None] & (c < C), 0.0)
     if WEIGHS:
@@ -251,8 +208,8 @@ def backward_pass(
         cover, cover_u, cover_v, tone, tone_u, tone_v = _look(
             t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, row, taper, here, TEXTURED
         )
-        opacity = _load_number(strokes, row, 7, here)
-        paint, drift = _load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
+        opacity = load_number(strokes, row, 7, here)
+        paint, drift = load_paint(strokes, row, t, here, C, CP, TEXTURED, DRIFTS)
         alpha, pure, white = cover * opacity, 1.0 - tl.abs(tone), tl.maximum(tone, 0.0)
         out = pairs + tl.load(slot + at + k, here, 0) * (1 if WEIGHS else numbers)
         if WEIGHS:
@@ -264,20 +221,18 @@ def backward_pass(
             plain, every = tl.sum(paint * given, axis=0), tl.sum(given, axis=0)
             shown = pure * plain + white * every
             ga = light * (shown - behind)
-            _pull_color(out, cover, ga, given, light * alpha * pure, here, C, CP, TEXTURED)
-            by_color = tl.zeros_like(ga)
-            if DRIFTS:
-                by_color = 2.0 * light * alpha * tl.sum(drift * given, axis=0)
-                _store_colors(out + 10 + C, given, light * alpha * (t + t - 1.0), here, C, CP)
+            seen = light * alpha * pure
+            _pull_color(out, cover, ga, given, seen, t, here, C, CP, TEXTURED, DRIFTS)
             x, y = pixels()
-            half = _load_number(strokes, row, 6, here)
+            half = load_number(strokes, row, 6, here)
             if TEXTURED:
                 gs = light * alpha * tl.where(tone > 0.0, every - plain, plain)
                 gu, gv = ga * opacity * cover_u + gs * tone_u, ga * opacity * cover_v + gs * tone_v
-                scale = _load_number(strokes, row, 8, here)
+                scale = load_number(strokes, row, 8, here)
                 textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here)
             else:
-                sharp, widening = _load_number(strokes, row, 8, here), _load_number(strokes, row, 9, here)
+                sharp, widening = load_number(strokes, row, 8, here), load_number(strokes, row, 9, here)
+                by_color = 2.0 * seen * tl.sum(drift * given, axis=0)  # derivative in t; 0 unless DRIFTS
                 plain_pull(
                     out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here
                 )
@@ -285,17 +240,15 @@ def backward_pass(
 
 
 @inline
-def _pull_color(out, cover, ga, given, seen, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr):
-    """Write the gradient of opacity and colour from that of alpha ``ga``, and how much of the colour is ``seen``."""
+def _pull_color(
+    out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
+    DRIFTS: tl.constexpr,
+):  # fmt: skip
+    """Write the gradients of opacity, colour and drift from that of alpha ``ga`` and how much of a colour is ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
-    _store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
-
-
-@inline
-def _store_colors(out, given, seen, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the sums of channels ``given`` (CP, TILES, AREA) by how much they are ``seen`` (TILES, AREA)."""
-    c = tl.arange(0, CP)[:, None]
-    tl.store(out[None] + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))
+    store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
+    if DRIFTS:
+        store_colors(out + 10 + C, given, seen * (t + t - 1.0), here, C, CP)
 
 
 @jit(do_not_specialize=["numbers"])

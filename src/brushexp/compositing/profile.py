@@ -88,8 +88,8 @@ class Profile(Layers):
     def compiled(self) -> KernelInput:
         numbers = self.half_width, self.opacity, 1 / (self.soft + self.softness), self.widening
         strokes = [self.curve.flatten(1), torch.stack(numbers, dim=1), self.color]
-        strokes += [self.drift] if self.drifts else []
-        return KernelInput(DRIFTING if self.drifts else KERNEL, torch.cat(strokes, dim=1), (F(self.taper),))
+        kernel, more = (DRIFTING, [self.drift]) if self.drifts else (KERNEL, [])
+        return KernelInput(kernel, torch.cat(strokes + more, dim=1), (F(self.taper),))
 
 
 def smooth_rise(x: Tensor) -> Tensor:

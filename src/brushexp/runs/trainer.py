@@ -40,15 +40,9 @@ class NoProfiler(PassThroughProfiler):
 
 
 def make_trainer(
-    cfg: DictConfig,
-    device: torch.device,
-    folder: Path | None,
-    loggers: Sequence[Logger],
-    callbacks: Sequence[L.Callback] = (),
-    *,
-    checkpoints: bool = True,
-    **options: Any,
-) -> L.Trainer:
+    cfg: DictConfig, device: torch.device, folder: Path | None, loggers: Sequence[Logger],
+    callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, **options: Any,
+) -> L.Trainer:  # fmt: skip
     """Make a Trainer with a progress bar and a clean end at Ctrl-C; in a ``folder`` it writes ``checkpoints``.
 
     Of ``cfg`` it reads ``trainer`` (which wins over ``options``), ``checkpoint_every`` and, with a folder,
@@ -57,12 +51,8 @@ def make_trainer(
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)
     path = None if folder is None or not checkpoints else folder / CHECKPOINT
-    own = [
-        RunRecord(cfg, folder),
-        ProgressBar(),
-        ProfileFile(folder),
-        TimedCheckpoint(path, cfg.get("checkpoint_every")),
-    ]
+    own = [RunRecord(cfg, folder), ProgressBar(), ProfileFile(folder)]
+    own.append(TimedCheckpoint(path, cfg.get("checkpoint_every")))
     cuda = device.type == "cuda"
     try:
         return L.Trainer(

@@ -15,11 +15,12 @@ from torch import Tensor
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
+from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, rounded
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
 from brushexp.shading.light import overlay
-from brushexp.strokes.bezier import curve_of, half_width_of, point_at
+from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
@@ -29,13 +30,9 @@ BISECTIONS = 40  # halvings of the interval in which the width of an outline is 
 LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
-SIDE_POINTS, WEDGE_POINTS = 24, 12  # points on each long side of a stroke that tapers, and of one that only widens
-ONE_COLOR = 1 / 255  # drift up to which a stroke is drawn in one colour
-LEAST_SPREAD = 0.3  # of a curve to the side, over that along it, from which on its colours follow it there
 EVEN = 0.02  # widening up to which a stroke is drawn as if it were as thick all along
 PATH_EDGE = 3.0  # pixels of soft edge that one path makes, at most
 MOST_PATHS = 5  # of a stroke
-TURN = 1e-3  # a curve that folds is sampled so near to its sharpest bend, in the parameter, on either side
 LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG takes .5 for 0.5, and a minus without a space before it
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
 
@@ -140,21 +137,21 @@ class Svg(Exporter):
         Those whose colour drifts have a gradient named by their ``number`` (N,).
         """
         middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
-        widths = _round(2 * (middle[:, None] + offset), self.digits).tolist()
+        widths = rounded(2 * (middle[:, None] + offset), self.digits).tolist()
         kind = "fill" if filled else "stroke"
         shapes: Iterable[list[str]] = ([text] * count for text in curve_paths(profile.curve, self.digits))
         if filled:
             shapes = outline_paths(profile, middle, offset, self.digits)
         paints = gradients(profile, number, self.digits)
-        rows = zip(shapes, paints, widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
+        rows = zip(shapes, paints, widths, rounded(alpha, ALPHA_DIGITS).tolist(), strict=True)
         for paths, (gradient, paint), path_widths, opacities in rows:
-            text = gradient
+            text = ""
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
                 if width > 0 and opaque > 0:
                     more = "" if filled else f' stroke-width="{width:.12g}"'
                     more += "" if opaque == 1 else f' {kind}-opacity="{opaque:.12g}"'
                     text += f'<path d="{d}" {kind}="{paint}"{more}/>\n'
-            yield text
+            yield gradient + text if text else ""
 
 
 def _href(pixels: np.ndarray) -> str:
@@ -206,104 +203,3 @@ def _distances(half: Tensor, soft: Tensor, count: int) -> Tensor:
         inside = smooth_rise((half + d) / soft) + smooth_rise((half - d) / soft) > level
         low, high = torch.where(inside, d, low), torch.where(inside, high, d)
     return low
-
-
-def hexadecimal(color: Tensor) -> list[str]:
-    """Write colours (N, 3) in [0, 1] as ``#rrggbb``."""
-    levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
-    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
-
-
-def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
-    """Yield the linear gradient of each stroke, if its colour drifts, and the name of its paint.
-
-    It changes with the place as best fits 2 t - 1 along the curve.
-    """
-    u = torch.linspace(-1, 1, WEDGE_POINTS).to(profile.curve)
-    point = point_at(profile.curve[:, None], ((u + 1) / 2).expand(len(profile.curve), -1))
-    middle = point.mean(1)
-    slope = torch.linalg.pinv(point - middle[:, None], rtol=LEAST_SPREAD) @ u  # (N, 2) per pixel
-    half = slope / slope.square().sum(1, keepdim=True)
-    ends = torch.stack([middle - half, middle + half], dim=1)
-    drifts = (profile.drift.abs().amax(1) > ONE_COLOR) & ends.isfinite().all((1, 2))
-    colors = zip(*(hexadecimal(profile.color + k * profile.drift) for k in (0, -1, 1)), strict=True)
-    rows = zip(drifts.tolist(), number.tolist(), _round(ends, digits).flatten(1).tolist(), colors, strict=True)
-    for is_gradient, name, line, (plain, first, last) in rows:
-        if not is_gradient:
-            yield "", plain
-            continue
-        place = " ".join(f'{axis}="{at:.12g}"' for axis, at in zip(("x1", "y1", "x2", "y2"), line, strict=True))
-        stops = f'<stop stop-color="{first}"/><stop offset="1" stop-color="{last}"/>'
-        head = f'<linearGradient id="drift-{name}" gradientUnits="userSpaceOnUse" {place}>'
-        yield f"{head}{stops}</linearGradient>\n", f"url(#drift-{name})"
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(["%.12g"] * len(values)) % values
-
-
-def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
-    """Write quadratic Bezier curves (N, 3, 2); a point becomes a shortest line."""
-    curve = _round(curve, digits)
-    further = _round((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
-    for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
-        yield f"M{_numbers(*start)}" + (f"q{_numbers(*ends)}" if any(ends) else f"h{_numbers(10**-digits)}")
-
-
-def _round(values: Tensor, digits: int) -> Tensor:
-    return values.round(decimals=digits) + 0.0  # not -0
-
-
-def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
-    """Outline strokes whose thickness changes, with round ends; fill them by the rule nonzero.
-
-    The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset`` with u = 2 t - 1, and
-    0 where that is less. Sides are chains of chords. A curve that folds gets a disc where it does, and one that is a
-    point is a disc. Yields the K outlines of each stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
-    """
-    curve, taper, widening = profile.curve, profile.taper, profile.widening[:, None]
-    bend, folds = sharpest_bend(curve, middle)
-    point_like = (curve - curve[:, :1]).abs().amax((1, 2)) * 10**digits < 1
-    even = torch.linspace(0, 1, SIDE_POINTS if taper else WEDGE_POINTS).to(curve).expand(len(curve), -1)
-    t = torch.cat([even, bend[:, None] - TURN, bend[:, None] + TURN], dim=1).clamp(0, 1).sort(1).values  # (N, T)
-    point, normal = point_at(curve[:, None], t)[:, None], _normal(curve, t)[:, None]  # (N, 1, T, 2)
-    along = 2 * torch.cat([t, bend[:, None]], dim=1) - 1
-    half = middle[:, None] * (1 - taper * along**2) * (1 + widening * along)
-    half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last one at the bend
-    reach = half[..., :-1, None] * normal
-    sides = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
-    tips = half[..., -1:] * (folds | point_like)[:, None, None]
-    tables = (*sides, half[..., [0, -2]], tips, point_at(curve, bend))
-    columns = [_round(table, digits).tolist() for table in tables]
-    for lefts, rights, halves, discs, (x, y) in zip(*columns, strict=True):
-        outlines = []
-        for side, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):
-            # Along one side, around the end, back along the other side and around the start.
-            text = f"M{_numbers(*side)}A{_numbers(last, last)} 0 0 0 {_numbers(*back[:2])}L"
-            text += f"{_numbers(*back[2:])}A{_numbers(first, first)} 0 0 0 {_numbers(*side[:2])}z"
-            if tip > 0:
-                arc = f"a{_numbers(tip, tip)} 0 1 0 "
-                text += f"M{_numbers(x - tip, y)}{arc}{_numbers(2 * tip, 0)}{arc}{_numbers(-2 * tip, 0)}z"
-            outlines.append(text)
-        yield outlines
-
-
-def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the parameter (N,) where curves (N, 3, 2) bend most, and whether more tightly than ``half`` their width."""
-    start, control, end = curve.unbind(1)
-    bend, forward = start - 2 * control + end, control - start
-    at = -(forward * bend).sum(1) / bend.square().sum(1).clamp_min(torch.finfo(curve.dtype).tiny)
-    inside = (at > 2 * TURN) & (at < 1 - 2 * TURN)
-    at = at.clamp(0, 1)
-    velocity = 2 * (forward + at[:, None] * bend)
-    turn = 2 * (velocity[:, 0] * bend[:, 1] - velocity[:, 1] * bend[:, 0]).abs()
-    return at, inside & (velocity.norm(dim=1) ** 3 <= turn * half)
-
-
-def _normal(curve: Tensor, t: Tensor) -> Tensor:
-    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T), and at the ends from beside them."""
-    start, control, end = (point[:, None] for point in curve.unbind(1))
-    beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
-    velocity = (1 - beside) * (control - start) + beside * (end - control)
-    heading = velocity / velocity.norm(dim=-1, keepdim=True).clamp_min(torch.finfo(curve.dtype).tiny)
-    return torch.stack([-heading[..., 1], heading[..., 0]], dim=-1)

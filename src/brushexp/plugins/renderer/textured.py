@@ -82,16 +82,10 @@ class Textured(Renderer):
         per_half = self.textures.shape[2] / SPREAD  # texels of the finest size
         finer = (per_half / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         variant, flip = strokes.brush % self.variants, 1 - 2 * (strokes.brush // self.variants % 2)
-        return TexturedProfile(
-            curve,
-            softened,
-            strokes.color,
-            strokes.opacity * half / softened,
-            look=variant * self.levels + finer.clamp(0, self.levels - 1).long(),
-            repeats=self._repeats(curve.detach(), softened.detach()),
-            flip=flip,
-            sheets=self._sheets(),
-        )
+        look = variant * self.levels + finer.clamp(0, self.levels - 1).long()
+        places = {"look": look, "repeats": self._repeats(curve.detach(), softened.detach()), "flip": flip}
+        opacity = strokes.opacity * half / softened
+        return TexturedProfile(curve, softened, strokes.color, opacity, sheets=self._sheets(), **places)
 
     @property
     def levels(self) -> int:

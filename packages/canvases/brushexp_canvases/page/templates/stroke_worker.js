@@ -1,6 +1,6 @@
 // In a worker, which has brush.js and strokes.js too: the strokes of cells are drawn into tiles, and found under a
-// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones, and those that change colour, are drawn
-// pixel by pixel.
+// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones, and those that change
+// colour, are drawn pixel by pixel.
 "use strict";
 if (!self.document) {
   const EVERY = { undefined: true }; // strokes in cells have no layers
@@ -62,7 +62,8 @@ if (!self.document) {
     const known = cells.get(name);
     if (!("data" in known)) return known;
     const strokes = self.brushexp.strokes({ ...known, texture: cells.get("textures") ?? null });
-    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count), isSmooth: strokes.softness.some(Boolean) || strokes.drift.some(Boolean) }));
+    const isSmooth = strokes.softness.some(Boolean) || strokes.drift.some(Boolean);
+    cells.set(name, Object.assign(strokes, { layer: new Array(strokes.count), isSmooth }));
     return strokes;
   }
 
