@@ -244,7 +244,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of opacity, colour and drift from that of alpha ``ga`` and how much of a colour is ``seen``."""
+    """Write gradients of opacity, colour and drift from that of alpha ``ga`` and how much of a colour is ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:
