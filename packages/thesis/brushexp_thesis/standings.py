@@ -23,8 +23,8 @@ from brushexp.results.runs import differences, image_name, setting_of, words_of
 from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
-QUALITY = {key: quantities()[key] for key in ("psnr", "ssim")} | {"ms_ssim": Quantity("MS-SSIM", 4, "higher")}
-QUALITY |= {key: quantities()[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
+NAMES = "psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"
+QUALITY = {key: quantities()[key] for key in NAMES}
 COSTS = {"bits": quantities()["bits"], "seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
 COSTS |= {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 COLUMNS = QUALITY | COSTS

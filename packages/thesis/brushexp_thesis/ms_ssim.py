@@ -1,0 +1,28 @@
+"""Structural similarity at several scales, as papers on Gaussians for pictures report it."""
+
+from brushexp.plugins.metric.base import Comparison, Metric
+from brushexp.registry import register
+
+SMALLEST = 161  # side in pixels of which the window of 11 x 11 still lies within a sixteenth
+
+
+@register("metric", "ms_ssim")
+class MultiscaleSimilarity(Metric):
+    """MS-SSIM (Wang, Simoncelli and Bovik, 2003), SSIM at five scales; 1 is identical.
+
+    It is computed by torchmetrics in float64. A picture with a side below 161 pixels has none.
+    """
+
+    title = "MS-SSIM"
+    higher_is_better = True
+    matters = 0.003
+
+    def __call__(self, comparison: Comparison) -> float | None:
+        from torchmetrics.functional.image import (  # noqa: PLC0415  (--help does not need it)
+            multiscale_structural_similarity_index_measure as similarity,
+        )
+
+        if min(comparison.target.shape[1:]) < SMALLEST:
+            return None
+        image, target = (picture[None].double() for picture in (comparison.image, comparison.target))
+        return float(similarity(image, target, data_range=1.0))
