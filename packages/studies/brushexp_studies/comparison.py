@@ -6,24 +6,17 @@ from pandas import DataFrame
 
 from brushexp.results.comparisons import PageTable, RunComparison
 from brushexp.results.tables import is_album
+from brushexp_studies import paired
 from brushexp_studies.anytime import write_anytime, write_curves
 from brushexp_studies.contact_sheet import write_contact_sheet
 from brushexp_studies.effect import write_effect
-from brushexp_studies.paired import (
-    LEAST_UNITS,
-    difference_rows,
-    explain_pairing,
-    paired_differences,
-    paired_table,
-    write_differences,
-)
 from brushexp_studies.pareto import write_front
 
 
 def write_comparisons(folder: Path, frame: DataFrame) -> None:
     """Write what compares the runs of a sweep; an album has its sheet alone."""
     if not is_album(frame):
-        write_differences(folder, frame)
+        paired.write_differences(folder, frame)
         write_front_and_curves(folder, frame)
         write_effect(folder, frame)
     write_contact_sheet(folder, frame)
@@ -38,11 +31,12 @@ def write_front_and_curves(folder: Path, frame: DataFrame) -> Path | None:
 
 def differences_on_page(frame: DataFrame) -> PageTable | None:
     """Tabulate the differences that have enough units for a verdict; None without such."""
-    paired = [one for one in paired_differences(paired_table(frame)) if len(one.gains) >= LEAST_UNITS]
-    if not paired:
+    every = paired.paired_differences(paired.paired_table(frame))
+    differences = [one for one in every if len(one.gains) >= paired.LEAST_UNITS]
+    if not differences:
         return None
-    text = explain_pairing(paired).replace("*", "").replace("`", "")
-    return PageTable("paired", "Differences", text, difference_rows(paired), numbers=("difference",))
+    text = paired.explain_pairing(differences).replace("*", "").replace("`", "")
+    return PageTable("paired", "Differences", text, paired.difference_rows(differences), numbers=("difference",))
 
 
 COMPARISON = RunComparison(write_comparisons, differences_on_page)

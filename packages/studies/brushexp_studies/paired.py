@@ -3,16 +3,16 @@
 Of each unit, a picture or a seed, the difference between the means of its runs counts once.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_lowercase, ascii_uppercase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from pandas import DataFrame
 
 from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.quantities import Quantity, quantities
@@ -21,10 +21,6 @@ from brushexp.results.tables import numbers
 from brushexp.system.files import write_text
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from pandas import DataFrame
 
 CONFIDENCE = 0.95
 LEAST_UNITS = 3  # units from which on there is a verdict
@@ -60,8 +56,8 @@ class Difference:
         """Quantity of the metric."""
         return quantities()[self.metric]
 
-    def units_that_gain(self, sign: int = 1) -> list[str]:
-        """List the units on which the setting is better by more than what matters; with ``sign`` -1, worse."""
+    def units_that_gain(self, sign: int) -> list[str]:
+        """List the units on which the setting is better (``sign`` 1) or worse (-1) by more than what matters."""
         return [unit for unit, gain in self.gains.items() if sign * gain > self.quantity.matters]
 
     @property
@@ -152,10 +148,7 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
 
 
 def paired_differences(
-    table: DataFrame | None,
-    reference: str | None = None,
-    metrics: Sequence[str] = (),
-    comparisons: int | None = None,
+    table: DataFrame | None, reference: str | None = None, metrics: Sequence[str] = (), comparisons: int | None = None
 ) -> list[Difference]:
     """Compare all settings of a `paired_table` with one, by default the first, in metrics that have a better.
 
@@ -229,8 +222,7 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
     if not differences:
         return []
     table = markdown_table(difference_rows(differences), align="llrlrl")
-    text = f"{explain_pairing(differences)}\n\n{table}\n"
-    write_text(folder / "differences.md", text)
+    write_text(folder / "differences.md", f"{explain_pairing(differences)}\n\n{table}\n")
     every = [
         {"setting": one.option, "against": one.reference, "metric": one.metric, one.unit: name, "gain": gain}
         for one in differences
@@ -243,17 +235,16 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
 
 def write_paired_plot(path: Path, differences: Sequence[Difference], title: str) -> Path:
     """Write a PNG with a panel per metric; a bar is the mean with its interval."""
-    by_metric: dict[str, dict[str, Difference]] = {}
-    for one in differences:
-        by_metric.setdefault(one.metric, {})[one.option] = one
-    metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in by_metric][:MOST_PANELS]
-    options = list(dict.fromkeys(one.option for one in differences if one.metric in metrics))
-    units = list(dict.fromkeys(unit for one in differences if one.metric in metrics for unit in one.gains))
+    measured = {one.metric for one in differences}
+    metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in measured][:MOST_PANELS]
+    shown = [one for one in differences if one.metric in metrics]
+    options = list(dict.fromkeys(one.option for one in shown))
+    units = list(dict.fromkeys(unit for one in shown for unit in one.gains))
     row = max(0.6, LETTER_HEIGHT * (len(units) + 1))
     figure = plotting.new_figure(min(TALLEST, 2.2 + row * len(options)))
     panels = figure.subplots(1, len(metrics), squeeze=False, sharey=True)[0]
     for axes, metric in zip(panels, metrics, strict=True):
-        _panel(axes, by_metric[metric], options, units)
+        _panel(axes, {one.option: one for one in shown if one.metric == metric}, options, units)
         quantity = quantities()[metric]
         axes.set_xlabel(f"{quantity.name}\n{'natural log of the ratio, ' * quantity.ratio}better to the right")
     against = f"against {plotting.without_math(differences[0].reference)}"
@@ -265,8 +256,6 @@ def write_paired_plot(path: Path, differences: Sequence[Difference], title: str)
 
 
 def _panel(axes: Axes, rows: dict[str, Difference], options: Sequence[str], units: Sequence[str]) -> None:
-    import pandas as pd  # noqa: PLC0415
-
     plotting.tidy(axes)
     axes.axvline(0, color=GREY, linewidth=1)
     axes.locator_params(axis="x", nbins=4)
@@ -274,6 +263,6 @@ def _panel(axes: Axes, rows: dict[str, Difference], options: Sequence[str], unit
         if np.isfinite(one.low):
             axes.fill_betweenx([row - 0.42, row + 0.42], one.low, one.high, color=COLORS[0], alpha=0.16, linewidth=0)
         axes.vlines(one.mean, row - 0.42, row + 0.42, color=COLORS[0], linewidth=1.6)
-    gains = pd.DataFrame([rows[option].gains if option in rows else {} for option in options], options, units, float)
+    gains = DataFrame([rows[option].gains if option in rows else {} for option in options], options, units, float)
     markers = (rf"$\mathrm{{{LETTERS[k % len(LETTERS)]}}}$" for k in range(len(units)))
     plotting.draw_strips(axes, gains, [{"marker": marker, "color": INK, "markersize": 5.5} for marker in markers])

@@ -1,6 +1,4 @@
-"""Draw static plots: colours, text, axes, strips of points. Matplotlib is imported when one is drawn."""
-
-from __future__ import annotations
+"""Draw static plots: colours, text, axes, strips of points."""
 
 import io
 import math
@@ -8,16 +6,17 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from pandas import DataFrame
 
 from brushexp.system.files import write_bytes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 # Okabe and Ito (2008): the colour-blind can distinguish them; without yellow, which is faint on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -33,8 +32,6 @@ LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number from which an axi
 
 def new_figure(height: float = SIZE[1]) -> Figure:
     """Make an empty figure on white, without global state."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     return Figure(figsize=(SIZE[0], height), dpi=DPI, layout="constrained", facecolor="white")
 
 
@@ -49,8 +46,6 @@ def tidy(axes: Axes) -> None:
 
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, the same for the same figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # figure.savefig draws twice
     write_bytes(path, file.getvalue())
@@ -68,8 +63,6 @@ def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFr
 
 def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
     """Make an axis (x or y) logarithmic, with plain numbers, where values are positive and differ much."""
-    from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
-
     finite = [value for value in values if math.isfinite(value)]
     if finite and min(finite) > 0 and max(finite) / min(finite) > LOGARITHMIC_FROM:
         axes.set(**{f"{name}scale": "log"})
@@ -86,8 +79,6 @@ def add_title(figure: Figure, folder: Path, text: str) -> None:
 
 def without_math(text: str) -> str:
     """Put text on one line, with "?" for letters that the font lacks and dollar signs escaped."""
-    from matplotlib.font_manager import FontProperties, findfont, get_font  # noqa: PLC0415
-
     letters = get_font(findfont(FontProperties())).get_charmap()
     return "".join(sign if ord(sign) in letters else "?" for sign in " ".join(text.split())).replace("$", r"\$")
 
