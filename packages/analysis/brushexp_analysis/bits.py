@@ -1,14 +1,13 @@
 """The size of the strokes, so that counts of different primitives compare."""
 
 import lzma
-from dataclasses import replace
 
 import numpy as np
 import torch
 
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of, strokes_along
+from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of
 from brushexp.strokes.catalogue import Strokes
 
 PLACES = 4  # steps of a pixel: of control points, width and softness
@@ -31,16 +30,6 @@ def quantised(strokes: Strokes) -> np.ndarray:
     numbers = torch.cat([lengths, strokes.color * LEVELS, shares, drift_of(strokes) * LEVELS], dim=1)
     limits = np.iinfo(np.int16)
     return numbers.round().clamp(limits.min, limits.max).to(torch.int32).cpu().numpy()
-
-
-def restored(numbers: np.ndarray) -> Strokes:
-    """Make strokes again of what `quantised` has rounded."""
-    values = torch.from_numpy(numbers).float()
-    points = values[:, :6].reshape(-1, 3, 2) / PLACES
-    points = torch.cat([points[:, :1], points[:, :1] + points[:, 1:]], dim=1)
-    strokes = strokes_along(points, values[:, 6] / PLACES, values[:, 8:11] / LEVELS, values[:, 11] / OPACITIES)
-    rest = {"widening": values[:, 12] / WIDENINGS, "drift": values[:, 13:] / LEVELS}
-    return replace(strokes, softness=values[:, 7] / PLACES / strokes.scale, **rest)
 
 
 def packed(numbers: np.ndarray) -> bytes:

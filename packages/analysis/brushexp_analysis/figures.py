@@ -1,17 +1,21 @@
 """Draw the brushwork of a painting on one sheet, or that of two with the same axes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from brushexp_studies.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import SubFigure
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from skimage.color import lab2rgb
 from torch import Tensor
 
 from brushexp.plugins.blend.tiled import Tiled
@@ -21,10 +25,6 @@ from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
 from brushexp_analysis.summary import OVERALL, Analysis
 from brushexp_analysis.summary_text import overall_texts, relative_unit, setters_of, strokes_in, three_digits
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import SubFigure
 
 PRINT_DPI = 200  # dots per inch: sharp on paper
 HEIGHT = 5.2  # inches: of a painting with its rose, and of the histograms
@@ -86,9 +86,6 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
     """Draw how parallel strokes are, with lines that follow them, longer where they agree."""
-    from matplotlib import colormaps  # noqa: PLC0415
-    from matplotlib.colors import ListedColormap  # noqa: PLC0415
-
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
     coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
     place = (0, analysis.size[1], analysis.size[0], 0)
@@ -162,8 +159,6 @@ def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
 
 def direction_colors(angle: Array) -> Array:
     """Choose colours (N, 3) of directions in radians: hues go round once in half a turn; grey for NaN."""
-    from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
-
     finite, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
     lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(finite, np.cos(turn), 0.0)
     chroma = np.where(finite, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
@@ -178,8 +173,7 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
     color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
     strokes = replace(analysis.strokes.map(Tensor.float), color=color, drift=torch.zeros_like(color)).moved(zoom=zoom)
     above = torch.from_numpy(analysis.depth).argsort(descending=True)
-    picture: NDArray[np.float32] = Tiled()(Analytic()(strokes), above, size, torch.ones(3)).image.numpy()
-    return picture.transpose(1, 2, 0).clip(0, 1)
+    return Tiled()(Analytic()(strokes), above, size, torch.ones(3)).image.numpy().transpose(1, 2, 0).clip(0, 1)
 
 
 @torch.no_grad()
@@ -189,8 +183,6 @@ def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
     ``cells`` is the number of places on the longer side. A mean is as long as the coherence, NaN where fewer than
     ``LEAST_AROUND`` strokes lie within the radius of the analysis.
     """
-    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
-
     height, width = analysis.size
     step = max(height, width) / cells
     columns, rows = max(1, round(width / step)), max(1, round(height / step))

@@ -24,7 +24,7 @@ from brushexp.strokes.measures import MIN_OPACITY, MIN_WIDTH_PITCHES, NEIGHBOURS
 from brushexp.strokes.storage import Saved
 
 EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
-STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
+STATISTICS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
 COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
 FEW_STROKES = 400  # strokes: the pitch of a smaller catalogue would be a large share of the canvas
 HIDDEN_SHARE = 0.05  # a stroke of which no more is seen is hidden
@@ -160,11 +160,6 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
     return {
         key: compare(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()
     }
-
-
-def mean_measures(analysis: Analysis) -> dict[str, float | int | None]:
-    """Average each measure, for the table of a sweep."""
-    return {key: statistics_of(analysis.values(key), one.axial)["mean"] for key, one in MEASURES.items()}
 
 
 def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:

@@ -12,6 +12,7 @@ from brushexp.strokes.measures import MIN_OPACITY, Measure
 from brushexp.system.files import write_json, write_text
 from brushexp_analysis.summary import (
     OVERALL,
+    STATISTICS,
     Analysis,
     comparison_of,
     in_units,
@@ -21,7 +22,6 @@ from brushexp_analysis.summary import (
     thinnest_of,
 )
 
-HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
 DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's delta": "delta"}
 
 
@@ -106,9 +106,9 @@ def _statistics(analysis: Analysis) -> str:
     rows = []
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
-            texts = {HEADINGS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
+            texts = {STATISTICS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
             rows.append({"measure": marked(key, [analysis]), "unit": unit} | texts)
-    return markdown_table(rows, align="ll" + "r" * len(HEADINGS))
+    return markdown_table(rows, align="ll" + "r" * len(STATISTICS))
 
 
 def _comparison(one: Analysis, other: Analysis) -> list[str]:

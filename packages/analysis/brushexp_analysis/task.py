@@ -7,9 +7,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from brushexp.results.runs import shorten
+from brushexp.results.stroke_table import MEASURES
 from brushexp.strokes.storage import load_catalogue
 from brushexp_analysis.figures import write_figure
-from brushexp_analysis.summary import analysis_of, mean_measures
+from brushexp_analysis.summary import analysis_of, statistics_of
 from brushexp_analysis.summary_text import write_summary
 
 log = logging.getLogger(__name__)
@@ -28,8 +29,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             log.warning("%s: lengths, widths and areas are set by %s, not by the picture", cfg[option], setter)
     paths = [write_figure(folder / "brushwork.png", analyses), *write_summary(folder, analyses)]
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
-    means = {f"brushwork_{key}": value for key, value in mean_measures(analyses[0]).items()}
-    return {"n_strokes": len(analyses[0].number), **means}
+    first = analyses[0]
+    means = {f"brushwork_{key}": statistics_of(first.values(key), one.axial)["mean"] for key, one in MEASURES.items()}
+    return {"n_strokes": len(first.number), **means}
 
 
 def names_of(paths: Sequence[str]) -> list[str]:

@@ -1,10 +1,11 @@
 """Bits of strokes: rounding changes a painting little, packing loses nothing, and more strokes take more."""
 
 import lzma
+from dataclasses import replace
 
 import numpy as np
 import torch
-from brushexp_analysis.bits import BitsPerPixel, packed, quantised, restored
+from brushexp_analysis.bits import LEVELS, OPACITIES, PLACES, WIDENINGS, BitsPerPixel, packed, quantised
 from scenes import random_strokes, with_shapes
 
 from brushexp.painting.picture import Picture
@@ -12,6 +13,7 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.metric.base import Comparison
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 SIZE = (64, 96)
@@ -21,6 +23,16 @@ def drawn(strokes):
     painter = Picture(torch.zeros(3, *SIZE), None, torch.zeros(3), Tiled(opaque=0))
     painter.renderer = Analytic()
     return painter.draw(strokes, torch.arange(len(strokes)))
+
+
+def restored(numbers: np.ndarray) -> Strokes:
+    """Make strokes again of what `quantised` has rounded."""
+    values = torch.from_numpy(numbers).float()
+    points = values[:, :6].reshape(-1, 3, 2) / PLACES
+    points = torch.cat([points[:, :1], points[:, :1] + points[:, 1:]], dim=1)
+    strokes = strokes_along(points, values[:, 6] / PLACES, values[:, 8:11] / LEVELS, values[:, 11] / OPACITIES)
+    rest = {"widening": values[:, 12] / WIDENINGS, "drift": values[:, 13:] / LEVELS}
+    return replace(strokes, softness=values[:, 7] / PLACES / strokes.scale, **rest)
 
 
 def test_a_painting_of_rounded_strokes_looks_the_same():
