@@ -29,7 +29,6 @@ THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes ha
 LARGEST = 10**9  # weights, which take 4 GB
 FARTHEST = 3.0  # half widths from the axis
 
-
 COORDINATES = ("none", "window", "stroke")
 ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
 UPSAMPLING = ("nearest", "bilinear", "pixel_shuffle")

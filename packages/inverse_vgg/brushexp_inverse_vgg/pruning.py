@@ -1,4 +1,4 @@
-"""Whole channels are removed from a trained network, so that it gets smaller and faster on any machine."""
+"""Remove whole channels from a trained network, so that it gets smaller and faster on any machine."""
 
 import warnings
 from collections.abc import Iterable
@@ -94,8 +94,7 @@ class _Spread(nn.Module):
         self.bias = nn.Parameter(bias.clone())
 
     def forward(self, x: Tensor) -> Tensor:
-        spread: Tensor = self.convolution(x[:, :, None, None])
-        return spread + self.bias
+        return self.convolution(x[:, :, None, None]) + self.bias
 
     def as_linear(self) -> Coarsest:
         """Convert back, with the channels that are left."""

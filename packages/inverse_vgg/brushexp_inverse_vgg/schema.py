@@ -37,7 +37,7 @@ class PruneTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        from brushexp_training.stroke_data import check_origin, origin_for  # noqa: PLC0415
+        from brushexp_training.stroke_data import check_origin  # noqa: PLC0415
 
         from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
         from brushexp_inverse_vgg.pruning import check_prunable  # noqa: PLC0415
@@ -49,7 +49,5 @@ class PruneTask(Task):
         check_ends(cfg)
         renderer = build(cfg.renderer)
         check_prunable(renderer)
-        origin, seeds = origin_for(cfg)
-        check_origin(cfg, origin, seeds)
-        check_trainable(renderer, origin.window)
+        check_trainable(renderer, check_origin(cfg).window)
         check_batch(cfg, renderer.window)

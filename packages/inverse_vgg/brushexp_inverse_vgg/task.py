@@ -8,7 +8,7 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
-from brushexp_training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
+from brushexp_training.benchmark import device_of_weights, evaluate, speed_and_size
 from brushexp_training.datamodule import StrokeData
 from brushexp_training.dataset import Split
 from brushexp_training.evaluation import HeldOutSheet, effl0_distance
@@ -78,8 +78,8 @@ def carry_out(
     folder.mkdir(exist_ok=True)
 
     def measure() -> dict[str, float]:
-        distances = [effl0_distance(device)]
-        return evaluate(for_painting(pruned, device), data.first(Split.TEST, n), n, window, distances)
+        frozen = pruned.to(device).eval().requires_grad_(False)
+        return evaluate(frozen, data.first(Split.TEST, n), n, window, [effl0_distance(device)])
 
     pruned = prune(trained, ratio, islice(data.train_dataloader(), RANKING_BATCHES))
     before = measure()

@@ -123,11 +123,6 @@ def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawi
     return ExtremeDrawings(nearest, pictures, rows)
 
 
-def for_painting(renderer: Renderer, device: torch.device) -> Renderer:
-    """Put a renderer on the device, in ``eval`` mode and with frozen weights, as painting uses it."""
-    return renderer.to(device).eval().requires_grad_(False)
-
-
 def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, float]:
     """Measure the speed forward and backward (`strokes_per_second`), and count the weights."""
     return {

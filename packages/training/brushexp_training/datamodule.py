@@ -1,4 +1,4 @@
-"""Batches of strokes are read in random order without holding all in memory, or simulated on the way."""
+"""Read batches of strokes in random order without holding all in memory, or simulate them on the way."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -99,7 +99,7 @@ class StrokeData(L.LightningDataModule, ABC):
             n -= len(batch.number)
 
     def first_batch(self, split: Split, n: int) -> StrokeBatch:
-        """Return the same in one batch."""
+        """Return the first n held-out strokes of a split in one batch."""
         return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
 
     def _loader(self, split: Split) -> StrokeLoader:

@@ -10,6 +10,7 @@ from typing import Any
 
 import lightning as L
 import torch
+from skimage.util import montage
 from torch import Tensor, nn
 from torch.nn import functional
 from torchmetrics.image.fid import FrechetInceptionDistance
@@ -20,7 +21,6 @@ from brushexp.features import open_backbone
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.prior import strokes_of
 from brushexp.system.files import write_picture
-from brushexp_training.torch_script import load_torch_script
 
 TAP, TAP_CHANNELS = "b10", 112  # a tap of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048
@@ -108,12 +108,8 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 def bristle_figures(energies: Tensor) -> dict[str, float]:
     """Compute the drawn shares of the true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
     drawn, true = energies.unbind(-1)
-    share = (drawn / true).tolist()  # not a number where there is no such stroke, or no light
-    return {
-        f"{what}_{size}": share[i][j]
-        for j, what in enumerate(("bristles", "light"))
-        for i, size in enumerate(("thin", "thick"))
-    }
+    shares = (drawn / true).T.flatten().tolist()  # not a number where there is no such stroke, or no light
+    return dict(zip(("bristles_thin", "bristles_thick", "light_thin", "light_thick"), shares, strict=True))
 
 
 class FeatureDistance:
@@ -152,7 +148,7 @@ class FeatureDistance:
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """Tabulate both for 64 strokes, twice as many, and so on.
+        """Tabulate FID and KID of 64 strokes, twice as many, and so on.
 
         A row has ``n``, the number of disjoint ``sets`` of n strokes, mean and standard deviation of the distances over
         them, and the bias: the mean FID of one set of true strokes to the next.
@@ -197,12 +193,14 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
 
     ``path`` holds the network as TorchScript, as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes (n, 3, H, W)
     and ``return_features=True``. An FID of fewer than 2048 strokes is too low. UserError if the file is no such
-    network.
+    network. torch deprecates TorchScript: once it is gone (2.13 has it), ``task=evaluate`` loses the key ``inception``.
     """
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
     try:
-        network = load_torch_script(path, device)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            network = torch.jit.load(str(path), map_location=device).eval()
 
         def features(pictures: Tensor) -> Tensor:
             return network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)
@@ -226,8 +224,6 @@ def over_white(images: Tensor) -> Tensor:
 
 def stroke_sheet(images: Tensor, columns: int) -> Tensor:
     """Lay out pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width)."""
-    from skimage.util import montage  # noqa: PLC0415  (a second)
-
     zoom, columns = max(1, SHEET_SIDE // images.shape[-2]), min(columns, len(images))
     large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
     layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}

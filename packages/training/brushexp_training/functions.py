@@ -1,21 +1,17 @@
 """``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and networks that draw them."""
 
-from __future__ import annotations
-
 import time
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from brushexp.api.parts import create
 from brushexp.api.settings import settings_of
+from brushexp.plugins.engine.base import Simulated
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, plugin_of
 from brushexp.runs.run_folder import note_words, release, take
 from brushexp.runs.runner import perform
 from brushexp.strokes.prior import parameters_of, sample_prior
-
-if TYPE_CHECKING:
-    from brushexp.plugins.engine.base import Simulated
-    from brushexp.plugins.renderer.base import Renderer
 
 
 def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:
@@ -32,8 +28,7 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
     (torch.Size([2, 10]), torch.Size([2, 4, 32, 32]))
     """
     parameters = parameters_of(sample_prior(n, seed))
-    simulated: Simulated = create("engine", engine, **options)(parameters, seed=seed)
-    return parameters, simulated
+    return parameters, create("engine", engine, **options)(parameters, seed=seed)
 
 
 def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **overrides: Any) -> Renderer:
@@ -62,5 +57,4 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
             release(folder)
     node = cfg.renderer.copy()
     node.checkpoint = str(folder / f"{plugin_of(cfg.renderer).name}.safetensors")
-    trained: Renderer = build(node)
-    return trained
+    return build(node)

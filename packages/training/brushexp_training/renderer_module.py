@@ -81,8 +81,7 @@ class Critic(nn.Module):
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Score premultiplied RGBA (n, 4, S, S): raw numbers (n,)."""
-        scores: Tensor = self.layers(2 * pictures - 1)[:, 0]
-        return scores.float()
+        return self.layers(2 * pictures - 1)[:, 0].float()
 
 
 class RendererModule(NetworkModule):
@@ -241,10 +240,9 @@ class FreshStart(L.Callback):
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Return the variance among drawn strokes (n, 4, S, S), as a share of that of the true ones; None of one stroke."""
-    return variance_of(drawn) / variance if (variance := variance_of(true)) else None
+    """Return the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
 
-
-def variance_of(pictures: Tensor) -> float:
-    """Compute the variance of alpha among pictures (n, 4, S, S), averaged over their pixels."""
-    return float(pictures[:, 3].float().var(0, unbiased=False).mean())
+    Of one stroke it is None.
+    """
+    ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
+    return ours / theirs if theirs else None

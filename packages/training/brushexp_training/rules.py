@@ -91,14 +91,6 @@ def check_ends(cfg: DictConfig) -> None:
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that there are strokes, and that the renderer was trained on such strokes."""
-    from brushexp_training.stroke_data import check_origin, origin_for  # noqa: PLC0415
+    from brushexp_training.stroke_data import check_origin  # noqa: PLC0415
 
-    check_origin(cfg, *origin_for(cfg))
-
-
-def strokes_in(path: str) -> str:
-    """Describe a set: one that has grown is shuffled anew."""
-    from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
-
-    strokes = StrokeSet(Path(path))
-    return f"{len(strokes)} strokes of seed {strokes.seed}"
+    check_origin(cfg)

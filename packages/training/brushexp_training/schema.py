@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 from omegaconf import DictConfig
@@ -69,7 +70,10 @@ class TrainTask(Task):
 
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:
-        return {f"data={path}": rules.strokes_in(path) for path in cfg.data or []}
+        from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
+
+        sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}
+        return {f"data={path}": f"{len(one)} strokes of seed {one.seed}" for path, one in sets.items()}
 
 
 @dataclass

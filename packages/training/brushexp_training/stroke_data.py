@@ -3,7 +3,6 @@
 import hashlib
 import json
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -92,19 +91,22 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
     return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0)), valid
 
 
-def check_origin(cfg: DictConfig, origin: Origin, seeds: Sequence[int]) -> None:
-    """Stop with a UserError if a renderer was trained on other brushes, whose seeds are the sets', unless wanted."""
-    trained, trained_seeds = training_of(cfg)
+def check_origin(cfg: DictConfig) -> Origin:
+    """Return the origin of the strokes; a UserError if a renderer was trained on those of other brushes, unless wanted.
+
+    Brushes are drawn from the seeds of the sets.
+    """
+    (origin, seeds), (trained, trained_seeds) = origin_for(cfg), training_of(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
         name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
             "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
         )
-    if trained is None or "brushes" not in trained.engine_config or not trained_seeds:
-        return
-    if others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]:
+    has_brushes = trained is not None and "brushes" in trained.engine_config and trained_seeds
+    if has_brushes and (others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]):
         raise UserError(
             f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
             f"on those of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"
         )
+    return origin

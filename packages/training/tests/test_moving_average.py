@@ -1,6 +1,6 @@
 """The moving average of the weights of a training."""
 
-from brushexp_training.moving_average import MovingAverage
+from brushexp_training.network_fitting import MovingAverage
 from test_callbacks import Line, fit
 
 

@@ -12,8 +12,7 @@ from brushexp_training import network_module, renderer_module
 from brushexp_training.datamodule import StrokeBatch, StrokeLoader
 from brushexp_training.dataset import Origin
 from brushexp_training.evaluation import squared_error
-from brushexp_training.moving_average import MovingAverage
-from brushexp_training.network_fitting import renderer_settings
+from brushexp_training.network_fitting import MovingAverage, renderer_settings
 from brushexp_training.renderer_module import RendererModule, RendererSettings
 from brushexp_training.rules import check_brushes
 from lightning.pytorch.callbacks import Checkpoint

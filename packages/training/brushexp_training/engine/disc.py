@@ -70,10 +70,8 @@ def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
             _disc(bare, x, y, radius[i])
         for row in range(len(alpha[i])):
             for column in range(len(alpha[i])):
-                block = bare[
-                    SUPERSAMPLE * row : SUPERSAMPLE * (row + 1), SUPERSAMPLE * column : SUPERSAMPLE * (column + 1)
-                ]
-                alpha[i, row, column] = F(1) - block.mean()
+                top, left = SUPERSAMPLE * row, SUPERSAMPLE * column
+                alpha[i, row, column] = F(1) - bare[top : top + SUPERSAMPLE, left : left + SUPERSAMPLE].mean()
 
 
 @function

@@ -12,6 +12,8 @@ from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
 from brushexp.system.runtime import share
+from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, settle
+from brushexp_training.engine._deposition import draw
 
 GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
@@ -84,9 +86,6 @@ class Fluid(Engine):
         approach: Annotated[float, between(0, 10)] = 0.4,
         relief: Annotated[float, between(0, 100)] = 1.0,
     ) -> None:
-        from brushexp_training.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
-
-        self._bristles, self._deposition = _bristles, _deposition
         self.window, self.brushes, self.bristles, self.projection = window, brushes, bristles, projection
         self.jitter, self.stiffness = jitter, stiffness
         self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
@@ -101,7 +100,7 @@ class Fluid(Engine):
         if seed != self._seed:
             self._draw_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
-        units = 0.5 * float(self._bristles.UNITS)
+        units = 0.5 * float(UNITS)
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
         scale = (BAND * strokes.width * units).clamp(*SCALES)
         rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
@@ -109,11 +108,11 @@ class Fluid(Engine):
         pose = self._poses_for(brush, scale.numpy())
         images = np.empty((len(rows), 4, self.window, self.window), np.float32)
         heights = np.empty((len(rows), self.window, self.window), np.float32)
-        poses = np.array(self._poses, np.float32).reshape(-1, 3, self._bristles.VERTICES, self.bristles)
+        poses = np.array(self._poses, np.float32).reshape(-1, 3, VERTICES, self.bristles)
         reach = np.array(self._reach, np.float32).reshape(-1, 2)
         brushes = (poses, reach, self._roots, self._stiffness)
         settings = (self.physics, self.counts, self.projection)
-        share(self._deposition.draw, len(rows), rows, brush, pose, *brushes, *settings, images, heights)
+        share(draw, len(rows), rows, brush, pose, *brushes, *settings, images, heights)
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
@@ -139,13 +138,13 @@ class Fluid(Engine):
         if fresh:
             which = np.array([key[0] for key in fresh])
             scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
-            poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
+            poses = np.empty((len(fresh), 3, VERTICES, self.bristles), np.float32)
             motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
             brushes = (self._roots[which], self._splay[which], self._stiffness[which])
-            share(self._bristles.settle, len(fresh), scales, *brushes, *motion, poses)
+            share(settle, len(fresh), scales, *brushes, *motion, poses)
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
-                behind = -pose[0][pose[2] <= self._bristles.TOUCH]  # the places where it touches the canvas
+                behind = -pose[0][pose[2] <= TOUCH]  # the places where it touches the canvas
                 self._reach.append(np.array([np.quantile(behind, q) if behind.size else 0.0 for q in (0.95, 0.05)]))
         return np.array([self._place[key] for key in keys], np.int64)

@@ -16,7 +16,7 @@ from brushexp.reporting.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
-from brushexp_training.benchmark import draw_extremes, evaluate, for_painting, speed_and_size
+from brushexp_training.benchmark import draw_extremes, evaluate, speed_and_size
 from brushexp_training.dataset import Split
 from brushexp_training.evaluation import effl0_distance, inception_distance
 from brushexp_training.stroke_data import stroke_data
@@ -32,7 +32,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
-    renderer = for_painting(build(cfg.renderer), device)
+    renderer = build(cfg.renderer).to(device).eval().requires_grad_(False)
     data = stroke_data(cfg)
     window, seed = data.origin.window, data.first_seed
     engine: Engine = build_named("engine", data.origin.engine, data.origin.engine_config)

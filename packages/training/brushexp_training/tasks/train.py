@@ -90,5 +90,4 @@ def large_engine(origin: Origin) -> Engine:
     bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):
         options["window"] = int(min(options["window"], bounds.high))
-    engine: Engine = build_named("engine", origin.engine, options)
-    return engine
+    return build_named("engine", origin.engine, options)
