@@ -1,4 +1,4 @@
-"""Valid strokes are corrupted: these are the negative examples that a discriminator learns from."""
+"""Corrupt valid strokes, which makes the negative examples that a discriminator learns from."""
 
 import math
 from collections.abc import Callable

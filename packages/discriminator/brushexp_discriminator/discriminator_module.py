@@ -1,4 +1,4 @@
-"""A network is trained to tell valid strokes from corrupted ones, and measured on held-out ones."""
+"""``task=train_discriminator``: train a network that tells valid strokes from corrupted ones, and measure it."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,8 +9,11 @@ import numpy as np
 import torch
 from brushexp_training.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
 from brushexp_training.dataset import Split
+from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
 from brushexp_training.network_module import NetworkModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from omegaconf import DictConfig
+from scipy.stats import mannwhitneyu
 from torch import Tensor, optim
 from torch.nn import functional
 
@@ -134,6 +137,26 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
 
 def area_under_curve(above: Tensor, below: Tensor) -> float:
     """Compute the area under the ROC curve: the share of pairs in which the first scores higher, ties half."""
-    from scipy.stats import mannwhitneyu  # noqa: PLC0415  (half a second)
-
     return float(mannwhitneyu(above, below, method="asymptotic").statistic) / (len(above) * len(below))
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Train a discriminator, write it and its numbers into the run's folder, and return those of metrics.json."""
+    return train_network(DiscriminatorJob, cfg, folder, start)
+
+
+class DiscriminatorJob(NetworkJob):
+    """Train a discriminator on strokes of the prior."""
+
+    module: DiscriminatorModule
+
+    def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
+        self.cfg = cfg
+        self.data = ShapeData(batch_size=cfg.batch_size, seed=cfg.seed)
+        self.module = DiscriminatorModule(Discriminator(), cfg.lr)
+        self.weights = folder / f"{NAME}.safetensors"
+        self.use = f"brushexp 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
+
+    def finish(self) -> dict[str, object]:
+        training = training_recipe(self.module, self.cfg)
+        return save_discriminator(self.module.network, self.weights, self.cfg.seed, training)

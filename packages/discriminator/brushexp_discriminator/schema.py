@@ -13,7 +13,7 @@ from brushexp.config.keys import key
 class TrainDiscriminatorTask(NetworkTask):
     """Train a network that recognises valid strokes, for loss=discriminator; task=train model=discriminator, too."""
 
-    module = "brushexp_discriminator.task"
+    module = "brushexp_discriminator.discriminator_module"
     presets: ClassVar[dict[str, str]] = {"trainer": "default"}
     settings: ClassVar[dict[str, Any]] = {"trainer": {"log_every_n_steps": 20}}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from brushexp_discriminator import task
+from brushexp_discriminator import discriminator_module as task
 from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
 from brushexp_discriminator.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
 from brushexp_discriminator.discriminator_module import (
