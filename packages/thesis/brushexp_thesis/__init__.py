@@ -1,1 +1,1 @@
-"""The authors' own paper: painters compared, the thesis's claims judged by studies."""
+"""A leaderboard of painters, the claims of the thesis judged by studies, and departures from its procedure."""

@@ -7,18 +7,17 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import t, wilcoxon
 
 Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement has none
 RESAMPLES = 9999
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p of Student's t that their mean lies within bounds, two-sided: above 0.05 the 95 % interval leaves.
+    """Compute the p of Student's t that their mean lies within bounds, two-sided; above 0.05 its interval leaves them.
 
     It is twice the larger of the one-sided p against each bound (of two, an equivalence test: Schuirmann, 1987).
     """
-    from scipy.stats import t  # noqa: PLC0415
-
     sample = np.array(gains, float)
     if len(sample) < 2:
         return 1.0
@@ -30,8 +29,6 @@ def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
 
 def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
     """Compute the p of signed ranks (Wilcoxon, 1945) that their middle lies within bounds, as `p_of_mean` does."""
-    from scipy.stats import wilcoxon  # noqa: PLC0415
-
     sample = np.array(gains, float)
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]

@@ -23,11 +23,9 @@ from brushexp.results.runs import differences, image_name, setting_of, words_of
 from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
-NAMES = "psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"
-QUALITY = {key: quantities()[key] for key in NAMES}
-COSTS = {"bits": quantities()["bits"], "seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
-COSTS |= {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
-COLUMNS = QUALITY | COSTS
+SHOWN = ["psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"]
+SHOWN += ["bits", "seconds", "cpu_seconds"]
+COLUMNS = {key: quantities()[key] for key in SHOWN} | {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 IGNORED_KEYS = {
     *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
@@ -142,11 +140,7 @@ def entries_of(frame: DataFrame) -> list[Entry]:
         if "l1" in metrics
     ]
     chosen = [
-        {
-            key: value
-            for key, value in run["overrides"].items()
-            if key not in IGNORED_KEYS and not key.startswith("hydra")
-        }
+        {k: v for k, v in run["overrides"].items() if k not in IGNORED_KEYS and not k.startswith("hydra")}
         for run, _ in runs
     ]
     return [_entry(*one, settings) for one, settings in zip(runs, differences(chosen), strict=True)]
@@ -187,7 +181,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """``alike`` are the paintings of each picture, one for each seed; ``common`` are settings that all rows have."""
+    """Average the paintings of each picture, ``alike`` but for seeds; all rows have the ``common`` settings."""
     painter, settings, budget = key
     every = [entry for one in alike for entry in one]
     counts = [entry.strokes for entry in every if entry.strokes is not None]

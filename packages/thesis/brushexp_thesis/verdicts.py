@@ -3,20 +3,12 @@
 import logging
 import shlex
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from brushexp_studies.paired import (
-    CONFIDENCE,
-    PANELS,
-    PICTURE,
-    Difference,
-    paired_differences,
-    rule_for,
-    write_paired_plot,
-)
+from brushexp_studies import paired
 from omegaconf import DictConfig
 
 from brushexp.config.vocabulary import SHIPPED
@@ -31,6 +23,7 @@ from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
 log = logging.getLogger(__name__)
 SHIPPED_PAINTINGS = Path(__file__).with_name("paintings.yaml")
+EXPLANATION = Path(__file__).with_name("templates") / "verdicts.md"
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -62,8 +55,7 @@ def write_verdicts(
     verdicts = Counter(one.verdict for one in judgements)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     lines = ["# Ablations", "", f"Written by `{command}`, and no number in it by hand.", ""]
-    lines += [_prose(text) for text in _explanation(claims)]
-    lines += ["", f"Verdicts on {len(judgements)} claims: {counts}.", ""]
+    lines += [*_explanation(claims), "", f"Verdicts on {len(judgements)} claims: {counts}.", ""]
     lines += _table([_verdict_row(one) for one in judgements if one.difference is not None])
     page.parent.mkdir(parents=True, exist_ok=True)
     for name in [*claims, *sorted(set(studies) - set(claims))]:
@@ -98,40 +90,14 @@ def _open_row(one: Judgement) -> dict[str, str]:
     return {"claim": one.claim.says, "thesis": one.claim.section} | (why if one.verdict == CANNOT else typed)
 
 
-def _explanation(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
-    yield (
-        "What the thesis (Heimbrecht, master thesis, Heidelberg, 2020) claims, or chose by trying, and what comes of "
-        f"it here; 6.3 and the like are its sections. {rule_for(PICTURE)}"
-    )
-    yield "Where seeds and not pictures are paired, the same holds of seeds, but no answer depends on one."
-    yield (
-        "The reference is the first setting of a study's table; where a claim compares two others, its interval is one "
-        "for all pairs of settings together."
-    )
-    yield (
-        "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
-        "the answer does not depend on the picture; one of *better* does not hold if it allows no gain that matters, "
-        "however large a loss. What was measured is told by the rule above all the same."
-    )
-    yield (
-        f"*p of all* is Student's, of what the verdict states, for all claims of this page together (Holm); from "
-        f"{1 - CONFIDENCE:.2f} on, a verdict is *not decided*, and the remarks say what it is alone. The tables of the "
-        "studies add the median with its bootstrap interval, on how many the setting is better and worse by more than "
-        "what matters, the p of signed ranks (Wilcoxon) of the same statement, and the means of photographs and of "
-        f"paintings; these are each for itself, at {CONFIDENCE:.0%}. The remarks say where ranks and Student differ."
-    )
-    yield (
-        "Claims are *added after the results* where somebody had seen numbers of that comparison before it was a "
-        "claim. A claim *cannot be answered here* where no outcome of the study could decide it; what was measured "
-        "stands beside it, without p. No claim is taken off the page."
-    )
+def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
+    """Fill in what the page says of its rules, a paragraph each."""
     named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
-    matters = ", ".join(
-        f"{quantities()[key].name} {quantities()[key].matters:g}"
-        for key in dict.fromkeys([*PANELS, *named])
-        if quantities()[key].matters
-    )
-    yield f"What matters: {matters} (of ratios: of their natural logarithm)."
+    metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
+    matters = ", ".join(f"{metric.name} {metric.matters:g}" for metric in metrics if metric.matters)
+    numbers = {"confidence": paired.CONFIDENCE, "level": 1 - paired.CONFIDENCE, "matters": matters}
+    text = EXPLANATION.read_text(encoding="utf-8").format(rule=paired.rule_for(paired.PICTURE), **numbers)
+    return [_prose(paragraph) for paragraph in text.split("\n\n")]
 
 
 def _prose(text: str) -> str:
@@ -147,11 +113,11 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def _section(page: Path, study: Study, question: str, claims: Sequence[Mapping[str, str]]) -> list[str]:
     name = study.name
     lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", "", _prose(_extent(study)), ""]
-    differences = paired_differences(study.table)
+    differences = paired.paired_differences(study.table)
     if differences:
         picture = page.with_suffix("") / f"{name}.png"
         picture.parent.mkdir(parents=True, exist_ok=True)
-        write_paired_plot(picture, differences, name)
+        paired.write_paired_plot(picture, differences, name)
         study.record(picture.with_suffix(".csv"))
         files = f"{picture.parent.name}/{name}"
         lines += [*_table(study_rows(study, differences)), *_table(claims)]
@@ -169,10 +135,10 @@ def _extent(study: Study) -> str:
     return f"{units}, {study.n_finished}{of_all} runs{failures}; {study.cost}."
 
 
-def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str, str]]:
+def study_rows(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
     """Make a row per setting: the mean of the first metric where all were run, and differences to the first setting."""
     of_metric = dict.fromkeys(one.metric for one in differences)
-    metrics = [key for key in PANELS if key in of_metric][:3]
+    metrics = [key for key in paired.PANELS if key in of_metric][:3]
     metrics += [key for key in ("cpu_seconds",) if key in of_metric and key not in metrics]
     metrics = metrics or [differences[0].metric]
     first = quantities()[metrics[0]]
