@@ -36,13 +36,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     axes = choose_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
     write_text(folder / "extremes.csv", csv_table(cells, significant=3))
-    draw_matrix(cells, folder / "extremes.png")
-    counts = counts_of(cells)
+    counts = {verdict: sum(cell["verdict"] == verdict for cell in cells) for verdict in VERDICTS}
+    told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    draw_matrix(cells, told, folder / "extremes.png")
     metrics: dict[str, object] = {f"n_{verdict}": count for verdict, count in counts.items()}
     metrics |= {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
     metrics |= {"picture": "extremes.png", "status": "completed"}
     write_json(folder / "metrics.json", metrics)
-    log.info("%s; %s", ", ".join(f"{count} {verdict}" for verdict, count in counts.items()), folder)
+    log.info("%s; %s", told, folder)
     broken = [cell for cell in cells if cell["verdict"] == BROKEN]
     if broken:
         first = "{scene} ({kind}, renderer={renderer}, blend={blend}, {dtype}): {note}".format(**broken[0])
@@ -99,13 +100,7 @@ def frozen_renderer(name: str) -> Renderer:
     return build_named("renderer", name, {}).eval().requires_grad_(False)
 
 
-def counts_of(cells: Sequence[Cell]) -> dict[str, int]:
-    """Count the cells by verdict."""
-    verdicts = [cell["verdict"] for cell in cells]
-    return {verdict: verdicts.count(verdict) for verdict in VERDICTS}
-
-
-def draw_matrix(cells: Sequence[Cell], path: Path) -> None:
+def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
     """Write a PNG with a field for each cell, coloured by its verdict, with its number."""
     rows = list(dict.fromkeys((cell["kind"], cell["scene"]) for cell in cells))
     columns = list(dict.fromkeys((cell["renderer"], cell["blend"], cell["dtype"]) for cell in cells))
@@ -119,7 +114,6 @@ def draw_matrix(cells: Sequence[Cell], path: Path) -> None:
     axes.imshow(levels, cmap=ListedColormap(COLORS), vmin=-0.5, vmax=len(COLORS) - 0.5, aspect="auto")
     axes.set_yticks(range(len(rows)), [without_math(f"{scene}, {kind}") for kind, scene in rows], fontsize=7)
     axes.set_xticks(range(len(columns)), [without_math(" ".join(words)) for words in columns], fontsize=7, rotation=90)
-    title = ", ".join(f"{count} {verdict}" for verdict, count in counts_of(cells).items())
     axes.set_title(title, fontsize=11, loc="left", color=INK)
     save_figure(figure, path)
 
