@@ -24,5 +24,4 @@ def contract(family: str) -> list[Callable[..., Any]]:
     """
     from brushexp_testing import engines, families, media  # noqa: PLC0415  (torch)
 
-    checks = families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}
-    return checks.get(family, [])
+    return (families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}).get(family, [])

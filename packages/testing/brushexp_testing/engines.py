@@ -41,11 +41,9 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
     n = len(parameters)
     assert simulated.images.shape == (n, 4, WINDOW, WINDOW)
     assert simulated.heights.shape == (n, WINDOW, WINDOW)
-    for values in (simulated.images, simulated.heights):
+    for values, most in ((simulated.images, 1), (simulated.heights, torch.inf)):
         assert values.dtype == torch.float32
-        assert (values >= 0).all()
-        assert values.isfinite().all()
-    assert (simulated.images <= 1).all()
+        assert ((values >= 0) & (values <= most) & values.isfinite()).all()
 
 
 def returns_pictures_and_heights(make: Make) -> None:
@@ -66,17 +64,16 @@ def returns_pictures_and_heights(make: Make) -> None:
 
 
 def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
-    """Any part of a set, simulated alone, is that part of the whole."""
+    """Check that any part of a set, simulated alone, is that part of the whole."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
     for start, stop in ((0, 1), (2, 3), (2, 6)):
         part = engine(parameters[start:stop], seed=3, first=5 + start)
-        assert torch.equal(part.images, whole.images[start:stop])
-        assert torch.equal(part.heights, whole.heights[start:stop])
+        assert all(torch.equal(value, vars(whole)[name][start:stop]) for name, value in vars(part).items())
 
 
 def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
-    """The same bits, for every seed that there may be."""
+    """Check that every seed that there may be gives the same bits again."""
     engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
     for seed in (0, 2**63, 2**64 - 1):
         one = engine(parameters, seed=seed)
@@ -85,12 +82,11 @@ def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
             two = engine(parameters, seed=seed)
         finally:
             torch.set_num_threads(threads)
-        assert torch.equal(one.images, two.images)
-        assert torch.equal(one.heights, two.heights)
+        assert all(torch.equal(value, vars(two)[name]) for name, value in vars(one).items())
 
 
 def draws_anything_finite(make: Make) -> None:
-    """Extreme strokes, and none, give valid pictures and leave their neighbours alone."""
+    """Check that extreme strokes, and none, give valid pictures and leave their neighbours alone."""
     engine, alone = make(window=WINDOW), _valid(1)
     parameters = torch.cat([torch.tensor(EXTREMES), alone])
     simulated = engine(parameters, seed=1)
@@ -100,7 +96,7 @@ def draws_anything_finite(make: Make) -> None:
 
 
 def lays_paint_where_the_stroke_is(make: Make) -> None:
-    """Most of the paint is on the stroke, and most of the stroke has paint."""
+    """Check that most of the paint is on the stroke, and most of the stroke has paint."""
     parameters = _valid(12)
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)
@@ -113,7 +109,7 @@ def lays_paint_where_the_stroke_is(make: Make) -> None:
 
 
 def centres_the_paint_on_the_stroke(make: Make) -> None:
-    """The centre of the paint is that of a straight stroke, and a wider stroke covers more."""
+    """Check that the centre of the paint is that of a straight stroke, and a wider stroke covers more."""
     parameters = torch.tensor([[-0.6, 0.3, 0, 0.3, 0.6, 0.3, w, 0, 0, 0] for w in (-1.0, 0.0, 1.0)])
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     middle = (torch.arange(WINDOW) + 0.5) / WINDOW

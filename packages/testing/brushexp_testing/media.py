@@ -14,8 +14,7 @@ def keeps_size_and_range(make: Make) -> None:
         target = palette(one)
         assert target.shape == one.shape
         assert target.dtype == torch.float32
-        assert target.min() >= 0
-        assert target.max() <= 1
+        assert 0 <= target.min() <= target.max() <= 1
         assert torch.equal(target, palette(one))
     assert torch.equal(picture, before)
 
