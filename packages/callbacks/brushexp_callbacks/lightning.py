@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
     """Make a callback of Lightning, which takes seconds to import."""
-    made: L.Callback = getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
-    return made
+    return getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
 
 
 @register("callbacks", "learning_rate_monitor")

@@ -61,8 +61,7 @@ class DaskLauncher(Launcher):
                 )
             common, state = (self.hydra_context, self.config, self.task_function), Singleton.get_state()
             futures = [client.submit(_work, state, *job, *common, pure=False) for job in jobs.items()]
-            results: list[JobReturn] = client.gather(futures)
-            return results
+            return client.gather(futures)
 
 
 def _work(state: Any, *job: Any) -> JobReturn:

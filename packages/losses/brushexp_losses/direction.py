@@ -32,12 +32,7 @@ class Direction(Loss):
     cost = "0.6 x mse"
     looks_at = "strokes"
 
-    def __init__(
-        self,
-        *,
-        k: Annotated[int, at_least(1)] = NEIGHBOURS,
-        every: Annotated[int, at_least(1)] = 20,
-    ) -> None:
+    def __init__(self, *, k: Annotated[int, at_least(1)] = NEIGHBOURS, every: Annotated[int, at_least(1)] = 20) -> None:
         super().__init__()
         self.k, self.every = k, every
         self.calls = 0

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml  # type: ignore[import-untyped,unused-ignore]
@@ -14,6 +13,7 @@ from PIL import Image
 from brushexp.errors import UserError
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
+from brushexp.reporting.tables import markdown_table
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
@@ -51,13 +51,9 @@ class TensorBoard(Logger):
         for name, path in run.pictures.items():
             writer.add_image(name, np.asarray(Image.open(path)), run.step, dataformats="HWC")
         if run.metrics:
-            writer.add_text("metrics", as_table(run.row), run.step)
             final = {f"final/{name}": value for name, value in run.numbers.items()}
             self._curves.log_hyperparams(dict(run.chosen), final, run.step)
-        if run.files:
-            writer.add_text("files", as_table(run.files), run.step)
-
-
-def as_table(values: Mapping[str, Any]) -> str:
-    """Format values as a table in Markdown."""
-    return "\n".join(["| name | value |", "|---|---|", *(f"| {name} | {value} |" for name, value in values.items())])
+        for name, values in {"metrics": run.row, "files": run.files}.items():
+            if values:
+                table = markdown_table({"name": [*values], "value": [*values.values()]}, escape=False)
+                writer.add_text(name, table, run.step)
