@@ -50,16 +50,13 @@ def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgeme
     """Judge every claim; those that have an answer are corrected together (Holm)."""
     single = [_judge_alone(claim, studies) for claim in claims]
     corrected = iter(holm([one.p for one in single if one.p is not None]))
-    together = [one if one.p is None else replace(one, p=next(corrected)) for one in single]
-    return [
-        replace(one, verdict=NOT_DECIDED) if one.p is not None and one.p >= 1 - CONFIDENCE and is_decided(one) else one
-        for one in together
-    ]
+    return [one if one.p is None else _correct(one, next(corrected)) for one in single]
 
 
-def is_decided(judgement: Judgement) -> bool:
-    """Tell whether the verdict says something of the claim."""
-    return judgement.verdict not in (NOT_RUN, CANNOT, *UNCLEAR.values())
+def _correct(one: Judgement, p: float) -> Judgement:
+    """Give a claim its p beside all others, which may leave its verdict undecided."""
+    is_doubtful = p >= 1 - CONFIDENCE and one.verdict not in UNCLEAR.values()
+    return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 
 
 def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
