@@ -72,7 +72,7 @@ class TrainTask(Task):
     def inputs(cfg: DictConfig) -> dict[str, str]:
         from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
 
-        sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}
+        sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}  # one that has grown is shuffled anew
         return {f"data={path}": f"{len(one)} strokes of seed {one.seed}" for path, one in sets.items()}
 
 
