@@ -63,12 +63,12 @@ class StudySweeper(Sweeper):
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
         from brushexp.runs.sweep_report import renew  # noqa: PLC0415
 
-        words = [f"{key}={value}" for key, value in (self.options["params"] or {}).items()]
-        overrides = OverridesParser.create(config_loader=self.loader).parse_overrides([*words, *arguments])
+        words = [*(f"{key}={value}" for key, value in (self.options["params"] or {}).items()), *arguments]
+        overrides = OverridesParser.create(config_loader=self.loader).parse_overrides(words)
         check_jobs(self.loader, self.config, corner_jobs({one.get_key_element(): ends_of(one) for one in overrides}))
-        begin_sweep(self.config, [[*words, *arguments]], self.resume)
+        begin_sweep(self.config, [words], self.resume)
         if self.resume:
-            self.go_on([*words, *arguments])
+            self.go_on(words)
         folder = Path(self.config.hydra.sweep.dir)
         try:
             self.study.sweep(arguments)

@@ -11,11 +11,10 @@ CALIBRATED = {
     "squeeze": ("squeeze.pth", ("relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9")),
     "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
 }
-OPTION = "loss.lpips.weights"  # key that errors name by default
 
 
-def open_distance(backbone: str, weights: str | None = None, option: str = OPTION) -> Distance:
-    """Open a distance in a network of `open_backbone`, LPIPS with its published weights where there are such."""
+def open_distance(backbone: str, weights: str | None, option: str = "loss.lpips.weights") -> Distance:
+    """Open a distance in a network of `open_backbone`, LPIPS if its weights are published; errors name ``option``."""
     if backbone == "effl0":
         return bundled_distance(weights, option)
     network = open_backbone(backbone, weights, option)
