@@ -14,16 +14,8 @@ from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of
 
-EXPLANATION = (
-    f"Means over the pictures of a section ± half of the {CONFIDENCE:.0%} interval (Student's t); with several seeds, "
-    "over those first. *Behind* is the mean difference in PSNR, picture by picture, from the best row with as many "
-    "strokes; an interval that does not reach 0 is a difference. Seconds, of the wall and of the CPU, are of the "
-    "optimisation, memory is of the process, on the machine that painted. PSNR is what *gradient* works for, and most "
-    "other painters do not; intervals are each for itself. *Rows in italics are published figures*: they were not "
-    "measured here, enter no mean, and are of the pictures that their row names. A stroke has 13 numbers that are "
-    "optimised, of which 11 are free (its place is in its three points, too), and in look=plain 18 and 16, with "
-    "softness, widening and drift of colour; a Gaussian of these papers has 8, so equal counts are not equal sizes."
-)
+TEXT = Path(__file__).with_name("templates") / "leaderboard.md"
+EXPLANATION = " ".join(TEXT.read_text(encoding="utf-8").split()).format(confidence=CONFIDENCE)
 BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
