@@ -1,4 +1,4 @@
-"""The colours that suit strokes best where they lie: least squares, for a painting is linear in its colours."""
+"""Find the colours that suit strokes best where they lie: least squares, for a painting is linear in its colours."""
 
 from collections.abc import Callable
 from dataclasses import replace

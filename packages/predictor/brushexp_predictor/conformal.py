@@ -9,10 +9,10 @@ its strokes (Lee, Barber and Willett, 2023).
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,50 @@ from numpy.typing import NDArray
 from brushexp.errors import UserError
 from brushexp.system.files import write_json
 from brushexp.system.reading import check_plain, explaining, json_of, read_text
-from brushexp_predictor.doubts import SHARE, Doubt, away_from
-from brushexp_predictor.kinds import HALF_TURN, Kind
+from brushexp_predictor.kinds import HALF_TURN, Kind, axial_mean
 
 Array = NDArray[Any]
 
+SHARE = 0.9  # of the truths that an interval is to hold
 FORMAT, VERSION = "brushexp intervals", 1
 FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
 STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
 RIGHT = 90.0  # degrees: no direction is farther from another
+
+
+class Doubt(NamedTuple):
+    """What S samples say of (...) quantities; NaN where none of them says anything."""
+
+    middle: Array  # median, or mean direction in degrees in [0, 180)
+    spread: Array  # mean distance of the samples from it
+    low: Array  # by how much the end of the interval is below it: 0 or less
+    high: Array  # and above it
+
+
+def away_from(values: Array, middle: Array, axial: bool) -> Array:
+    """Subtract; of directions in degrees the smaller turn, in [-90, 90)."""
+    away = values - middle
+    return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
+
+
+def doubt_of(values: Array, axial: bool) -> Doubt:
+    """Sum up samples (S, ...), NaN where one says nothing; the interval leaves 5 % of them out at either end."""
+    flat = values.reshape(len(values), -1)
+    said = np.isfinite(flat).any(0)
+    parts = np.full((4, flat.shape[1]), np.nan)
+    if said.any():
+        part = flat[:, said]
+        middle = axial_mean(part).direction if axial else np.nanmedian(part, 0)
+        away = away_from(part, middle, axial)
+        ends = np.nanquantile(away, (0.5 - SHARE / 2, 0.5 + SHARE / 2), axis=0)
+        parts[:, said] = [middle, np.nanmean(np.abs(away), 0), *ends]
+    return Doubt(*parts.reshape(4, *values.shape[1:]))
+
+
+def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
+    """Tell whether intervals (...) hold the truth; one about which nothing is said does not."""
+    away = away_from(truth, doubt.middle, axial)
+    return (away >= doubt.low) & (away <= doubt.high)
 
 
 @dataclass(frozen=True)
@@ -49,12 +84,7 @@ class Scaling:
         return Doubt(middle, doubt.spread, low - middle, high - middle)
 
 
-@dataclass(frozen=True)
-class Scalings:
-    """Those of all measures, of strokes and of paintings."""
-
-    strokes: Mapping[str, Scaling]
-    paintings: Mapping[str, Scaling]
+Scalings = Mapping[tuple[str, str], Scaling]  # by "strokes" or "paintings", and by measure
 
 
 def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Scaling:
@@ -116,13 +146,13 @@ def weighted_quantile(values: Array, weight: Array, level: float) -> float:
 
 def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) -> None:
     """Write scalings, and ``about`` what they are, as JSON."""
-    parts = {
-        name: {kind: asdict(one) for kind, one in getattr(scalings, name).items()} for name in ("strokes", "paintings")
-    }
+    parts: dict[str, dict[str, Any]] = {of: {} for of, _ in scalings}
+    for (of, name), scaling in scalings.items():
+        parts[of][name] = asdict(scaling)
     write_json(path, {"format": FORMAT, "format_version": VERSION, **about, **parts})
 
 
-def read_scalings(path: Path, needs: Mapping[str, object], kinds: Mapping[str, Sequence[str]]) -> Scalings:
+def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple[str, str]]) -> Scalings:
     """Read scalings; a UserError if they are not those of what ``needs`` says, or lack one of the ``kinds``."""
     cure = "fit them with task=calibrate"
     with explaining(path, cure):
@@ -133,10 +163,9 @@ def read_scalings(path: Path, needs: Mapping[str, object], kinds: Mapping[str, S
         if data.get(name) != value:
             raise UserError(f"{path} has intervals for another {name} than {value}; {cure}")
     try:
-        parts = {part: {name: _scaling(data[part][name]) for name in names} for part, names in kinds.items()}
+        return {(of, name): _scaling(data[of][name]) for of, name in kinds}
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path} lacks an interval, or has one that is no number: {error}; {cure}") from error
-    return Scalings(**parts)
 
 
 def _scaling(values: Mapping[str, float]) -> Scaling:

@@ -1,4 +1,4 @@
-"""How often intervals hold the truth, on paintings whose strokes are known."""
+"""Count how often intervals hold the truth, on paintings whose strokes are known."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,21 +6,25 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.conformal import Scalings, fit_scaling, weights_of
-from brushexp_predictor.doubts import Doubt, doubt_of, holds
+from brushexp_predictor.conformal import Doubt, Scalings, doubt_of, fit_scaling, holds, weights_of
 from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_each, measure_painting
 from brushexp_predictor.known import Known
-from brushexp_predictor.places import lattice, topmost
+from brushexp_predictor.predicting import Sample
 
 Array = NDArray[Any]
 
-KINDS = {"strokes": OF_STROKES, "paintings": OF_PAINTINGS}
+KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
+KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
 STEP = 2.0  # pixels between the places at which it is looked which strokes are seen
 LEAST = 8  # such places of a stroke, or it does not count as seen
+SEEN = 0.5  # opacity from which on a stroke hides what is below
+AT_ONCE = 512  # places
 
 
 class Evidence(NamedTuple):
@@ -31,7 +35,7 @@ class Evidence(NamedTuple):
     painting: Array  # (T,) which of the paintings each is of
 
 
-Report = Mapping[str, Mapping[str, Evidence]]  # by "strokes" and "paintings", then by measure
+Report = Mapping[tuple[str, str], Evidence]  # by the keys of `KINDS`
 
 
 @dataclass(frozen=True)
@@ -44,24 +48,48 @@ class Coverage:
     known: int  # truths
 
 
-def examine(known: Known, number: int, samples: Sequence[Strokes]) -> Report:
+def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
     """Compare the strokes of samples with the known ones, where these are seen, and the measures of the whole."""
+    strokes = [sample.strokes for sample in samples]
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
-    true = {name: values[which] for name, values in measure_each(known.strokes).items()}
-    told = tell_at(samples, places)
-    whole = [measure_painting(strokes, size) for strokes in (known.strokes, *samples)]
+    truth = {("strokes", name): values[which] for name, values in measure_each(known.strokes).items()}
+    told = {("strokes", name): values for name, values in tell_at(strokes, places).items()}
+    whole, *others = (measure_painting(one, size) for one in (known.strokes, *strokes))
+    truth |= {("paintings", name): np.array([value]) for name, value in whole.items()}
+    told |= {("paintings", name): np.array([[one[name]] for one in others]) for name in whole}
 
     def evidence(kind: Kind, truth: Array, values: Array) -> Evidence:
         doubt = doubt_of(kind.inner(values, pitch), kind.axial)
         return Evidence(kind.inner(truth, pitch), doubt, np.full(len(truth), number))
 
-    of_strokes = {name: evidence(kind, true[name], told[name]) for name, kind in OF_STROKES.items()}
-    of_paintings = {
-        name: evidence(kind, np.array([whole[0][name]]), np.array([[one[name]] for one in whole[1:]]))
-        for name, kind in OF_PAINTINGS.items()
-    }
-    return {"strokes": of_strokes, "paintings": of_paintings}
+    return {key: evidence(kind, truth[key], told[key]) for key, kind in KINDS.items()}
+
+
+@torch.no_grad()
+def topmost(strokes: Strokes, places: Tensor) -> Tensor:
+    """Find the uppermost stroke (P,) at places (P, 2: x, y in pixels), -1 where there is none.
+
+    Strokes are in their order, the lowest first; each is a line of its width with round ends, and fainter ones than
+    `SEEN` are looked through.
+    """
+    curve, half = curve_of(strokes), half_width_of(strokes)
+    low, high = curve.amin(1) - half[:, None], curve.amax(1) + half[:, None]
+    found = torch.full((len(places),), -1)
+    for own, part in zip(found.split(AT_ONCE), places.to(curve).split(AT_ONCE), strict=True):
+        near = ((part[:, None] >= low) & (part[:, None] <= high)).all(2) & (strokes.opacity >= SEEN)
+        place, stroke = near.nonzero(as_tuple=True)
+        parameter = closest_parameter(curve[stroke], part[place])
+        on = (point_at(curve[stroke], parameter) - part[place]).norm(dim=1) <= half[stroke]
+        own.scatter_reduce_(0, place[on], stroke[on], "amax")
+    return found
+
+
+def lattice(size: tuple[int, int], step: float) -> Tensor:
+    """Make places (rows, columns, 2: x, y) some ``step`` pixels apart on a canvas (H, W), as middles of equal cells."""
+    rows, columns = (max(1, round(length / step)) for length in size)
+    y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
+    return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
@@ -94,27 +122,17 @@ def join(reports: Sequence[Report]) -> Report:
         truth, painting = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
         return Evidence(truth, doubt, painting)
 
-    return {of: {name: joined([one[of][name] for one in reports]) for name in kinds} for of, kinds in KINDS.items()}
+    return {key: joined([one[key] for one in reports]) for key in KINDS}
 
 
 def fit(report: Report) -> Scalings:
     """Fit the scalings of all measures."""
-    fitted = {
-        of: {name: fit_scaling(*report[of][name], axial=kind.axial) for name, kind in kinds.items()}
-        for of, kinds in KINDS.items()
-    }
-    return Scalings(**fitted)
+    return {key: fit_scaling(*report[key], axial=kind.axial) for key, kind in KINDS.items()}
 
 
 def scaled(report: Report, scalings: Scalings) -> Report:
     """Replace what samples say by the scaled intervals."""
-    return {
-        of: {
-            name: report[of][name]._replace(doubt=getattr(scalings, of)[name](report[of][name].doubt, kind))
-            for name, kind in kinds.items()
-        }
-        for of, kinds in KINDS.items()
-    }
+    return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 
 
 def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:

@@ -1,4 +1,4 @@
-"""From the numbers that the network says to strokes in pixels."""
+"""Turn the numbers that the network says into strokes in pixels."""
 
 import math
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""What is measured of strokes and of paintings, each on the scale on which errors add up."""
+"""Measure strokes and paintings, each measure on the scale on which its errors add up."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -82,12 +82,15 @@ def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float
     Strokes count of which `SHOWN` or more is seen. The spread of colours is the root of the mean squared distance from
     their mean in CIELAB. NaN where none counts.
     """
+    from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
+
     kept = strokes[is_visible(strokes, pitch_of(strokes, size))]
     depth = torch.arange(len(kept), dtype=torch.int32)
     seen = torch.from_numpy(measure_strokes(kept, depth, size).visible >= SHOWN) if len(kept) else depth.bool()
     kept = kept[seen]
     if not len(kept):
         return dict.fromkeys(OF_PAINTINGS, float("nan"))
+    lab = rgb2lab(kept.color.numpy()[None].clip(0, 1))[0]
     table = measure_strokes(kept, torch.arange(len(kept), dtype=torch.int32), size)
     mean = axial_mean(np.degrees(table.orientation))
     medians = {name: middle(table[name]) for name in ("length", "width", "elongatedness", "straightness")}
@@ -97,7 +100,7 @@ def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float
         "coherence": float(table.coherence[np.isfinite(table.coherence)].mean()) if len(kept) > 1 else float("nan"),
         **medians,
         "curvature": middle(np.degrees(table.curvature)),
-        "colors": spread_of_colors(kept.color.numpy()),
+        "colors": float(np.sqrt(((lab - lab.mean(0)) ** 2).sum(1).mean())),
     }
 
 
@@ -106,16 +109,7 @@ def middle(values: Array) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else float("nan")
 
 
-def spread_of_colors(colors: Array) -> float:
-    """Compute the root of the mean squared distance of sRGB colours (N, 3) from their mean, in CIELAB."""
-    from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
-
-    lab = rgb2lab(colors[None].clip(0, 1))[0]
-    return float(np.sqrt(((lab - lab.mean(0)) ** 2).sum(1).mean()))
-
-
-@dataclass(frozen=True)
-class AxialMean:
+class AxialMean(NamedTuple):
     """The mean of directions, as that of their doubles (Mardia and Jupp, 2000)."""
 
     direction: Array  # degrees in [0, 180)

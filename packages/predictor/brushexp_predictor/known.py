@@ -5,7 +5,6 @@ recoloured by chance; in some paintings all run in one direction. They are drawn
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +25,7 @@ PICTURES = (  # of which paintings are, in turn; no network that ships has learn
     "astronaut", "coffee", "brick", "ihc", "camera", "hubble_deep_field", "grace_hopper", "chelsea", "gravel", "rocket",
     "motorcycle_left", "logo",
 )  # fmt: skip
-SIDE = 256  # pixels of the longer side
-STROKES = (100, 1200)  # of a painting
+SIDE, STROKES = 256, (100, 1200)  # pixels of the longer side of a painting, and the strokes that it then has
 GUESS = 1.5  # factor by which the number of strokes that samples are told is wrong at most
 ONE_WAY = 0.25  # share of paintings whose strokes run in one direction
 TEXTURED = 0.5  # share of paintings with textures of brushes
@@ -46,10 +44,10 @@ class Known:
         return self.picture.shape[1], self.picture.shape[2]
 
 
-def known_painting(seed: int, number: int, side: int = SIDE, pictures: Sequence[str] = PICTURES) -> Known:
-    """Make painting ``number`` of one of ``pictures``, ``side`` pixels long."""
+def known_painting(seed: int, number: int, side: int) -> Known:
+    """Make painting ``number``, ``side`` pixels long."""
     random = np.random.default_rng([seed, number])
-    target = part_of(pictures[number % len(pictures)], side, random)
+    target = part_of(PICTURES[number % len(PICTURES)], side, random)
     size = (target.shape[1], target.shape[2])
     share = size[0] * size[1] / SIDE**2
     n = max(8, round(share * math.exp(random.uniform(*np.log(STROKES)))))

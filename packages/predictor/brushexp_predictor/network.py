@@ -1,11 +1,14 @@
-"""The network: from a picture, and what is on the canvas so far, to one stroke for each cell."""
+"""The network looks at a picture and at what is on the canvas so far, and tells the stroke of each cell."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, gelu, layer_norm
 
+from brushexp.errors import UserError
+from brushexp.system.checkpoint import CheckpointFormat
 from brushexp_predictor.decoding import FORMS
 
 CELL = 8  # pixels of a cell's side, as the network sees it
@@ -13,6 +16,12 @@ NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, h
 INPUTS = 10  # target and canvas, less a half, three times their difference, and 1 within the picture
 REACH = 14  # cells: farther away nothing matters to a cell
 DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
+
+NAME = "plain"
+PREDICTORS = CheckpointFormat(
+    noun="predictor", family="predictor", key="checkpoint", task="task=train model=predictor", without="",
+    folders=lambda: [Path(__file__).parent / "weights"],
+)  # fmt: skip
 
 
 class Told(NamedTuple):
@@ -73,3 +82,14 @@ class StrokePredictor(nn.Module):
         target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
         middle = 0.5 * (target + canvas).sum(1, keepdim=True)
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)
+
+
+def load_predictor(checkpoint: str = NAME) -> StrokePredictor:
+    """Load a trained network: a .safetensors file, or the name of one that comes with the program."""
+    path = PREDICTORS.path_of(checkpoint)
+    form = PREDICTORS.read_recipe(path)["options"].get("form", NAME)
+    if form not in FORMS:
+        raise UserError(f"{path.with_suffix('.json')} has no form of strokes that this brushexp knows; train it again")
+    network = StrokePredictor(form)
+    PREDICTORS.restore(network, NAME, checkpoint, {})
+    return network.requires_grad_(False)

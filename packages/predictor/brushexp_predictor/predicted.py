@@ -36,7 +36,7 @@ class Predicted(Initializer):
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        from brushexp_predictor.model import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
         from brushexp_predictor.predicting import in_best_colors, predict  # noqa: PLC0415
 
         network = load_predictor(self.checkpoint)

@@ -1,17 +1,29 @@
-"""Pictures of any size are looked at in parts, and painted with exactly as many strokes as asked."""
+"""A network paints pictures of any size, which it looks at in parts, with exactly as many strokes as asked."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.colors import best_colors
+from brushexp_predictor.colors import ROUNDS, best_colors
+from brushexp_predictor.decoding import Form
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
 
 PART = 256  # cells: sides of the parts of a picture that the network looks at
+TEMPERATURE = 1.0  # strokes of samples vary as much as the network says
+
+
+class Sample(NamedTuple):
+    """One painting of a picture, of several."""
+
+    strokes: Strokes  # the lowest first, in pixels
+    painting: Tensor  # (3, H, W)
+    psnr: float  # dB, of the painting
 
 
 @torch.no_grad()
@@ -45,6 +57,23 @@ def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, r
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
 
+def paint_samples(
+    network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
+) -> Iterator[Sample]:
+    """Paint a target (3, H, W) ``count`` times with ``n`` strokes, each time with other numbers drawn for them."""
+    for number in range(count):
+        generator = torch.Generator().manual_seed(1_000_003 * seed + number)
+        *_, strokes = predict(network, target, n, generator, temperature)
+        yield sample_of(network.form, in_best_colors(network, strokes, target, ROUNDS), target)
+
+
+@torch.no_grad()
+def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
+    """Draw strokes on the mean colour of a target (3, H, W), and compare."""
+    painting = draw(form, strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+    return Sample(strokes, painting, psnr_of(float((painting - target).square().mean())))
+
+
 def partly(network: StrokePredictor) -> Look:
     """Let a network look at large pictures part by part; what it says is the same as of the whole."""
 
@@ -53,25 +82,19 @@ def partly(network: StrokePredictor) -> Look:
         if max(rows, columns) <= PART + 2 * REACH:
             return network(target, canvas)
         bands = []
-        for top in range(0, rows, PART):
-            row = [_part(network, target, canvas, top, left) for left in range(0, columns, PART)]
-            bands.append(Told(*(torch.cat(parts, 2) for parts in zip(*row, strict=True))))
-        return Told(*(torch.cat(parts, 1) for parts in zip(*bands, strict=True)))
+        for band in map(_spans, range(0, rows, PART)):
+            parts = []
+            for part in map(_spans, range(0, columns, PART)):
+                (seen_rows, own_rows), (seen_columns, own_columns) = band, part
+                told = network(target[..., seen_rows, seen_columns], canvas[..., seen_rows, seen_columns])
+                parts.append([values[:, own_rows, own_columns] for values in told])
+            bands.append([torch.cat(values, 2) for values in zip(*parts, strict=True)])
+        return Told(*(torch.cat(values, 1) for values in zip(*bands, strict=True)))
 
     return look
 
 
-def _part(network: StrokePredictor, target: Tensor, canvas: Tensor, top: int, left: int) -> Told:
-    """Look at the cells from (top, left) on, with as many around them as matter to them."""
-    first_row, first_column = max(0, top - REACH), max(0, left - REACH)
-    around = (
-        ...,
-        slice(CELL * first_row, CELL * (top + PART + REACH)),
-        slice(CELL * first_column, CELL * (left + PART + REACH)),
-    )
-    told = network(target[around], canvas[around])
-    rows, columns = (
-        slice(top - first_row, top - first_row + PART),
-        slice(left - first_column, left - first_column + PART),
-    )
-    return Told(*(values[:, rows, columns] for values in told))
+def _spans(first: int) -> tuple[slice, slice]:
+    """Return the pixels that are looked at for a part from cell ``first`` on, and its own cells among these."""
+    begin = max(0, first - REACH)
+    return slice(CELL * begin, CELL * (first + PART + REACH)), slice(first - begin, first - begin + PART)

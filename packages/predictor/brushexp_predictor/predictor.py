@@ -29,7 +29,7 @@ class Predictor(Painter):
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
-        from brushexp_predictor.model import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
         from brushexp_predictor.predicting import predict  # noqa: PLC0415
 
         network, step = load_predictor(self.checkpoint), 0

@@ -116,10 +116,14 @@ def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Lay the strokes of a level, where they are expected to gain most."""
+    """Lay the strokes of a level where they are expected to gain most, large ones below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
-    strokes = Strokes.join(laid.strokes, level_strokes(laid.form, level, own, places, target))
+    height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
+    row, column = places // level.columns, places % level.columns
+    middle = torch.stack([(column + 0.5) * width, (row + 0.5) * height], 1).to(target)
+    new = strokes_of(laid.form, own.numbers, own.means, middle, math.sqrt(height * width))
+    strokes = Strokes.join(laid.strokes, new[areas_of(new.map(Tensor.detach)).argsort(descending=True)])
     return Laid(laid.form, strokes, laid.background, *view_of(target, following), places, own)
 
 
@@ -133,15 +137,6 @@ def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float
 def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
     """Compute the mean squared errors of cells (B, H, W) from pictures (B, 3, `CELL` H, `CELL` W)."""
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
-
-
-def level_strokes(form: Form, level: Level, cells: Cells, places: Tensor, target: Tensor) -> Strokes:
-    """Make the strokes of cells at some places of a level, large ones below small ones."""
-    height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
-    row, column = places // level.columns, places % level.columns
-    middle = torch.stack([(column + 0.5) * width, (row + 0.5) * height], 1).to(target)
-    strokes = strokes_of(form, cells.numbers, cells.means, middle, math.sqrt(height * width))
-    return strokes[areas_of(strokes.map(Tensor.detach)).argsort(descending=True)]
 
 
 def resized(picture: Tensor, size: tuple[int, int]) -> Tensor:

@@ -1,4 +1,4 @@
-"""Where strokes are certain, as a sheet of maps beside the picture and its paintings."""
+"""Show where strokes are certain, as a sheet of maps beside the picture and its paintings."""
 
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.system.files import to_bytes
-from brushexp_predictor.doubts import SHARE
+from brushexp_predictor.conformal import RIGHT, SHARE
 from brushexp_predictor.sampled import SampledBrushwork
 
 Array = NDArray[Any]
 
 PANEL = 4.1  # inches: width of a picture
-RIGHT = 90.0  # degrees: the direction may be any
 TWICE = 2.0  # factor up to which the scale of sizes goes at least
 DASHES = 32  # along the longer side
 TITLES = {

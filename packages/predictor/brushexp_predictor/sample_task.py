@@ -9,12 +9,10 @@ from omegaconf import DictConfig
 
 from brushexp.reporting.tables import MISSING, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
-from brushexp_predictor.doubts import SHARE
-from brushexp_predictor.kinds import OF_PAINTINGS
+from brushexp_predictor.conformal import SHARE
+from brushexp_predictor.kinds import HALF_TURN, OF_PAINTINGS
 from brushexp_predictor.sample_figure import write_figure
 from brushexp_predictor.sampled import Interval, SampledBrushwork, sample_with
-
-UNCERTAIN = 180.0  # degrees from end to end of an interval that holds every direction
 
 log = logging.getLogger(__name__)
 
@@ -78,6 +76,6 @@ def texts_of(name: str, one: Interval) -> dict[str, str]:
     """Write a measure and the ends of its interval; no ends of a direction that may be any."""
     kind = OF_PAINTINGS[name]
     texts = {key: f"{value:.3g}" if np.isfinite(value) else MISSING for key, value in one._asdict().items()}
-    if kind.axial and one.high - one.low >= UNCERTAIN - 1e-6:
+    if kind.axial and one.high - one.low >= HALF_TURN - 1e-6:
         texts |= {"low": "any", "high": "any"}
     return {**texts, "unit": kind.unit}

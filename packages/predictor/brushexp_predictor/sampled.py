@@ -16,13 +16,11 @@ from torch import Tensor
 from brushexp.api.settings import settings_of
 from brushexp.pictures.load import load_picture
 from brushexp.system.progress import showing
-from brushexp_predictor.conformal import Scaling, Scalings, read_scalings
-from brushexp_predictor.coverage import KINDS, tell_at
-from brushexp_predictor.doubts import Doubt, doubt_of
-from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_painting
-from brushexp_predictor.model import NAME, PREDICTORS, load_predictor
-from brushexp_predictor.places import lattice
-from brushexp_predictor.sampling import TEMPERATURE, Sample, paint_samples
+from brushexp_predictor.conformal import Scalings, doubt_of, read_scalings
+from brushexp_predictor.coverage import KINDS, lattice, tell_at
+from brushexp_predictor.kinds import OF_PAINTINGS, measure_painting
+from brushexp_predictor.network import NAME, PREDICTORS, load_predictor
+from brushexp_predictor.predicting import TEMPERATURE, Sample, paint_samples
 
 Array = NDArray[Any]
 Show = Callable[[float, str], None]
@@ -80,9 +78,7 @@ def sample_brushwork(
     Raises:
         UserError: what is wrong with the picture, the weights, the intervals or another argument.
     """
-    options = {"image": image, "samples": samples, "strokes": strokes, "resolution": resolution, "seed": seed}
-    options |= {"checkpoint": checkpoint, "intervals": intervals, "temperature": temperature}
-    settings = settings_of("sample", options)  # which holds the picture
+    settings = settings_of("sample", locals())  # which holds the picture
     return sample_with(settings.cfg)
 
 
@@ -93,18 +89,13 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
     if scalings is None:
         log.warning("intervals are as narrow as samples say, too narrow: fit them with brushexp calibrate keep=true")
     network = load_predictor(cfg.checkpoint)
-    n = cfg.strokes or default_strokes(picture)
+    n = cfg.strokes or max(1, round(picture[0].numel() / AREA))
     with showing("painting samples") as show:
         painted = []
         for sample in paint_samples(network, picture, n, cfg.samples, cfg.seed, cfg.temperature):
             painted.append(sample)
             show(len(painted) / cfg.samples, f"painting {len(painted)} of {cfg.samples}, {sample.psnr:.2f} dB")
     return brushwork_of(picture, painted, n, scalings)
-
-
-def default_strokes(picture: Tensor) -> int:
-    """Return how many strokes a picture (3, H, W) has, if nobody says."""
-    return max(1, round(picture[0].numel() / AREA))
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
@@ -114,7 +105,7 @@ def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> 
     if intervals is None and not path.is_file():
         return None
     needs = {"hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": temperature}
-    return read_scalings(path, needs, {of: list(kinds) for of, kinds in KINDS.items()})
+    return read_scalings(path, needs, KINDS)
 
 
 def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scalings | None) -> SampledBrushwork:
@@ -124,23 +115,14 @@ def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scali
     told = tell_at([sample.strokes for sample in samples], places.flatten(0, 1))
     whole = [measure_painting(sample.strokes, size) for sample in samples]
 
-    def interval(kind: Kind, values: Array, scalings: Mapping[str, Scaling] | None, name: str) -> Interval:
+    def interval(of: str, name: str, values: Array) -> Interval:
+        kind = KINDS[of, name]
         doubt = doubt_of(kind.inner(values, pitch), kind.axial)
-        return in_units(kind, doubt if scalings is None else scalings[name](doubt, kind), pitch)
+        doubt = doubt if scalings is None else scalings[of, name](doubt, kind)
+        ends = (doubt.middle, doubt.middle + doubt.low, doubt.middle + doubt.high)
+        return Interval(*(kind.outer(value, pitch) for value in ends))
 
-    of_paintings, of_strokes = (None, None) if scalings is None else (scalings.paintings, scalings.strokes)
-    measures = {
-        name: interval(kind, np.array([one[name] for one in whole]), of_paintings, name)
-        for name, kind in OF_PAINTINGS.items()
-    }
-    strokes = {
-        name: interval(kind, told[name].reshape(len(samples), *places.shape[:2]), of_strokes, name)
-        for name, kind in OF_STROKES.items()
-    }
+    measures = {name: interval("paintings", name, np.array([one[name] for one in whole])) for name in OF_PAINTINGS}
+    shape = (len(samples), *places.shape[:2])
+    strokes = {name: interval("strokes", name, values.reshape(shape)) for name, values in told.items()}
     return SampledBrushwork(picture, samples, measures, places, strokes, scalings is not None)
-
-
-def in_units(kind: Kind, doubt: Doubt, pitch: float) -> Interval:
-    """Bring a middle and the ends of its interval to the unit of their measure."""
-    values = (doubt.middle, doubt.middle + doubt.low, doubt.middle + doubt.high)
-    return Interval(*(kind.outer(value, pitch) for value in values))

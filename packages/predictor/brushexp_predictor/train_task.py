@@ -7,8 +7,7 @@ from brushexp_training.network_fitting import NetworkJob, train_network, trainin
 from omegaconf import DictConfig
 
 from brushexp_predictor.decoding import FORMS
-from brushexp_predictor.model import NAME, PREDICTORS, load_predictor
-from brushexp_predictor.network import StrokePredictor
+from brushexp_predictor.network import NAME, PREDICTORS, StrokePredictor, load_predictor
 from brushexp_predictor.subjects import Subjects, load_subjects
 from brushexp_predictor.training import PredictorData, PredictorModule
 

@@ -16,11 +16,11 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, optim
 
 from brushexp.pictures.similarity import psnr_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import CELL, StrokePredictor
 from brushexp_predictor.pyramid import Laid, Level, errors_of, lay, levels_of, resized
-from brushexp_predictor.refining import refined
 from brushexp_predictor.subjects import Subjects
 
 CELLS = 32  # of the last level along the side of a picture that is learnt from
@@ -151,12 +151,26 @@ def log_error(laid: Laid, target: Tensor) -> Tensor:
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
     """Compare what share of a cell's error its stroke removed with what the network expected."""
     shape = (CELL * level.rows, CELL * level.columns)
-    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None])[0].flatten()[
-        laid.places
-    ]
+    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None]).flatten()[laid.places]
     weight = laid.cells.errors + FLOOR
     removed = (1 - (after + FLOOR) / weight).clamp(0, 1)
     return (weight * (laid.cells.worth.sigmoid() - removed).square()).sum() / weight.sum()
+
+
+def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
+    """Move strokes by so many steps of the default optimiser towards a target (3, H, W); the order stays."""
+    plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
+    with torch.inference_mode(False), torch.enable_grad():  # a validation of Lightning forbids gradients
+        catalogue, target = Catalogue(strokes.map(Tensor.clone), plan.units), target.clone()
+        optimizer = plan.over(catalogue.parameters())
+        for step in range(steps):
+            for group in optimizer.param_groups:
+                group["lr"] = plan.lr * plan.share(step / steps)
+            optimizer.zero_grad()
+            (draw(catalogue()) - target).square().mean().backward()
+            optimizer.step()
+            catalogue.keep_in_range()
+        return catalogue().map(Tensor.detach)
 
 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:

@@ -8,8 +8,7 @@ import torch
 from brushexp_predictor.colors import best_colors
 from brushexp_predictor.decoding import FORMS, strokes_of
 from brushexp_predictor.drawing import draw
-from brushexp_predictor.model import load_predictor
-from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor
+from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor, load_predictor
 from brushexp_predictor.predicted import Predicted
 from brushexp_predictor.predicting import PART, partly, predict
 from brushexp_predictor.pyramid import levels_of

@@ -11,9 +11,8 @@ from brushexp_predictor.decoding import FORMS
 from brushexp_predictor.drawing import draw
 from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.pyramid import lay
-from brushexp_predictor.refining import refined
 from brushexp_predictor.subjects import Subjects, load_subjects
-from brushexp_predictor.training import PredictorData, PredictorModule, log_error, mean_of
+from brushexp_predictor.training import PredictorData, PredictorModule, log_error, mean_of, refined
 from torch import Tensor
 
 import brushexp

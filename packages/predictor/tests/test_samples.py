@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 import torch
 from brushexp_predictor import calibrate_task, conformal, sample_task
-from brushexp_predictor.coverage import KINDS, Evidence, coverage_of, seen_places, tell_at
-from brushexp_predictor.doubts import Doubt, away_from, doubt_of, holds
+from brushexp_predictor.calibrate_task import LEAST, restart
+from brushexp_predictor.conformal import Doubt, away_from, doubt_of, holds
+from brushexp_predictor.coverage import KINDS, Evidence, coverage_of, lattice, seen_places, tell_at, topmost
 from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, measure_each, measure_painting
 from brushexp_predictor.known import PICTURES, known_painting
-from brushexp_predictor.model import NAME, PREDICTORS
-from brushexp_predictor.network import StrokePredictor
-from brushexp_predictor.places import lattice, topmost
-from brushexp_predictor.restarts import LEAST, restart
+from brushexp_predictor.network import NAME, PREDICTORS, StrokePredictor
+from brushexp_predictor.predicting import paint_samples
 from brushexp_predictor.sample_figure import certainty_of
 from brushexp_predictor.sampled import Interval, sample_brushwork
-from brushexp_predictor.sampling import paint_samples
 from brushexp_predictor.subjects import SAMPLES
 from PIL import Image
 from scenes import random_strokes, straight
@@ -186,14 +184,14 @@ def test_restarts_differ_too_and_there_are_two_at_least():
 
 def test_intervals_are_read_as_written_and_refused_for_other_weights(tmp_path):
     one = conformal.Scaling(0.1, 0.9, 0.01, 3.0)
-    scalings = conformal.Scalings({"length": one}, {"width": replace(one, factor=2.0)})
-    path, kinds = tmp_path / "a.json", {"strokes": ["length"], "paintings": ["width"]}
+    scalings = {("strokes", "length"): one, ("paintings", "width"): replace(one, factor=2.0)}
+    path, kinds = tmp_path / "a.json", list(scalings)
     conformal.write_scalings(path, scalings, {"hash": "abc"})
     assert conformal.read_scalings(path, {"hash": "abc"}, kinds) == scalings
     with pytest.raises(UserError, match=r"another hash than xyz; fit them with task=calibrate"):
         conformal.read_scalings(path, {"hash": "xyz"}, kinds)
     with pytest.raises(UserError, match="lacks an interval"):
-        conformal.read_scalings(path, {}, {"strokes": ["width"], "paintings": []})
+        conformal.read_scalings(path, {}, [("strokes", "width")])
     data = json.loads(path.read_text())
     data["strokes"]["length"]["factor"] = None
     for text in (json.dumps(data), "[]", "{"):
@@ -223,7 +221,7 @@ def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_
     assert 0 <= fit["coverage_strokes_width"] <= 1
     assert fit["psnr_spread"] >= 0
     table = (tmp_path / "coverage.md").read_text()
-    assert table.count("\n") == 2 + sum(map(len, KINDS.values()))
+    assert table.count("\n") == 2 + len(KINDS)
     scaled = run_task(sample_task, "task=sample", *options, *picture)
     data = json.loads((tmp_path / "brushwork.json").read_text())
     assert data["calibrated"] is True
