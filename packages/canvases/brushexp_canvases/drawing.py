@@ -1,7 +1,5 @@
 """Draw parts of a canvas from its strokes, and measure their errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +16,8 @@ from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import take_built
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import reaching
-from brushexp_canvases.pyramid import grey_of, region_of
-from brushexp_canvases.store import HEIGHT, SQUARES, CanvasStore
+from brushexp_canvases.pyramid import grey_of, slices_of
+from brushexp_canvases.store import HEIGHT, CanvasStore
 from brushexp_canvases.tile import Canvas
 
 THICK = 0.25  # pitches of height that are white; thicker paint is white as well
@@ -38,7 +36,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
     def put(name: str, picture: np.ndarray) -> np.ndarray:
         inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
-        store.write(name, region, part := np.ascontiguousarray(region_of(picture, inner)))
+        store.write(name, region, part := np.ascontiguousarray(picture[slices_of(inner)]))
         return part
 
     pixels = put("painting", job.picture().transpose(2, 0, 1))
@@ -61,8 +59,7 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
     return replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
 
 
-def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> dict[str, float]:
-    """Sum squared errors of pictures (3, h, w) uint8, in [0, 1]: of all pixels, and ``near`` (h, w) a border."""
+def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
+    """Sum squared errors of pictures (3, h, w) uint8, in [0, 1], as `SQUARES` names them; ``near`` (h, w) a border."""
     squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
-    numbers = float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size
-    return dict(zip(SQUARES, numbers, strict=True))
+    return float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size

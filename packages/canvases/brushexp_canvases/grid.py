@@ -52,11 +52,11 @@ class Grid:
 
     def region(self, tile: Tile) -> Region:
         """Return the pixels of a tile."""
-        return self._within(tile, 0)
+        return Region(tile.row * self.side, tile.column * self.side, self.side, self.side).widened(0, self.size)
 
     def window(self, tile: Tile) -> Region:
         """Return the pixels that are looked at while a tile is painted."""
-        return self._within(tile, self.margin)
+        return self.region(tile).widened(self.margin, self.size)
 
     def tiles_in(self, region: Region) -> Iterator[Tile]:
         """Yield the tiles that have pixels of a region."""
@@ -66,10 +66,7 @@ class Grid:
 
     def around(self, tile: Tile) -> Iterator[Tile]:
         """Yield the tiles that touch a tile, at most eight."""
-        for row in range(max(0, tile.row - 1), min(self.shape[0], tile.row + 2)):
-            for column in range(max(0, tile.column - 1), min(self.shape[1], tile.column + 2)):
-                if (row, column) != (tile.row, tile.column):
-                    yield Tile(row, column)
+        return (other for other in self.tiles_in(self.region(tile).widened(1, self.size)) if other != tile)
 
     def before(self, tile: Tile) -> Iterator[Tile]:
         """Yield the tiles around a tile that are painted before it."""
@@ -90,9 +87,3 @@ class Grid:
             centres = np.arange(first, first + length) + 0.5
             marks.append((np.abs(centres[:, None] - borders) < distance).any(axis=1))
         return marks[0][:, None] | marks[1]
-
-    def _within(self, tile: Tile, margin: int) -> Region:
-        top, left = max(0, tile.row * self.side - margin), max(0, tile.column * self.side - margin)
-        bottom = min(self.size[0], (tile.row + 1) * self.side + margin)
-        right = min(self.size[1], (tile.column + 1) * self.side + margin)
-        return Region(top, left, bottom - top, right - left)

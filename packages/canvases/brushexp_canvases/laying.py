@@ -1,8 +1,6 @@
-"""Which strokes a tile begins with: those of its neighbours that stay, its own, and some that pass."""
+"""Lay the strokes that a tile begins with: those of its neighbours that stay, its own, and some that pass."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from omegaconf import DictConfig
@@ -39,7 +37,8 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
     if any(other.round > tile.round for other in grid.around(tile)):
         wide, _ = first_strokes(cfg, target, Fixed(), focus)
         wide = wide.moved(shift=(window.left, window.top))
-        passing = wide[~in_any(wide.position, [region, *(grid.region(other) for other in before)])]
+        taken = [inside(wide.position, part) for part in (region, *map(grid.region, before))]
+        passing = wide[~torch.stack(taken).any(0)]
     return Laid(stored[near], depth[near], own.moved(shift=(region.left, region.top)), passing)
 
 
@@ -50,21 +49,7 @@ def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
     return ((high > first) & (low < first + low.new_tensor([region.width, region.height]))).all(1)
 
 
-def joined(*parts: Strokes) -> Strokes:
-    """Join strokes, each with the brush that it has."""
-    parts = parts or (Strokes.none(),)
-    return replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))
-
-
 def inside(position: Tensor, region: Region) -> Tensor:
     """Tell which positions (N, 2) lie in a region; of two regions side by side, no position lies in both."""
     low = position.new_tensor([region.left, region.top])
     return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)
-
-
-def in_any(position: Tensor, regions: list[Region]) -> Tensor:
-    """Tell which positions (N, 2) lie in one of the regions."""
-    found = torch.zeros(len(position), dtype=torch.bool)
-    for region in regions:
-        found |= inside(position, region)
-    return found

@@ -1,18 +1,19 @@
-"""Paint a saved painting, of any size, into the levels of a pyramid on disk."""
-
-from __future__ import annotations
+"""Paint a saved painting, of any size, into the levels of a pyramid on disk, and pack what is made of it."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
 from brushexp.plugins.export.base import ExportJob
-from brushexp.system.files import to_bytes
+from brushexp.system.files import replacing, to_bytes
 from brushexp_canvases.pyramid import Level, grey_of, halve
+
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that the same painting gives the same bytes
 
 
 @contextmanager
@@ -39,3 +40,14 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
             height = job.height()
             pictures["height"] = levels("height", [(0, grey_of(height / max(float(height.max()), 1e-6)))])
         yield pictures
+
+
+@contextmanager
+def archive(path: Path) -> Iterator[Path]:
+    """Yield a folder to write into, and pack it into a zip file at ``path``: whole, or not at all."""
+    with TemporaryDirectory(prefix="brushexp-") as folder:
+        yield Path(folder)
+        with replacing(path) as temporary, ZipFile(temporary, "w") as packed:
+            for file in sorted(Path(folder).rglob("*")):
+                if file.is_file():
+                    packed.writestr(ZipInfo(str(file.relative_to(folder)), EARLIEST), file.read_bytes())

@@ -1,7 +1,5 @@
 """Pyramids of a large picture: levels of halved size, and the static files of Deep Zoom and IIIF that viewers read."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -23,6 +21,7 @@ TILE = 512  # pixels of a side of the files
 QUALITY = 90  # of JPEG
 BASE = "http://localhost:8000"  # address that IIIF documents begin with unless another is given
 LARGEST_WHOLE = 4096  # pixels of the longer side of the largest level that IIIF offers in one file
+DEEP_ZOOM = "http://schemas.microsoft.com/deepzoom/2008"
 HALVED_CHUNK = 1024  # pixels of a side that is halved at a time
 
 Read = Callable[[Region], np.ndarray]
@@ -36,9 +35,9 @@ class Level:
     read: Read
 
     @property
-    def zoomed_out(self) -> tuple[int, int]:
-        """Size of the level above it."""
-        return -(-self.size[0] // 2), -(-self.size[1] // 2)
+    def whole(self) -> Region:
+        """All of it."""
+        return Region(0, 0, *self.size)
 
 
 def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[Level]:
@@ -48,14 +47,19 @@ def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[
     """
     levels = [level_of(whole)]
     while max(levels[-1].size) > TILE:
-        below = levels[-1]
-        height, width = below.zoomed_out
+        height, width = (-(-side // 2) for side in levels[-1].size)
         array = make(len(levels), (3, height, width))
         for part in Region(0, 0, height, width).tiles(HALVED_CHUNK):
             place = Region(2 * part.top, 2 * part.left, 2 * part.height, 2 * part.width)
-            array[:, part.top : part.top + part.height, part.left : part.left + part.width] = halved(below.read(place))
+            array[slices_of(part)] = halved(levels[-1].read(place))
         levels.append(level_of(array))
     return levels
+
+
+def slices_of(region: Region) -> tuple[slice, slice, slice]:
+    """Index the part of an array (3, H, W) that is a region."""
+    rows = slice(region.top, region.top + region.height)
+    return slice(None), rows, slice(region.left, region.left + region.width)
 
 
 def add_levels(group: Any, name: str) -> list[Level]:
@@ -89,12 +93,7 @@ def describe(name: str, count: int) -> dict[str, Any]:
 
 def level_of(array: Any) -> Level:
     """Read a level from an array (3, H, W), of NumPy or Zarr."""
-
-    def read(region: Region) -> np.ndarray:
-        rows = slice(region.top, region.top + region.height)
-        return np.asarray(array[:, rows, region.left : region.left + region.width])
-
-    return Level((array.shape[1], array.shape[2]), read)
+    return Level((array.shape[1], array.shape[2]), lambda region: np.asarray(array[slices_of(region)]))
 
 
 def halved(pixels: np.ndarray) -> np.ndarray:
@@ -110,10 +109,10 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
     height, width = levels[0].size
     everything = list(levels)
     while max(everything[-1].size) > 1:  # Deep Zoom goes on to a single pixel
-        everything.append(_above(everything[-1]))
+        everything.append(level_of(halved(everything[-1].read(everything[-1].whole))))
     with whole_folder(tiles := folder / f"{name}_files") as into:
         for number, level in enumerate(reversed(everything)):
-            for region in Region(0, 0, *level.size).tiles(TILE):
+            for region in level.whole.tiles(TILE):
                 tile = f"{region.left // TILE}_{region.top // TILE}.jpg"
                 _write_jpeg(into / str(number) / tile, level.read(region))
     size = f'<Size Width="{width}" Height="{height}"/>'
@@ -132,20 +131,6 @@ def whole_folder(path: Path) -> Iterator[Path]:
             path.rename(Path(temporary, "before"))
         os.replace(into, path)
         note_files(path.parent, [file for file in path.rglob("*") if file.is_file()])
-
-
-DEEP_ZOOM = "http://schemas.microsoft.com/deepzoom/2008"
-
-
-def _above(level: Level) -> Level:
-    whole = halved(level.read(Region(0, 0, *level.size)))
-    return Level((whole.shape[1], whole.shape[2]), lambda region: region_of(whole, region))
-
-
-def region_of(picture: np.ndarray, region: Region) -> np.ndarray:
-    """Cut a part out of a picture (3, H, W)."""
-    rows = slice(region.top, region.top + region.height)
-    return picture[:, rows, region.left : region.left + region.width]
 
 
 def grey_of(shares: np.ndarray) -> np.ndarray:
@@ -177,7 +162,7 @@ def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, A
     wholes = []
     for number, level in enumerate(levels):
         scale = 2**number
-        for region in Region(0, 0, *level.size).tiles(TILE):
+        for region in level.whole.tiles(TILE):
             left, top = region.left * scale, region.top * scale
             right, bottom = min(width, left + TILE * scale), min(height, top + TILE * scale)
             is_whole = (right - left, bottom - top) == (width, height)
@@ -185,7 +170,7 @@ def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, A
             size = f"{region.width},{region.height}"
             _write_jpeg(folder / part / size / "0" / "default.jpg", level.read(region))
         if max(level.size) <= LARGEST_WHOLE:
-            whole = level.read(Region(0, 0, *level.size))
+            whole = level.read(level.whole)
             wholes.append({"width": level.size[1], "height": level.size[0]})
             _write_jpeg(folder / "full" / f"{level.size[1]},{level.size[0]}" / "0" / "default.jpg", whole)
             if len(wholes) == 1:

@@ -4,14 +4,14 @@ TIFF, BigTIFF, PNG, JPEG, WebP and HEIC by libvips, JPEG 2000, which the libvips
 OME-Zarr.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,62 +24,66 @@ JPEG2000 = (b"\x00\x00\x00\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51")  # first byt
 SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # of libvips, by type: grey, and colour
 
 
-class Source(Protocol):
+class Source(ABC):
     """A picture on disk."""
 
     size: tuple[int, int]  # height and width in pixels
 
+    @abstractmethod
+    def read(self, top: int, rows: int) -> np.ndarray:
+        """Read the pixels (3, rows, W) uint8 of a strip, of which none lies above one that has been read."""
+
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the first row and the pixels (3, h, W) uint8 of each strip, from the top."""
+        for top in range(0, self.size[0], STRIP):
+            yield top, np.ascontiguousarray(self.read(top, min(STRIP, self.size[0] - top)))
 
 
 def open_source(path: Path, resolution: int | None = None) -> Source:
     """Open a picture file or an OME-Zarr image, with ``resolution`` pixels on its longer side (libvips only)."""
     if not path.exists():
         raise UserError(f"image={path} is not there; give a picture file or an OME-Zarr image")
-    is_zarr = path.is_dir()
-    if not is_zarr and not is_jpeg2000(path):
-        return PictureFile(path, resolution)
+    if path.is_dir():
+        source: Callable[[Path], Source] = ZarrImage
+    else:
+        with path.open("rb") as file:
+            if not file.read(12).startswith(JPEG2000):
+                return PictureFile(path, resolution)
+        source = Jpeg2000File
     if resolution is not None:
         kinds = "OME-Zarr and JPEG 2000 are painted as they are"
         raise UserError(f"resolution={resolution} is not for image={path}: {kinds}; drop resolution")
-    return ZarrImage(path) if is_zarr else Jpeg2000File(path)
+    return source(path)
 
 
-def is_jpeg2000(path: Path) -> bool:
-    """Tell by its first bytes whether a file is a JPEG 2000."""
-    with path.open("rb") as file:
-        return file.read(12).startswith(JPEG2000)
+@contextmanager
+def _explaining(path: Path, error: type[Exception], program: str, needed: str) -> Iterator[None]:
+    """Turn an error of a program that reads a file into a UserError."""
+    try:
+        yield
+    except error as reason:
+        words = str(reason).strip().splitlines()[-1]
+        raise UserError(f"image={path} cannot be read by {program} ({words}); give a whole {needed}") from reason
 
 
-class PictureFile:
+class PictureFile(Source):
     """A file that libvips decodes as a stream: turned as its EXIF says, in sRGB by its profile, over white."""
 
     def __init__(self, path: Path, resolution: int | None = None) -> None:
-        self._vips, self.path = _vips(), path
+        vips = _vips()
+        self._explaining = partial(_explaining, path, vips.Error, "libvips", "TIFF, PNG, JPEG, WebP or HEIC file")
         with self._explaining():
-            image = self._vips.Image.new_from_file(str(path), access="sequential", fail_on="truncated").autorot()
-            self._image = in_srgb(image)
+            whole = vips.Image.new_from_file(str(path), access="sequential", fail_on="truncated").autorot()
+            image = in_srgb(whole)
             if resolution is not None:
-                self._image = self._image.resize(resolution / max(image.width, image.height))
-        self.size = (self._image.height, self._image.width)
+                image = image.resize(resolution / max(whole.width, whole.height))
+            self._reader = vips.Region.new(image)
+        self.size = (image.height, image.width)
 
-    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
-        (height, width), reader = self.size, self._vips.Region.new(self._image)
-        for top in range(0, height, STRIP):
-            rows = min(STRIP, height - top)
-            with self._explaining():
-                pixels = np.frombuffer(reader.fetch(0, top, width, rows), np.uint8)
-            yield top, np.ascontiguousarray(pixels.reshape(rows, width, 3).transpose(2, 0, 1))
-
-    @contextmanager
-    def _explaining(self) -> Iterator[None]:
-        try:
-            yield
-        except self._vips.Error as error:
-            reason = str(error).strip().splitlines()[-1]
-            cure = "give a whole TIFF, PNG, JPEG, WebP or HEIC file"
-            raise UserError(f"image={self.path} cannot be read by libvips ({reason}); {cure}") from error
+    def read(self, top: int, rows: int) -> np.ndarray:
+        with self._explaining():
+            pixels = np.frombuffer(self._reader.fetch(0, top, self.size[1], rows), np.uint8)
+        return pixels.reshape(rows, -1, 3).transpose(2, 0, 1)
 
 
 def in_srgb(image: Any) -> Any:
@@ -93,7 +97,7 @@ def in_srgb(image: Any) -> Any:
     return image.cast("uchar") if image.format != "uchar" else image
 
 
-class Jpeg2000File:
+class Jpeg2000File(Source):
     """A JPEG 2000 of grey or colour, with alpha or without, of up to 16 bits; its numbers are taken as sRGB."""
 
     def __init__(self, path: Path) -> None:
@@ -102,7 +106,7 @@ class Jpeg2000File:
         except ImportError as error:
             cure = "install it with: pip install 'brushexp[canvas,jp2]'"
             raise UserError(f"image={path} is a JPEG 2000, which needs rasterio; {cure}") from error
-        self._error, self.path = rasterio.errors.RasterioError, path
+        self._explaining = partial(_explaining, path, rasterio.errors.RasterioError, "GDAL", "JPEG 2000")
         with self._explaining(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that it is no map
             self._file = rasterio.open(path, driver="JP2OpenJPEG")
@@ -112,32 +116,18 @@ class Jpeg2000File:
             raise UserError(f"image={path} has {self._file.count} channels of {' and '.join(kinds)}; {needed}")
         self.size = (self._file.height, self._file.width)
 
-    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
-        from rasterio.windows import Window  # noqa: PLC0415
-
-        height, width = self.size
-        for top in range(0, height, STRIP):
-            with self._explaining():
-                bands = self._file.read(window=Window(0, top, width, min(STRIP, height - top)))
-            yield top, np.ascontiguousarray(in_srgb(self._image_of(bands)).numpy().transpose(2, 0, 1))
-
-    def _image_of(self, bands: np.ndarray) -> Any:
-        """Hand channels (c, h, w) to libvips, those of 10 or 12 bits stretched to 16."""
+    def read(self, top: int, rows: int) -> np.ndarray:
+        with self._explaining():
+            bands = self._file.read(window=((top, top + rows), (0, self.size[1])))  # (c, rows, W)
         bits = int(self._file.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8 * bands.itemsize))
         if bits < 8 * bands.itemsize:
+            # libvips takes numbers of 10 or 12 bits stretched to 16
             bands = (bands * (np.iinfo(bands.dtype).max / (2**bits - 1))).round().astype(bands.dtype)
-        space = SPACES[bands.dtype.name][len(bands) >= 3]
-        return _vips().Image.new_from_array(np.ascontiguousarray(bands.transpose(1, 2, 0)), interpretation=space)
-
-    @contextmanager
-    def _explaining(self) -> Iterator[None]:
-        try:
-            yield
-        except self._error as error:
-            raise UserError(f"image={self.path} cannot be read by GDAL ({error}); give a whole JPEG 2000") from error
+        space, pixels = SPACES[bands.dtype.name][len(bands) >= 3], np.ascontiguousarray(bands.transpose(1, 2, 0))
+        return in_srgb(_vips().Image.new_from_array(pixels, interpretation=space)).numpy().transpose(2, 0, 1)
 
 
-class ZarrImage:
+class ZarrImage(Source):
     """The first level of an OME-Zarr image of 8 or 16 bits, whose last axes are (H, W); one more may be 3, not 1."""
 
     def __init__(self, path: Path) -> None:
@@ -155,12 +145,10 @@ class ZarrImage:
             raise UserError(f"image={path} has shape {array.shape} and type {array.dtype}; {needed}")
         self._array, self.channels, self.size = array, channels, array.shape[-2:]
 
-    def strips(self) -> Iterator[tuple[int, np.ndarray]]:
-        height, width = self.size
-        for top in range(0, height, STRIP):
-            rows = self._array[..., top : top + STRIP, :].reshape(self.channels, -1, width)
-            eight = rows if rows.dtype == np.uint8 else (rows / LEVELS).round().astype(np.uint8)
-            yield top, np.ascontiguousarray(np.broadcast_to(eight, (3, *eight.shape[1:])))
+    def read(self, top: int, rows: int) -> np.ndarray:
+        pixels = self._array[..., top : top + rows, :].reshape(self.channels, rows, -1)
+        eight = pixels if pixels.dtype == np.uint8 else (pixels / LEVELS).round().astype(np.uint8)
+        return np.broadcast_to(eight, (3, *eight.shape[1:]))
 
 
 def _vips() -> Any:

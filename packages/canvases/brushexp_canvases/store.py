@@ -1,9 +1,7 @@
 """A canvas on disk: target, painting and strokes as Zarr arrays in chunks of a tile, of which any part can be read."""
 
-from __future__ import annotations
-
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +13,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.pyramid import slices_of
 
 FORMAT = "brushexp canvas 1"
 NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # of a stroke in its row: fields, brush and depth
@@ -46,7 +45,7 @@ class CanvasStore:
     @staticmethod
     def create(
         path: Path, grid: Grid, capacity: int, record: dict[str, Any], pictures: Iterable[str] = PICTURES
-    ) -> CanvasStore:
+    ) -> "CanvasStore":
         """Make an empty canvas, for ``capacity`` strokes of a tile at most; ``record`` says what it is."""
         root = _open(path, "w")
         chunk = (3, grid.side, grid.side)
@@ -63,12 +62,12 @@ class CanvasStore:
 
     def read(self, name: str, region: Region) -> np.ndarray:
         """Read a part (3, h, w) uint8 of the ``target``, the ``painting``, or the `HEIGHT`."""
-        part: np.ndarray = self.root[f"{name}/0"][_slices(region)]
+        part: np.ndarray = self.root[f"{name}/0"][slices_of(region)]
         return part
 
     def write(self, name: str, region: Region, pixels: np.ndarray) -> None:
         """Write a part (3, h, w) uint8; two processes must not write into one tile."""
-        self.root[f"{name}/0"][_slices(region)] = pixels
+        self.root[f"{name}/0"][slices_of(region)] = pixels
 
     def is_painted(self, tile: Tile) -> bool:
         return self.count_of(tile) != UNPAINTED
@@ -89,17 +88,16 @@ class CanvasStore:
         self.root["strokes"][tile.row, tile.column, : len(strokes)] = packed(strokes, depth)
         self.root["count"][tile.row, tile.column] = len(strokes)
 
-    def put_squares(self, tile: Tile, squares: dict[str, float]) -> None:
-        """Store the errors of a tile by their names in `SQUARES`, and that it is drawn."""
-        self.root["squares"][tile.row, tile.column] = [squares[name] for name in SQUARES]
+    def put_squares(self, tile: Tile, squares: Sequence[float]) -> None:
+        """Store the errors of a tile, as `SQUARES` names them, and that it is drawn."""
+        self.root["squares"][tile.row, tile.column] = squares
 
     def errors(self) -> dict[str, float]:
         """Compute the mean squared errors of the canvas, in [0, 1]: ``mse``, and ``seams`` relative to elsewhere."""
         squares = dict(zip(SQUARES, np.nansum(self.root["squares"][:], axis=(0, 1)), strict=True))
         inside, pixels = squares["all"] - squares["seam"], squares["all_pixels"] - squares["seam_pixels"]
-        ratio = np.nan
-        if squares["seam_pixels"] and inside:
-            ratio = squares["seam"] / squares["seam_pixels"] / (inside / pixels)
+        has_both = squares["seam_pixels"] and inside
+        ratio = squares["seam"] / squares["seam_pixels"] / (inside / pixels) if has_both else np.nan
         return {"mse": float(squares["all"] / max(1, squares["all_pixels"])), "seams": float(ratio)}
 
     @property
@@ -140,8 +138,3 @@ def _array(group: Any, name: str, shape: tuple[int, ...], chunks: tuple[int, ...
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Zarr warns of what other languages may not read
         group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill)
-
-
-def _slices(region: Region) -> tuple[slice, slice, slice]:
-    rows = slice(region.top, region.top + region.height)
-    return slice(None), rows, slice(region.left, region.left + region.width)

@@ -19,9 +19,8 @@ from brushexp.system.runtime import cores, peak_memory
 from brushexp_canvases.drawing import job_of
 from brushexp_canvases.grid import Grid
 from brushexp_canvases.jobs import paint_all, workers
-from brushexp_canvases.page import write_page
-from brushexp_canvases.page.strokes import JobOf, write_strokes
-from brushexp_canvases.pyramid import Level, add_levels, write_dzi, write_iiif
+from brushexp_canvases.page.strokes import write_viewer
+from brushexp_canvases.pyramid import add_levels, write_iiif
 from brushexp_canvases.source import Source, open_source
 from brushexp_canvases.store import HEIGHT, PICTURES, CanvasStore
 from brushexp_canvases.tile import Canvas
@@ -39,12 +38,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     path = Path(cfg.canvas)
     store = CanvasStore(path) if path.exists() else begin(path, cfg)
     check_same(store, cfg)
-    settings = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(settings, dict)
-    settings["background"] = store.record["background"]
-    canvas = Canvas(
-        str(path.resolve()), {str(key): value for key, value in settings.items()}, str(Path("plugins").resolve())
-    )
+    settings = plain_settings(cfg) | {"background": store.record["background"]}
+    canvas = Canvas(str(path.resolve()), settings, str(Path("plugins").resolve()))
     todo = [tile for tile in store.grid.tiles() if not (store.is_painted(tile) and store.is_drawn(tile))]
     total, before, memory = len(store.grid.tiles()), time.monotonic(), math.nan
     log.info("painting %d tiles of %d, %d are done", len(todo), total, total - len(todo))
@@ -59,9 +54,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     seconds = time.monotonic() - before
     levels = {name: add_levels(store.root[name], name) for name in LAYERS if name in store.root}
     n_strokes, megapixels = int(store.counts.sum()), math.prod(store.grid.size) / 1e6
-    lead = f"{n_strokes:,} strokes on {store.grid.size[1]:,} × {store.grid.size[0]:,} pixels"
-    write_looks(cfg.pyramid, folder, levels, Path(cfg.image).name, lead, partial(job_of, store, canvas.config))
-    write_picture(folder / "painting.png", smallest(levels["painting"]).transpose(1, 2, 0))
+    if cfg.pyramid == "dzi":
+        write_viewer(folder, levels, Path(cfg.image).name, n_strokes, partial(job_of, store, canvas.config))
+    elif cfg.pyramid == "iiif":
+        write_iiif(folder / "iiif", levels, Path(cfg.image).name)
+    smallest = levels["painting"][-1]
+    write_picture(folder / "painting.png", smallest.read(smallest.whole).transpose(1, 2, 0))
     errors = store.errors()
     metrics: dict[str, Any] = {
         "psnr": psnr_of(errors["mse"]),
@@ -105,11 +103,15 @@ def copy_into(store: CanvasStore, source: Source) -> np.ndarray:
     return total / (height * width)
 
 
+def plain_settings(cfg: DictConfig) -> dict[str, Any]:
+    """Return the settings as plain data."""
+    settings: Any = OmegaConf.to_container(cfg, resolve=True)
+    return dict(settings)
+
+
 def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
     """Return the settings that decide how the canvas will look."""
-    settings = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(settings, dict)
-    return {str(key): value for key, value in settings.items() if key not in OF_THE_RUN}
+    return {key: value for key, value in plain_settings(cfg).items() if key not in OF_THE_RUN}
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
@@ -121,21 +123,3 @@ def check_same(store: CanvasStore, cfg: DictConfig) -> None:
                 f"canvas={store.path} was begun with {key}={before.get(key)}, and now {key}={now.get(key)}; "
                 "type that again, or give another canvas="
             )
-
-
-def write_looks(
-    kind: str, folder: Path, levels: dict[str, list[Level]], title: str, lead: str, strokes_of: JobOf
-) -> None:
-    """Write what a viewer shows: Deep Zoom with a page, or the documents of IIIF."""
-    if kind == "dzi":
-        for name, pictures in levels.items():
-            write_dzi(folder, name, pictures)
-        size = levels["painting"][0].size
-        write_page(folder, size, list(levels), title, lead, write_strokes(folder, size, strokes_of))
-    elif kind == "iiif":
-        write_iiif(folder / "iiif", levels, title)
-
-
-def smallest(levels: list[Level]) -> np.ndarray:
-    """Read the whole of the smallest level, (3, h, w) uint8."""
-    return levels[-1].read(Region(0, 0, *levels[-1].size))

@@ -1,7 +1,5 @@
 """Paint one tile of a canvas, among the strokes of its neighbours that stay; and draw one, of all that reach it."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +25,7 @@ from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.device import device_of
 from brushexp.system.runtime import peak_memory, use_threads
 from brushexp_canvases.grid import Tile
-from brushexp_canvases.laying import joined, lay
+from brushexp_canvases.laying import lay
 from brushexp_canvases.store import CanvasStore
 
 BORDER, WEIGHT = 8, 1.2  # pixels along borders between tiles, and how much more than others they count
@@ -40,13 +38,12 @@ class Canvas:
     path: str
     settings: dict[str, Any]
     plugins: str  # folder of the user's
-    threads: int = 1
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
         """Load the plugins, as a new process has to, and open the arrays and the config."""
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
         load_plugins(Path(self.plugins))
-        use_threads(self.threads)
+        use_threads(1)
         return CanvasStore(Path(self.path)), self.config
 
     @property
@@ -108,7 +105,9 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     L.seed_everything(cfg.seed, verbose=False)
     focus = evened(compute_focus(cfg, target)[0], store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
-    strokes = joined(laid.ring, laid.own, laid.passing).moved(shift=(-window.left, -window.top))
+    parts = laid.ring, laid.own, laid.passing
+    strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # each keeps its own
+    strokes = strokes.moved(shift=(-window.left, -window.top))
     painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
     if painter.schedule.steps and len(laid.own):
         trainer = make_trainer(cfg, device_of(cfg.device), None, [], checkpoints=False)

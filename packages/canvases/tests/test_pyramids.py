@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 import zarr
-from brushexp_canvases.pyramid import TILE, Level, describe, halved, region_of, write_dzi, write_iiif
+from brushexp_canvases.pyramid import TILE, Level, describe, halved, level_of, write_dzi, write_iiif
 from brushexp_canvases.source import open_source
 from PIL import Image
 from skimage.data import astronaut
@@ -31,9 +31,7 @@ def levels_of(picture: np.ndarray) -> list[Level]:
     pictures = [picture]
     while max(pictures[-1].shape[1:]) > TILE:
         pictures.append(halved(pictures[-1]))
-    return [
-        Level((each.shape[1], each.shape[2]), lambda region, each=each: region_of(each, region)) for each in pictures
-    ]
+    return [level_of(each) for each in pictures]
 
 
 def size_of(path: Path) -> tuple[int, int]:

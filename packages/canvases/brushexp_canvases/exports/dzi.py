@@ -5,9 +5,7 @@ from pathlib import Path
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp_canvases.exports._archive import archive
-from brushexp_canvases.levels import levels_of
-from brushexp_canvases.pyramid import write_dzi
+from brushexp_canvases.levels import archive, levels_of
 
 
 @register("to", "dzi")
@@ -19,17 +17,8 @@ class DeepZoom(Exporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from brushexp_canvases.page import write_page  # noqa: PLC0415  (templates are slow to import)
-        from brushexp_canvases.page.strokes import of_all, write_strokes  # noqa: PLC0415
+        from brushexp_canvases.page.strokes import of_all, write_viewer  # noqa: PLC0415  (templates are slow to import)
 
-        height, width = job.size
-        title, lead = (
-            Path(job.source).name or "painting",
-            f"{len(job.strokes):,} strokes on {width:,} × {height:,} pixels",
-        )
         with archive(path := folder / "dzi.zip") as into, levels_of(job) as levels:
-            for name, pictures in levels.items():
-                write_dzi(into, name, pictures)
-            strokes = write_strokes(into, job.size, of_all(job))
-            write_page(into, job.size, list(levels), title, lead, strokes)
+            write_viewer(into, levels, Path(job.source).name or "painting", len(job.strokes), of_all(job))
         return [path]

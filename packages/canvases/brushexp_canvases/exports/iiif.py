@@ -5,8 +5,7 @@ from pathlib import Path
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp_canvases.exports._archive import archive
-from brushexp_canvases.levels import levels_of
+from brushexp_canvases.levels import archive, levels_of
 from brushexp_canvases.pyramid import BASE, write_iiif
 
 

@@ -7,12 +7,10 @@ from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
 from brushexp.errors import UserError
-from brushexp.pictures.region import Region
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp_canvases.exports._archive import archive
-from brushexp_canvases.levels import levels_of
-from brushexp_canvases.pyramid import Level, describe
+from brushexp_canvases.levels import archive, levels_of
+from brushexp_canvases.pyramid import Level, describe, slices_of
 
 CHUNK = 1024  # pixels of a side of a chunk
 
@@ -43,6 +41,5 @@ def write_image(path: Path, levels: list[Level]) -> None:
         for number, level in enumerate(levels):
             chunks = (3, min(CHUNK, level.size[0]), min(CHUNK, level.size[1]))
             array = group.create_array(str(number), shape=(3, *level.size), chunks=chunks, dtype="uint8")
-            for part in Region(0, 0, *level.size).tiles(CHUNK):
-                rows = slice(part.top, part.top + part.height)
-                array[:, rows, part.left : part.left + part.width] = level.read(part)
+            for part in level.whole.tiles(CHUNK):
+                array[slices_of(part)] = level.read(part)

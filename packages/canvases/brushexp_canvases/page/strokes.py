@@ -1,7 +1,5 @@
 """Strokes in square cells, each a script beside the page, which loads it when its part of the painting is near."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,12 +13,22 @@ from brushexp.pages.replay import pack_strokes, pack_textures, textured_of
 from brushexp.pictures.region import Region
 from brushexp.plugins.export.job import ExportJob
 from brushexp_canvases.laying import reaching
-from brushexp_canvases.pyramid import TILE, whole_folder
+from brushexp_canvases.page import write_page
+from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
 
 CELL = TILE  # pixels of a side; tiles of levels beyond those of the picture divide it
 CELLS = 4  # cells along a side of a part whose strokes are looked for at once
 FOLDER = "strokes_files"
 JobOf = Callable[[Region], ExportJob]
+
+
+def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count: int, job_of: JobOf) -> None:
+    """Write a painting of ``count`` strokes, and other pictures of its size, as Deep Zoom images with a page."""
+    for name, pictures in levels.items():
+        write_dzi(folder, name, pictures)
+    height, width = size = levels["painting"][0].size
+    lead = f"{count:,} strokes on {width:,} × {height:,} pixels"
+    write_page(folder, size, list(levels), title, lead, write_strokes(folder, size, job_of))
 
 
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
