@@ -12,9 +12,7 @@ GROWN = 2  # pixels by which a change is larger than what was found: half-covere
 CUT = 0.12  # mean difference of two small pictures, 0 to 1, from which there is a cut between them
 CUT_SIDE = 16  # pixels of the longer side of these: what moves, or a camera that turns, hardly changes them
 STILL = 0.02  # root mean square difference, 0 to 1, below which the target counts as unchanged in `Flicker`
-FLOW_SIDE = (
-    128  # pixels of the longer side at which motion is sought: strokes need no more, and it takes a few hundredths
-)
+FLOW_SIDE = 128  # pixels of the longer side at which motion is sought, in hundredths of a second: strokes need no more
 FLOW_RADIUS = 5  # of the windows there, pixels
 WARPS = 3  # refinements of each level of the pyramid
 

@@ -15,12 +15,11 @@ import numpy as np
 
 from brushexp.errors import UserError
 from brushexp.pictures.cut_short import boxes, has_end
-from brushexp.pictures.decode import picture_size
+from brushexp.pictures.decode import MOVING, decode_image, picture_size
 from brushexp.pictures.kinds import FILM_SUFFIXES
-from brushexp.pictures.limits import MAX_PIXELS
+from brushexp.pictures.limits import MAX_PIXELS, open_of_any_size
 from brushexp.system.reading import check_file, in_short
 from brushexp_films.frames import size_of, srgb_of
-from brushexp_films.moving import Timed, is_moving, moving_pictures
 
 log = logging.getLogger(__name__)
 USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
@@ -30,8 +29,11 @@ SHORTEST = Fraction(1, 500)  # seconds: what would be seen for less, because clo
 MISSING = 0.5  # seconds by which a film may end before its header says
 LOCAL = {"protocol_whitelist": "file"}  # a playlist may name addresses
 WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders leave the transparency of these out
+MOVING_SUFFIXES = (".gif", ".webp", ".png", ".apng", ".avif", ".avifs")
+BRIEF, INSTEAD = 10, 100  # milliseconds: up to so few of a picture mean as many as this, in all browsers
 FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # an MP4 or QuickTime file begins with one of these
 CURE = "convert it to an MP4 (H.264)"
+Timed = tuple[np.ndarray, Fraction, Fraction]  # a picture (H, W, 3), its second, and how long it stays; 0 is unknown
 
 
 @dataclass(frozen=True)
@@ -59,26 +61,50 @@ def is_film(path: str | Path) -> bool:
     return Path(path).suffix.lower() in FILM_SUFFIXES
 
 
-def open_clip(path: Path, key: str = "image") -> Clip:
-    """Open a film and read its header and first picture (UserError); ``key`` sets the path, for messages."""
+def is_moving(path: str | Path) -> bool:
+    """Test whether a file holds several pictures, one after the other in time."""
+    if Path(path).suffix.lower() not in MOVING_SUFFIXES or not Path(path).is_file():
+        return False
+    try:
+        with open_of_any_size(path, MOVING) as file:
+            return bool(getattr(file, "is_animated", False))
+    except Exception:  # what is damaged is told by what reads it as a picture
+        return False
+
+
+def moving_pictures(path: Path) -> Iterator[Timed]:
+    """Decode the pictures as `read_picture` does, with their times; decoders may raise anything."""
+    time = Fraction(0)
+    with open_of_any_size(path, MOVING) as file:
+        is_apart = "default_image" in file.info and file.info["default_image"]  # of a PNG: for those that show no film
+        for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
+            file.seek(number)
+            picture = decode_image(file)
+            stays = float(file.info.get("duration", 0) or 0)
+            length = Fraction(INSTEAD if stays <= BRIEF else stays).limit_denominator(1000) / 1000
+            yield picture, time, length
+            time += length
+
+
+def open_clip(path: Path) -> Clip:
+    """Open a film, or a picture that moves, and read its header and first picture; a UserError if there is none."""
     path = Path(os.path.expanduser(path))
     if is_moving(path):
         lengths = [length for _, _, length in moving_pictures(path)]
         rate = (len(lengths) / sum(lengths, Fraction(0))).limit_denominator(1000)
-        return Clip(path, picture_size(path, key=key), rate, len(lengths))
-    with _decoding(path, key) as (container, stream):
+        return Clip(path, picture_size(path), rate, len(lengths))
+    with _decoding(path) as (container, stream):
         try:
             first = list(islice(_frames(container, stream), 1 if _is_rate(stream.average_rate) else SAMPLE))
         except _errors() as error:
-            raise UserError(f"{key}={path}: no picture of it can be decoded ({in_short(error)}); {CURE}") from error
+            raise UserError(f"image={path}: no picture of it can be decoded ({in_short(error)}); {CURE}") from error
         if not first:
-            raise UserError(f"{key}={path} is a film without pictures; {CURE}")
+            raise UserError(f"image={path} is a film without pictures; {CURE}")
         rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
         own = float((stream.duration or 0) * (stream.time_base or 0))  # sound may last longer than pictures
         seconds = own or (container.duration or 0) / 1e6
         size = size_of(first[0], _aspect(stream))
-        if size[0] * size[1] > MAX_PIXELS:
-            raise UserError(f"{key}={path} has pictures of more than {MAX_PIXELS // 10**6} megapixels; make it smaller")
+        _check_pixels(path, *size)
         is_counted = bool(stream.frames)
         return Clip(path, size, Fraction(rate), stream.frames or round(seconds * rate), is_counted, own)
 
@@ -94,13 +120,8 @@ def _rate_of(frames: list[Any]) -> Fraction:
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
-def decode_pictures(clip: Clip) -> Iterator[np.ndarray]:
-    """Decode the pictures (H, W, 3) uint8, sRGB, upright, one by one, until the film ends or breaks off."""
-    return (shown.picture for shown in timed_pictures(clip))
-
-
 def timed_pictures(clip: Clip) -> Iterator[Shown]:
-    """Decode the pictures as `decode_pictures` does, with their times since the film began.
+    """Decode the pictures one by one, upright, with their times since the film began, until it ends or breaks off.
 
     Each is seen until the next one, the last one for as long as the film says or as the one before.
     """
@@ -141,12 +162,12 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
 
 
 def _decoded(clip: Clip) -> Iterator[Timed]:
-    """Decode pictures with their seconds and lengths (0: unknown), and tell of a film that ends before its time."""
+    """Decode pictures with their seconds and lengths, and tell of a film that ends before its time."""
     if is_moving(clip.path):
         yield from moving_pictures(clip.path)
         return
     count, end = 0, Fraction(0)
-    with _decoding(clip.path, "image") as (container, stream):
+    with _decoding(clip.path) as (container, stream):
         zero, aspect, base = beginning_of(container), _aspect(stream), stream.time_base
         try:
             for frame in _frames(container, stream):
@@ -213,25 +234,29 @@ def _why_unread(path: Path, error: Exception) -> str:
 
 
 @contextmanager
-def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
+def _decoding(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a file and choose its first video."""
-    check_file(path, f"give a film, {key}=clip.mp4")
+    check_file(path, "give a film, image=clip.mp4")
     try:
         av = importlib.import_module("av")
     except ImportError as error:
-        raise UserError(f"{key}={path} is a film, which needs PyAV; pip install 'brushexp[video]'") from error
+        raise UserError(f"image={path} is a film, which needs PyAV; pip install 'brushexp[video]'") from error
     try:
         container = av.open(str(path), options=LOCAL)
     except _errors() as error:
-        raise UserError(f"{key}={path} {_why_unread(path, error)}") from error
+        raise UserError(f"image={path} {_why_unread(path, error)}") from error
     with container:
         if not container.streams.video:
-            raise UserError(f"{key}={path} has no video in it; give a film that has")
+            raise UserError(f"image={path} has no video in it; give a film that has")
         stream = container.streams.video[0]
-        if stream.width * stream.height > MAX_PIXELS:
-            raise UserError(f"{key}={path} has pictures of more than {MAX_PIXELS // 10**6} megapixels; make it smaller")
+        _check_pixels(path, stream.height, stream.width)
         stream.thread_type = "AUTO"
         yield container, stream
+
+
+def _check_pixels(path: Path, height: int, width: int) -> None:
+    if height * width > MAX_PIXELS:
+        raise UserError(f"image={path} has pictures of more than {MAX_PIXELS // 10**6} megapixels; make it smaller")
 
 
 def _errors() -> tuple[type[Exception], ...]:

@@ -49,12 +49,8 @@ def _deep(frame: Any) -> np.ndarray:
     planes = frame.reformat(format="yuv444p16le")
     rows = [np.frombuffer(plane, np.uint16).reshape(frame.height, -1)[:, : frame.width] for plane in planes.planes]
     y, cb, cr = (row.astype(np.float32) / 256 for row in rows)  # in levels of 8 bits
-    is_full = int(frame.color_range) == FULL
-    y, cb, cr = (
-        (y / 255, (cb - 128) / 255, (cr - 128) / 255)
-        if is_full
-        else ((y - 16) / 219, (cb - 128) / 224, (cr - 128) / 224)
-    )
+    black, levels, of_colors = (0, 255, 255) if int(frame.color_range) == FULL else (16, 219, 224)
+    y, cb, cr = (y - black) / levels, (cb - 128) / of_colors, (cr - 128) / of_colors
     red, blue = y + 2 * (1 - RED) * cr, y + 2 * (1 - BLUE) * cb
     green = (y - RED * red - BLUE * blue) / (1 - RED - BLUE)
     return np.stack([red, green, blue], 2).clip(0, 1)

@@ -18,8 +18,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import size_at
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
-from brushexp_films.clips import is_film, open_clip
-from brushexp_films.moving import is_moving
+from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's

@@ -11,8 +11,7 @@ from typing import Any
 
 from brushexp.pictures.video import FAST_START
 from brushexp.system.files import replacing
-from brushexp_films.clips import LOCAL, beginning_of
-from brushexp_films.moving import is_moving
+from brushexp_films.clips import LOCAL, beginning_of, is_moving
 
 log = logging.getLogger(__name__)
 

@@ -68,20 +68,16 @@ class PaintedFilm:
     @property
     def planned(self) -> int:
         """Number of pictures that are to be painted, as far as the film says how many it has; at least 1."""
-        first, last = self._span()
-        end = self.clip.count if last is None else min(last, self.clip.count)
-        return max(1, math.ceil((end - first) / self.cfg.film.every))
+        film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
+        if film.stop is not None:
+            end = min(max(1, math.ceil(film.stop * rate)), end)
+        return max(1, math.ceil((end - math.ceil(film.start * rate)) / film.every))
 
     def targets(self) -> Iterator[tuple[Tensor, Shown]]:
         """Decode the pictures (3, H, W) that are to be painted, one after another, with their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
             yield self.palette(planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
-
-    def _span(self) -> tuple[int, int | None]:
-        """Number the first picture and the one behind the last."""
-        film, rate = self.cfg.film, self.clip.rate
-        return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
 
     def begin(self, picture: Tensor) -> Cel:
         """Paint the first picture of a scene as a single one is painted."""

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from brushexp_films import task
-from brushexp_films.clips import decode_pictures, open_clip, pictures_between, timed_pictures
-from brushexp_films.moving import is_moving
+from brushexp_films.clips import is_moving, open_clip, pictures_between, timed_pictures
 from brushexp_films.sound import add_sound
 from films import decoded, encoded, scene
 from PIL import Image
@@ -57,7 +56,7 @@ def test_films_of_high_dynamic_range_are_shown_with_their_white_as_white(tmp_pat
         said.color_trc, said.color_primaries, said.colorspace, said.color_range = transfer, 9, 9, 1
         frame.pts, frame.time_base = 0, Fraction(1, 25)
         container.mux([*stream.encode(frame), *stream.encode()])
-    picture = next(decode_pictures(open_clip(path)))
+    picture = next(timed_pictures(open_clip(path))).picture
     np.testing.assert_allclose(picture[32, 8::16], 255 * srgb(light), atol=3)
 
 
@@ -158,7 +157,7 @@ def test_pixels_that_are_not_square_are_made_so(tmp_path):
     said = {"pix_fmt": "yuv420p", "sample_aspect_ratio": Fraction(4, 3)}
     clip = open_clip(coded(tmp_path / "dv.mp4", "libx264", "rgb24", frames, **said))
     assert clip.size == (48, 85)
-    picture = next(decode_pictures(clip))
+    picture = next(timed_pictures(clip)).picture
     wide = np.asarray(Image.fromarray(frames[0]).resize((85, 48), Image.Resampling.LANCZOS), float)
     assert np.abs(picture - wide).mean() < 8
 
@@ -177,7 +176,7 @@ def test_what_is_transparent_lies_over_white_as_in_pictures(tmp_path, codec, for
             stream.metadata["alpha_mode"] = "1"
         frame.pts, frame.time_base = 0, Fraction(1, 25)
         container.mux([*stream.encode(frame), *stream.encode()])
-    picture = next(decode_pictures(open_clip(tmp_path / name)))
+    picture = next(timed_pictures(open_clip(tmp_path / name))).picture
     assert picture[32, 8].min() > 250
     assert picture[32, 56].max() < 5
 

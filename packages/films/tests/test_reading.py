@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from brushexp_films.clips import decode_pictures, open_clip
+from brushexp_films.clips import open_clip, timed_pictures
 from films import encoded, scene
 
 from brushexp.errors import UserError
@@ -21,7 +21,7 @@ def test_a_film_is_read_as_it_was_written(tmp_path, shape):
     clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
     even = tuple(side + side % 2 for side in shape)
     assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
-    frames = list(decode_pictures(clip))
+    frames = [shown.picture for shown in timed_pictures(clip)]
     assert [picture.shape for picture in frames] == [(*even, 3)] * 5
     for picture, original in zip(frames, pictures, strict=True):
         assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
@@ -31,7 +31,7 @@ def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
     path = encoded(tmp_path / "film.mp4", 4 * scene(10))
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     with caplog.at_level(logging.WARNING):
-        count = len(list(decode_pictures(open_clip(path))))
+        count = len(list(timed_pictures(open_clip(path))))
     assert 0 < count < 40
     assert str(count) in caplog.text
 
