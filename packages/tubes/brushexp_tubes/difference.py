@@ -1,4 +1,4 @@
-"""How different a painting is from its target to the eye."""
+"""Measure how different a painting is from its target to the eye."""
 
 import numpy as np
 from torch import Tensor

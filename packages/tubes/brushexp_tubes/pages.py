@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import islice, product
 from math import ceil
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,15 +118,10 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
         "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
     ]
-    for k, line in enumerate(_wrapped(lines)):
+    wrapped = [part for line in lines for part in (wrap(line, 105, subsequent_indent="    ") or [""])]
+    for k, line in enumerate(wrapped):
         axes.text(MARGIN, 34 + down + 6 * k, line, fontsize=9.5, color=INK, va="center")
     return figure
-
-
-def _wrapped(lines: Sequence[str], letters: int = 105) -> list[str]:
-    from textwrap import wrap  # noqa: PLC0415
-
-    return [part for line in lines for part in (wrap(line, letters, subsequent_indent="    ") or [""])]
 
 
 def _in_parts(count: int) -> Iterator[range]:
@@ -158,15 +154,8 @@ def _stages(plan: Plan) -> Iterator[Figure]:
         for row, stage in enumerate(plan.stages[rows.start : rows.stop]):
             y = 26 + 9 * row
             _swatch(axes, plan.table.mixtures, stage.mixture, (62, y), 7.5)
-            cells = (
-                stage.number,
-                f"{stage.brush_mm:g} mm",
-                "",
-                stage.last - stage.first,
-                stage.dips,
-                f"{stage.metres:.2f}",
-            )
-            for x, text in zip(STOPS, cells, strict=True):
+            strokes, brush, metres = stage.last - stage.first, f"{stage.brush_mm:g} mm", f"{stage.metres:.2f}"
+            for x, text in zip(STOPS, (stage.number, brush, "", strokes, stage.dips, metres), strict=True):
                 axes.text(x, y + 4, str(text), fontsize=9.5, va="center", color=INK)
         yield figure
 
@@ -202,9 +191,8 @@ def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, f
     """Draw the grid of the painting, and its border, in a frame (left, right, bottom, top) that begins at a corner."""
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
-    for axis, (side, begin, first, last) in enumerate(
-        ((width, corner[0], left, right), (height, corner[1], top, bottom))
-    ):
+    axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)
+    for axis, (side, begin, first, last) in enumerate(axes_of):
         lines = np.append(np.arange(0, side, GRID), side)
         for number, place in enumerate(lines):
             at = first + scale * (place - begin)

@@ -141,15 +141,11 @@ def seen(reflected: Array) -> Array:
 def _light_of_bands() -> Array:
     """Compute linear sRGB (bands, 3) of the light in each band, of which that of a perfect white is 1."""
     matching = np.stack([sum(_lobe(*lobe) for lobe in lobes) for lobes in LOBES.values()], axis=1)
-    light = DAYLIGHT[:, None] * matching @ np.linalg.inv(_primaries()).T
-    return light / light.sum(0)
-
-
-def _primaries() -> Array:
-    """Return the matrix (3, 3) from linear sRGB to CIE XYZ."""
     red, green, blue, white = (np.array([x / y, 1, (1 - x - y) / y]) for x, y in BT709)
     columns = np.stack([red, green, blue], axis=1)
-    return columns * np.linalg.solve(columns, white)
+    to_xyz = columns * np.linalg.solve(columns, white)  # (3, 3) from linear sRGB
+    light = DAYLIGHT[:, None] * matching @ np.linalg.inv(to_xyz).T
+    return light / light.sum(0)
 
 
 def _lobe(height: float, centre: float, below: float, beyond: float) -> Array:

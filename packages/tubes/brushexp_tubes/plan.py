@@ -90,18 +90,9 @@ class Plan:
         stages = []
         for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
             brush, mixture = divmod(int(stage), len(self.table.mixtures))
-            dips, length = int((self.used[begin:end] == 0).sum()), self._lengths[0][begin:end].sum()
-            stages.append(
-                Stage(
-                    k + 1,
-                    self.brushes_mm[brush],
-                    mixture,
-                    int(begin),
-                    int(end),
-                    dips,
-                    length / self.pixels_per_mm / 1000,
-                )
-            )
+            dips = int((self.used[begin:end] == 0).sum())
+            metres = self._lengths[0][begin:end].sum() / self.pixels_per_mm / 1000
+            stages.append(Stage(k + 1, self.brushes_mm[brush], mixture, int(begin), int(end), dips, metres))
         return stages
 
     @property
@@ -128,12 +119,9 @@ class Plan:
             film = cut_short(strokes[dry], torch.full_like(start[dry], 1 - k / FILMS))
             parts.append(replace(film, opacity=opacity[dry].clamp(0, 1)))
             height.append(dry * FILMS + k)
-        brush = torch.cat([part.brush for part in parts])
-        films = replace(Strokes.join(*parts), brush=brush)
-        saved = self.job.saved.with_strokes(
-            films, torch.cat(height).argsort(descending=True), self.job.saved.background
-        )
-        return replace(self.job, saved=saved).bare()
+        films = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))
+        saved, front_to_back = self.job.saved, torch.cat(height).argsort(descending=True)
+        return replace(self.job, saved=saved.with_strokes(films, front_to_back, saved.background)).bare()
 
 
 def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:

@@ -1,4 +1,4 @@
-"""The table that a painting was made with, or one that is put on afterwards."""
+"""Plan a painting with the table that it was made with, or with one that is put on afterwards."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import PICTURE, load_picture
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
+from brushexp.reporting.tables import csv_table
 from brushexp.strokes.bezier import curve_of
 from brushexp.system.files import replacing, write_text
 from brushexp_tubes.difference import median_difference
@@ -87,13 +86,10 @@ class PlanSheets(Exporter):
 
 def table_of(plan: Plan) -> str:
     """Write a plan as CSV: a line for each stroke, in the order of painting; mm from the upper left corner."""
-    rows = io.StringIO()
-    writer = csv.writer(rows, lineterminator="\n")
-    writer.writerow(COLUMNS)
     curves = (curve_of(plan.strokes) / plan.pixels_per_mm).flatten(1).tolist()
+    rows = []
     for stage in plan.stages:
         for k in range(stage.first, stage.last):
-            dip = int(plan.used[k] == 0)
             place = [f"{value:.2f}" for value in curves[k]]
-            writer.writerow([stage.number, f"{stage.brush_mm:g}", stage.mixture + 1, dip, *place])
-    return rows.getvalue()
+            rows.append([stage.number, f"{stage.brush_mm:g}", stage.mixture + 1, int(plan.used[k] == 0), *place])
+    return csv_table({name: [row[number] for row in rows] for number, name in enumerate(COLUMNS)})
