@@ -4,6 +4,7 @@ shapely makes outlines and fillings, vpype orders lines; a grid of stroke number
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,29 +75,35 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     for k, which in zip(np.flatnonzero(visible).tolist(), tool.tolist(), strict=True):
         runs.setdefault((int(layer[k]), which), []).extend(lines[k])
     counts = np.bincount(tool, minlength=len(inks)).tolist()
-    document = _document(runs, paper, tools, machine)
+    layers = []
+    for (k, which), pieces in sorted(runs.items()):
+        also = f", layer {k + 1}" * (machine.layers > 1)
+        layers.append(Layer(k * len(tools) + which + 1, which, tools[which], machine.pen_mm, also, pieces))
+    document = ordered(layers, paper, machine, joins=machine.hidden == "cut")
     return PenPlan(document, paper, machine.pen_mm, tools, counts, int((~visible).sum()), job.source)
 
 
-def _document(
-    runs: dict[tuple[int, int], list[Array]], paper: tuple[float, float], tools: list[str], machine: PenExporter
-) -> Any:
-    """Simplify the lines of each (layer, tool), both from 0, and order them for little travel."""
+class Layer(NamedTuple):
+    """Lines of one tool, a layer of a document of vpype."""
+
+    number: int  # from 1; AxiDraw takes layers by that with which their name begins
+    tool: int  # from 0
+    color: str
+    width: float
+    also: str  # in the name, behind number and colour
+    lines: list[Array]
+
+
+def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
+    """Make a document of layers whose lines are simplified, in an order with little travel, and maybe joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
-    for (layer, tool), lines in sorted(runs.items()):
-        number, color = layer * len(tools) + tool + 1, tools[tool]
+    for number, tool, color, width, also, lines in layers:
         document.add(vpype.LineCollection([MM * line for line in lines]), number)
-        name = f"{number} - {color}" + f", layer {layer + 1}" * (machine.layers > 1)  # AxiDraw takes layers by number
-        properties = {"tool": tool + 1, "color": color}
-        properties |= {"vp_color": color, "vp_name": name, "vp_pen_width": MM * machine.pen_mm}
+        properties = {"tool": tool + 1, "color": color, "vp_color": color}
+        properties |= {"vp_name": f"{number} - {color}{also}", "vp_pen_width": MM * width}
         for key, value in properties.items():
             document.layers[number].set_property(key, value)
-    return ordered(document, machine, joins=machine.hidden == "cut")
-
-
-def ordered(document: Any, machine: PenExporter, *, joins: bool) -> Any:
-    """Simplify the lines of each layer of a document, and put them in an order with little travel; maybe join them."""
     if document.is_empty():
         return document
     import vpype_cli  # noqa: PLC0415  (slow to import)

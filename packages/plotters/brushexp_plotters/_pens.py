@@ -136,7 +136,7 @@ class PenExporter(Exporter):
 
     @abstractmethod
     def programs(self, plan: PenPlan) -> dict[str, str]:
-        """Names and texts of the files for the machine, the program first."""
+        """Write the names and texts of the files for the machine, the program first."""
 
     @property
     @abstractmethod
