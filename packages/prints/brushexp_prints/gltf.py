@@ -61,17 +61,16 @@ class Gltf(Exporter):
     def _add_strokes(self, file: "_Glb", ribbons: Ribbons, count: int, unit: float) -> None:
         """Add strokes in parts, each with the second in which it appears."""
         shape = ribbons.points.shape[:3]
-        begin = ribbons.number[:, None, None] + ribbons.along[:, None]
+        begin = ribbons.number[:, None] + ribbons.along
         columns = {
             "POSITION": unit * ribbons.points,
             "NORMAL": ribbons.normals,
-            "COLOR_0": np.broadcast_to(light_of(ribbons)[:, :, None], (*shape, 4)),
+            "COLOR_0": light_of(ribbons)[:, :, None],
             "TEXCOORD_0": np.stack(np.broadcast_arrays(ribbons.along[:, None], np.linspace(0, 1, ACROSS)), -1),
-            "_TIME": self.seconds / max(count, 1) * begin,
-            "_WIDTH": unit * ribbons.width[..., None],
+            "_TIME": self.seconds / max(count, 1) * begin[..., None, None],
+            "_WIDTH": unit * ribbons.width[..., None, None],
         }
-        columns["TEXCOORD_0"] = np.broadcast_to(columns["TEXCOORD_0"], (*shape, 2))
-        columns = {name: np.broadcast_to(value, (*shape, *value.shape[3:])) for name, value in columns.items()}
+        columns = {name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in columns.items()}
         paint = file.add_material("paint", (1, 1, 1), opaque=bool((ribbons.opacity > 1 - 1e-3).all()))
         for part in np.array_split(np.arange(len(ribbons.number)), min(PARTS, len(ribbons.number))):
             first, last = ribbons.number[part[[0, -1]]]
