@@ -176,17 +176,17 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """The number (...) of the cell of each place (..., 2); places far from the canvas belong to the border."""
+        """Number the cell (...) of each place (..., 2); places far from the canvas belong to the border."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
     def room(self, place: Array) -> Array:
-        """The distance (n,) of places (n, 2) from the borders of their cells."""
+        """Compute the distance (n,) of places (n, 2) from the borders of their cells."""
         inside = (place + self.shift) % self.side
         return np.minimum(inside, self.side - inside).min(1)
 
     def errors(self, difference: Array) -> Array:
-        """The sum of squares of a picture (H, W, 3) in each cell."""
+        """Sum the squares of a picture (H, W, 3) in each cell."""
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
     def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:

@@ -131,7 +131,7 @@ def _coverage(x, y, curve, half):
 
 @inline
 def _box(curve, half, height, width):
-    """Columns and rows, first and behind the last, that a stroke may touch."""
+    """Find the columns and rows, first and behind the last, that a stroke may touch."""
     left, right = min(curve[0], curve[2], curve[4]) - half, max(curve[0], curve[2], curve[4]) + half
     top, bottom = min(curve[1], curve[3], curve[5]) - half, max(curve[1], curve[3], curve[5]) + half
     x0, x1 = max(int(left) - 1, 0), min(int(right) + 2, width)

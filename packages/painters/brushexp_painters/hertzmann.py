@@ -93,14 +93,7 @@ class Hertzmann(Painter):
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(
-        self,
-        reference: Array,
-        canvas: Array,
-        radius: float,
-        room: int,
-        random: np.random.Generator,
-        *,
-        everywhere: bool,
+        self, reference: Array, canvas: Array, radius: float, room: int, random: np.random.Generator, everywhere: bool
     ) -> Strokes:
         """Make the strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
         difference = 255 * np.linalg.norm(reference - canvas, axis=0)

@@ -126,7 +126,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:
-    """The first pixel of a block and the one after its last, without the outer tenths where there are enough."""
+    """Return the first pixel of a block and the one after its last, without the outer tenths where there are enough."""
     first, last = (number + 1 - INSIDE) * side / m, (number + INSIDE) * side / m
     first = min(int(first), side - 1)
     return first, max(int(last), first + 1)
