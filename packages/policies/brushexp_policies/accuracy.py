@@ -1,4 +1,4 @@
-"""The order by nearness to the target in colour."""
+"""Order strokes by their nearness to the target in colour."""
 
 from dataclasses import dataclass
 from typing import Annotated

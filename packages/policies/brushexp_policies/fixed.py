@@ -1,4 +1,4 @@
-"""The order of the catalogue."""
+"""Keep the order of the catalogue."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""A ground of another colour at each step, so that the strokes close the cracks between them."""
+"""Paint on a ground of another colour at each step, so that the strokes close the cracks between them."""
 
 from __future__ import annotations
 
