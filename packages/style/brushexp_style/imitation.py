@@ -4,8 +4,6 @@ Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that tr
 as densely as their own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -41,7 +39,7 @@ class Brushwork:
     def __len__(self) -> int:
         return self.length.shape[0]
 
-    def to(self, like: Tensor) -> Brushwork:
+    def to(self, like: Tensor) -> "Brushwork":
         """Convert to the dtype and the device of ``like``."""
         return Brushwork(**{name: value.to(like) for name, value in vars(self).items()})
 
