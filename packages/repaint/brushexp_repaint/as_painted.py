@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig, open_dict
 
@@ -61,15 +60,11 @@ def fence_of(cfg: DictConfig, job: ExportJob) -> Fence:
     mask = load_mask(cfg.region, job.size, "region") >= HALF
     if not mask.any():
         raise UserError(f"region={cfg.region} has no bright pixel; make white in it what is to be repainted")
-    fence = Fence(_in_order(job), room_in(mask, job), job.renderer.edge)
+    fence = Fence(job.strokes[job.bottom_up], room_in(mask, job), job.renderer.edge)
     if not fence.inner.any():
         cure = "make it larger, by a stroke's width and some 8 pixels on each side"
         raise UserError(f"region={cfg.region} holds no stroke of {cfg.catalogue} wholly; {cure}")
     return fence
-
-
-def _in_order(job: ExportJob) -> Any:
-    return job.strokes[job.bottom_up]
 
 
 def check_repainting(cfg: DictConfig, overrides: Sequence[str]) -> None:

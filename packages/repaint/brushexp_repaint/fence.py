@@ -15,16 +15,7 @@ from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
 SAMPLES = 33  # points of a curve at which its distance from the outside is looked up
 SLACK = 0.75  # pixels: a point is at most 0.71 from the middle of its pixel; the rest is for rounding
-SHAPE = (
-    "position",
-    "scale",
-    "start",
-    "control",
-    "end",
-    "width",
-    "softness",
-    "widening",
-)  # fields that say where a stroke is
+SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "widening")  # where a stroke is
 
 
 class Fence(nn.Module):
