@@ -24,13 +24,13 @@ Part = Callable[..., Any]
 
 
 def linear_of(color: Tensor) -> Tensor:
-    """Linear RGB of display-referred RGB, both in [0, 1] (IEC 61966-2-1)."""
+    """Compute linear RGB from display-referred RGB, both in [0, 1] (IEC 61966-2-1)."""
     curved = ((color.clamp_min(KNEE_SHOWN) + LIFT) / GAIN) ** POWER
     return torch.where(color <= KNEE_SHOWN, color / STEEPEST, curved)
 
 
 def shown_of(light: Tensor) -> Tensor:
-    """Display-referred RGB of linear RGB: the inverse of `linear_of`."""
+    """Compute display-referred RGB from linear RGB: the inverse of `linear_of`."""
     return torch.where(light <= KNEE, STEEPEST * light, GAIN * light.clamp_min(KNEE) ** (1 / POWER) - LIFT)
 
 
@@ -89,7 +89,7 @@ def _run(compiled: Compiled, picture: Tensor, rows: np.ndarray, *others: Tensor)
 
 
 def _fit_root() -> tuple[float, ...]:
-    """Coefficients, the highest first, of a polynomial in u = light^(1/8) that is light^(1 / POWER) above the knee."""
+    """Fit a polynomial in u = light^(1/8) to light^(1 / POWER) above the knee: coefficients, the highest first."""
     u = np.cos(np.pi * (np.arange(400) + 0.5) / 400) * 0.5 * (1 - KNEE**0.125) + 0.5 * (1 + KNEE**0.125)
     fit = np.polynomial.Chebyshev.fit(u, u ** (8 / POWER), 7).convert(kind=np.polynomial.Polynomial)
     return tuple(fit.coef[::-1].tolist())
