@@ -132,9 +132,8 @@ class Easel:
             return
         with self.files:
             Tag("span", "hint", text="Download")
-            names = {str(path.relative_to(work.folder)) for path in work.files}
             for name, title in FILES.items():
-                if name in names:
+                if name in work.files:
                     target = "_blank" if Path(name).suffix == ".html" else None
                     Tag("a", "button", title, href=f"/works/{work.number}/files/{name}", target=target)
             for form, title in PRINTS.items():

@@ -63,10 +63,10 @@ def application(photos: Photos, works: Works) -> FastAPI:
 
     @app.get("/works/{number}/files/{name:path}")
     def file(number: int, name: str) -> Response:
-        work = works[number]
-        path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
+        path = works[number].files[name]
         disposition = "inline" if path.suffix == ".html" else "attachment"
-        return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
+        filename = f"{works[number].name}-{path.name}"
+        return FileResponse(path, filename=filename, content_disposition_type=disposition)
 
     @app.get("/works/{number}/print.{form}")
     def large(number: int, form: str) -> Response:
@@ -149,8 +149,8 @@ def zip_of(work: Work) -> bytes:
     """Pack all files of a painting."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in work.files:
-            archive.write(path, Path(work.name) / path.relative_to(work.folder))
+        for name, path in work.files.items():
+            archive.write(path, Path(work.name) / name)
     return file.getvalue()
 
 

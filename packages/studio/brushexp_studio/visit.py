@@ -43,9 +43,9 @@ class Visit:
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
-    def look_at(self, work: Work, view: str = PAINTING) -> None:
+    def look_at(self, work: Work) -> None:
         """Show a painting."""
-        self.work, self.view = work, view
+        self.work, self.view = work, PAINTING
         if self.against is work:
             self.against = None
         self.notify()

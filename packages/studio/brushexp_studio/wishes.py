@@ -8,6 +8,7 @@ from typing import Any
 
 from brushexp.api.settings import settings_of
 from brushexp.painting.components import stroke_budget
+from brushexp.pictures.load import size_at
 from brushexp.registry import build, plugin_of
 from brushexp_studio.photos import Photo
 
@@ -46,8 +47,7 @@ class Wishes:
     @property
     def canvas(self) -> tuple[int, int]:
         """Height and width of the canvas."""
-        height, width = (max(1, round(side * self.resolution / max(self.subject.size))) for side in self.subject.size)
-        return height, width
+        return size_at(self.resolution, *self.subject.size)
 
     def overrides(self) -> dict[str, Any]:
         """Convert to keys of the command line besides ``image``."""

@@ -74,9 +74,10 @@ class Work:
         return f"/works/{self.number}/{self.last}.jpg"
 
     @property
-    def files(self) -> list[Path]:
-        """The files that can be downloaded."""
-        return sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
+    def files(self) -> dict[str, Path]:
+        """The files that can be downloaded, by their names within the folder."""
+        paths = sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
+        return {str(path.relative_to(self.folder)): path for path in paths}
 
     def print_as(self, form: str) -> Path:
         """Draw the strokes large, as a PNG or PDF, at first use; KeyError for what cannot be printed."""
