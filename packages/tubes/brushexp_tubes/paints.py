@@ -4,6 +4,7 @@ import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import ImageColor
 from brushexp.errors import UserError
 from brushexp.pictures.colorimetry import BT709, encode_srgb
 from brushexp.registry import build_named
+from brushexp.system.reading import explaining, read_text
 
 Array = np.ndarray
 OUTER, INNER = 0.03, 0.65  # light reflected where it enters paint, and where it leaves (Saunderson, 1942)
@@ -61,8 +63,10 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
         raise UserError(
             f"{option}={name} is no file and no set; choose one of {', '.join(sorted(SETS))}, or a CSV file"
         )
-    with path.open(newline="", encoding="utf-8") as lines:
-        rows = {row.get("tube") or "": row for row in csv.DictReader(lines)}
+    cure = "save it as CSV in UTF-8"
+    text = read_text(path, cure)
+    with explaining(path, cure):
+        rows = {row.get("tube") or "": row for row in csv.DictReader(StringIO(text, newline=""))}
     rows = {tube: rows[tube] for tube in chosen or rows}
     if not 1 <= len(rows) <= MOST or "" in rows:
         raise UserError(f"{option}={name}: give 1 to {MOST} tubes, each with a name in the column tube")

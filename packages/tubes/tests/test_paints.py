@@ -71,6 +71,15 @@ def test_files_that_are_no_tubes_are_refused_in_words(tmp_path, text, message):
         load_tubes(str(tmp_path / "own.csv"))
 
 
+def test_a_table_of_a_spreadsheet_is_read_with_its_mark_and_one_in_other_letters_is_refused_in_words(tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_bytes("tube,color\nÖl,#ffffff\n".encode("utf-8-sig"))
+    assert load_tubes(str(path)).names == ("Öl",)
+    path.write_bytes("tube,color\nÖl,#ffffff\n".encode("latin-1"))
+    with pytest.raises(UserError, match=r"own\.csv is damaged .* save it as CSV in UTF-8"):
+        load_tubes(str(path))
+
+
 def test_a_set_that_is_not_there_is_refused_with_those_that_are():
     with pytest.raises(UserError, match="tubes=zurn is no file and no set; choose one of acrylics, eight, "):
         load_tubes("zurn")
