@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.api.parts import render
+from brushexp.errors import UserError
 from brushexp.pictures.folders import pictures_of
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
@@ -36,6 +37,8 @@ def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
     """Load pictures (3, H, W), and those in folders; None for those that packages ship."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
+    if not names:
+        raise UserError("data=[] has no picture to learn from; give some, or data=null for those that packages ship")
     return {Path(file).name: load_picture(file, None) for file in pictures_of(names)}
 
 

@@ -16,6 +16,7 @@ from brushexp_predictor.training import PredictorData, PredictorModule, log_erro
 from torch import Tensor
 
 import brushexp
+from brushexp.errors import UserError
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.catalogue import Strokes
 
@@ -89,5 +90,7 @@ def test_the_task_writes_weights_that_paint(run_task: Callable[..., dict[str, ob
     assert len(painting.strokes) == 9
 
 
-def test_samples_are_there_to_learn_from() -> None:
+def test_samples_are_there_to_learn_from_and_no_picture_is_none() -> None:
     assert {"coins", "retina"} <= set(load_subjects(None))
+    with pytest.raises(UserError, match=r"data=\[\] has no picture"):
+        load_subjects([])
