@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import zarr
-from brushexp_canvases.drawing import SEAM
+from brushexp_canvases.tile import SEAM
 from PIL import Image
 from skimage import data
 

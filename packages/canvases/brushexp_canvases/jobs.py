@@ -15,9 +15,8 @@ import numpy as np
 
 from brushexp.errors import UserError
 from brushexp.system.runtime import give_memory_back
-from brushexp_canvases.drawing import draw_tile
 from brushexp_canvases.grid import Grid, Tile
-from brushexp_canvases.tile import Canvas, paint_tile
+from brushexp_canvases.tile import Canvas, draw_tile, paint_tile
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -16,14 +16,13 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.system.files import write_json, write_picture
 from brushexp.system.progress import counting, with_progress
 from brushexp.system.runtime import cores, peak_memory
-from brushexp_canvases.drawing import job_of
 from brushexp_canvases.grid import Grid
 from brushexp_canvases.jobs import paint_all, workers
-from brushexp_canvases.page.strokes import write_viewer
+from brushexp_canvases.page import write_viewer
 from brushexp_canvases.pyramid import add_levels, write_iiif
 from brushexp_canvases.source import Source, open_source
 from brushexp_canvases.store import HEIGHT, PICTURES, CanvasStore
-from brushexp_canvases.tile import Canvas
+from brushexp_canvases.tile import Canvas, job_of
 
 log = logging.getLogger(__name__)
 LAYERS = ("painting", "target", "height")  # of the page, the first under the curtain

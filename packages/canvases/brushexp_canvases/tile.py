@@ -12,22 +12,30 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from brushexp.painting.build import compute_focus
-from brushexp.painting.components import build_components
+from brushexp.painting.components import build_components, build_stages
+from brushexp.painting.finished import bare_job
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.load import background_color
 from brushexp.pictures.region import Region
 from brushexp.plugin_loading import load_plugins
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.order.base import Order
+from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.sampler.base import Sampler, View
+from brushexp.registry import take_built
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.device import device_of
 from brushexp.system.runtime import peak_memory, use_threads
 from brushexp_canvases.grid import Tile
-from brushexp_canvases.laying import lay
-from brushexp_canvases.store import CanvasStore
+from brushexp_canvases.laying import lay, reaching
+from brushexp_canvases.pyramid import grey_of, slices_of
+from brushexp_canvases.store import HEIGHT, CanvasStore
 
+THICK = 0.25  # pitches of height that are white; thicker paint is white as well
+SEAM = 4  # pixels on each side of a border between tiles whose errors are those of the seam
+EDGE = 2  # pixels around a part that its light depends on
 BORDER, WEIGHT = 8, 1.2  # pixels along borders between tiles, and how much more than others they count
 
 
@@ -144,3 +152,43 @@ def painter_of(
     parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
     catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
     return StrokeOptimizer(catalogue, parts, target, background, seed=cfg.seed, focus=focus).to(device), order
+
+
+def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
+    """Draw a tile of a canvas whose tiles around it are painted, with its light, and store it with its errors."""
+    store, cfg = canvas.open()
+    if store.is_drawn(tile):
+        return
+    region = store.grid.region(tile)
+    wide = region.widened(EDGE, store.grid.size)
+    job = job_of(store, cfg, wide)
+
+    def put(name: str, picture: np.ndarray) -> np.ndarray:
+        inner = Region(region.top - wide.top, region.left - wide.left, region.height, region.width)
+        store.write(name, region, part := np.ascontiguousarray(picture[slices_of(inner)]))
+        return part
+
+    pixels = put("painting", job.picture().transpose(2, 0, 1))
+    if HEIGHT in store.root:
+        put(HEIGHT, grey_of(job.height() / (THICK * cfg.pixels_per_stroke**0.5)))
+    near = store.grid.near_borders(tile, region, SEAM)
+    store.put_squares(tile, errors_of(pixels, store.read("target", region), near))
+
+
+def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
+    """Make the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
+    near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
+    strokes, depth = store.strokes_of(near)
+    seen = reaching(strokes, region, EDGE)
+    renderer = build_stages(cfg)[-1].renderer
+    compositor = Compositor(take_built(cfg.blend), take_built(cfg.color))
+    job = bare_job(cfg, renderer, compositor, (region.height, region.width))
+    background = background_color(cfg.background, torch.ones(3, 1, 1))
+    strokes = strokes[seen].moved(shift=(-region.left, -region.top))
+    return replace(job, saved=job.saved.with_strokes(strokes, front_to_back(depth[seen]), background))
+
+
+def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
+    """Sum squared errors of pictures (3, h, w) uint8, in [0, 1], as `SQUARES` names them; ``near`` (h, w) a border."""
+    squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
+    return float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size

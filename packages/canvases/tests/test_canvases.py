@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_canvases.drawing import THICK, draw_tile, job_of
 from brushexp_canvases.grid import Grid, Tile
-from brushexp_canvases.page.strokes import write_strokes
+from brushexp_canvases.page import write_strokes
 from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
 from brushexp_canvases.task import begin, check_same, settings_that_count
-from brushexp_canvases.tile import Canvas, paint_tile
+from brushexp_canvases.tile import THICK, Canvas, draw_tile, job_of, paint_tile
 from omegaconf import OmegaConf
 from PIL import Image
 from skimage.data import astronaut

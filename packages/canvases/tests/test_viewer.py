@@ -10,8 +10,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import torch
-from brushexp_canvases.page import write_page
-from brushexp_canvases.page.strokes import CELL, of_all, write_strokes
+from brushexp_canvases.page import CELL, of_all, write_page, write_strokes
 from brushexp_canvases.pyramid import write_dzi
 from PIL import Image
 from test_pyramids import job_of, levels_of

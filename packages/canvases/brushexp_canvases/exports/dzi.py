@@ -17,7 +17,7 @@ class DeepZoom(Exporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from brushexp_canvases.page.strokes import of_all, write_viewer  # noqa: PLC0415  (templates are slow to import)
+        from brushexp_canvases.page import of_all, write_viewer  # noqa: PLC0415  (templates are slow to import)
 
         with archive(path := folder / "dzi.zip") as into, levels_of(job) as levels:
             write_viewer(into, levels, Path(job.source).name or "painting", len(job.strokes), of_all(job))

@@ -1,14 +1,31 @@
-"""The page that shows a pyramid from a folder: pan and zoom, layers under a curtain, strokes as shapes when near."""
+"""Show a pyramid from a folder: pan and zoom, layers under a curtain, strokes as shapes when near.
 
+Strokes are in square cells, each a script beside the page, which loads it when its part of the painting is near.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
 from brushexp.pages.html import page
+from brushexp.pages.replay import pack_strokes, pack_textures, textured_of
+from brushexp.pictures.region import Region
+from brushexp.plugins.export.job import ExportJob
 from brushexp.system.files import write_text
-from brushexp_canvases.pyramid import TILE
+from brushexp_canvases.laying import reaching
+from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "view.html"
+CELL = TILE  # pixels of a side; tiles of levels beyond those of the picture divide it
+CELLS = 4  # cells along a side of a part whose strokes are looked for at once
+FOLDER = "strokes_files"
+JobOf = Callable[[Region], ExportJob]
 
 
 def write_page(
@@ -23,3 +40,53 @@ def write_page(
     text = page("view.html.j2", TEMPLATES, title=title, lead=lead, layers=layers, data=data)
     write_text(path := folder / PAGE_NAME, text)
     return path
+
+
+def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count: int, job_of: JobOf) -> None:
+    """Write a painting of ``count`` strokes, and other pictures of its size, as Deep Zoom images with a page."""
+    for name, pictures in levels.items():
+        write_dzi(folder, name, pictures)
+    height, width = size = levels["painting"][0].size
+    lead = f"{count:,} strokes on {width:,} × {height:,} pixels"
+    write_page(folder, size, list(levels), title, lead, write_strokes(folder, size, job_of))
+
+
+def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
+    """Write the strokes of a painting of ``size`` (H, W), and return what the page needs to know of them.
+
+    ``job_of`` gives all strokes that reach a part, in pixels from its corner. Each of ``column_row.js`` calls
+    `brushexp.cell` with what `pack_strokes` makes of the strokes that reach a cell, in pixels from the corner of the
+    cell; a stroke is in every cell that it reaches. ``textures.js`` has the textures of all.
+    """
+    exact, textures = True, None
+    with whole_folder(folder / FOLDER) as into:
+        for part in Region(0, 0, *size).tiles(CELLS * CELL):
+            job = job_of(part)
+            for cell in Region(0, 0, part.height, part.width).tiles(CELL):
+                packed = pack_strokes(_within(job, cell, size))
+                exact = exact and packed["exact"] and job.is_bare
+                name = f"{(part.left + cell.left) // CELL}_{(part.top + cell.top) // CELL}"
+                _write_call(into, name, packed)
+            textures = textures or textured_of(job)
+        if textures is not None:
+            sheets = textures.sheets
+            _write_call(into, "textures", pack_textures(sheets, np.arange(len(sheets.size))))
+    return {"folder": FOLDER, "cell": CELL, "exact": exact, "textured": textures is not None}
+
+
+def of_all(job: ExportJob) -> JobOf:
+    """Find the strokes that reach a part among all those of a painting."""
+    return lambda part: _within(job, part, job.size)
+
+
+def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
+    """Keep the strokes that reach a part, in pixels from its corner; ``size`` (H, W) is that of the whole painting."""
+    number = job.bottom_up[reaching(job.strokes, part, job.renderer.edge)[job.bottom_up]]
+    strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
+    depth = torch.arange(len(number), dtype=torch.int32)
+    return replace(job, saved=replace(job.saved, strokes=strokes, depth=depth, size=size))
+
+
+def _write_call(folder: Path, name: str, packed: dict[str, Any]) -> None:
+    text = json.dumps(packed, separators=(",", ":"))
+    (folder / f"{name}.js").write_text(f'brushexp.cell("{name}",{text});\n', encoding="utf-8")
