@@ -17,8 +17,7 @@ from brushexp.pictures.color import hex_of
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.system.progress import with_progress
 from brushexp_tubes.mixtures import Mixtures
-from brushexp_tubes.plan import Plan
-from brushexp_tubes.regions import labels_of, numbered_regions
+from brushexp_tubes.plan import Plan, labels_of, numbered_regions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,5 +1,6 @@
-"""Plans: strokes in stages of one brush and one mixture, with dips, and what comes of them when they are painted."""
+"""Plan strokes in stages of one brush and one mixture, with dips; play a plan, and divide it to paint by numbers."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from brushexp_tubes.table import Table
 FULL = 0.6  # share of a load after which a brush begins to run dry
 DRIEST = 0.4  # coverage at the end of a load
 FILMS = 4  # of a stroke that runs dry, each shorter than the one below
+NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
 ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
 
 Array = np.ndarray
@@ -133,3 +135,35 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
     along = np.where(strip % 2, -x, x)
     order = np.lexsort((along, strip, table.stage_of(strokes).numpy()))
     return Plan(job, table, torch.from_numpy(order), pixels_per_mm)
+
+
+def numbered_regions(plan: Plan) -> Array:
+    """Number the mixture (h, w) from 0 that a picture shows at each place, without spots that no brush could paint."""
+    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
+
+    small = plan.played().at_most(NUMBERED)
+    colors = torch.from_numpy(small.picture()).double() / 255
+    mixtures = plan.table.mixtures
+    if not len(mixtures):
+        return np.zeros(small.size, dtype=int)
+    away = torch.cdist(colors.reshape(-1, 3), mixtures.color.double())
+    regions = away.argmin(1).reshape(small.size).numpy()
+    least = (float(plan.table.brushes.min()) * small.size[1] / plan.job.size[1]) ** 2
+    spots = np.zeros(regions.shape, dtype=bool)
+    for number in np.unique(regions):
+        parts, _ = label(regions == number)
+        spots |= (np.bincount(parts.ravel())[parts] < least) & (parts > 0)
+    if spots.all():
+        return regions
+    nearest = distance_transform_edt(spots, return_distances=False, return_indices=True)
+    return regions[tuple(nearest)]
+
+
+def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
+    """Find a place (row, column) for a number in each part of a mask (h, w), and how far it is from the edge."""
+    from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
+
+    parts, count = label(mask)
+    depth = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    for row, column in maximum_position(depth, parts, range(1, count + 1)):
+        yield int(row), int(column), float(depth[int(row), int(column)])

@@ -9,9 +9,8 @@ import pytest
 import torch
 from brushexp_tubes.mixtures import all_mixtures, choose_mixtures
 from brushexp_tubes.paints import load_tubes
-from brushexp_tubes.plan import DRIEST, Plan, plan_of
+from brushexp_tubes.plan import DRIEST, Plan, labels_of, numbered_regions, plan_of
 from brushexp_tubes.recorded import recorded_plan
-from brushexp_tubes.regions import labels_of, numbered_regions
 from brushexp_tubes.sheets import PlanSheets
 from brushexp_tubes.table import Table
 from omegaconf import OmegaConf

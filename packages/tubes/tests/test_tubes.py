@@ -7,12 +7,11 @@ from itertools import groupby
 import pytest
 import torch
 from brushexp_tubes import task
-from brushexp_tubes.constraint import Constraint, wanted_colors
 from brushexp_tubes.difference import median_difference
 from brushexp_tubes.mixtures import all_mixtures, choose_mixtures
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.table import StageOrder, Table
-from brushexp_tubes.task import build_constrained
+from brushexp_tubes.task import Constraint, build_constrained, wanted_colors
 from scenes import random_strokes
 
 from brushexp.api.settings import settings_of
