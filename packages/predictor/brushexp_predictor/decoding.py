@@ -1,4 +1,4 @@
-"""Turn the numbers that the network says into strokes in pixels."""
+"""Turn the numbers that the network says into strokes in pixels, and draw them."""
 
 import math
 from dataclasses import dataclass
@@ -6,12 +6,19 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from brushexp.plugins.blend.base import Compositor
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.color.rgb import Rgb
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
 BEND = 2.0  # half lengths from the chord to the control point, at most
 TONE = 0.5  # greatest difference from the mean colour of the cell
+BLEND = Compositor(Tiled(), Rgb())
+PLAIN, BRUSHED = Analytic(), Textured().requires_grad_(False)
 FIRST_OPACITY = 3.0  # log-odds, where the network says 0
 
 
@@ -61,3 +68,10 @@ def areas_of(strokes: Strokes) -> Tensor:
     length = (strokes.end - strokes.start).norm(dim=1) * strokes.scale / 2
     width = strokes.width * strokes.scale
     return width * (length + width * math.pi / 4)
+
+
+def draw(form: Form, strokes: Strokes, size: tuple[int, int], background: Tensor) -> Tensor:
+    """Draw strokes, the lowest first, as a picture (3, H, W), through the renderer that networks of a form learn by."""
+    renderer = BRUSHED if form.brushed else PLAIN
+    front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=strokes.position.device)
+    return BLEND(renderer(strokes), front_to_back, size, background).image

@@ -9,8 +9,7 @@ from torch import Tensor
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.colors import ROUNDS, best_colors
-from brushexp_predictor.decoding import Form
-from brushexp_predictor.drawing import draw
+from brushexp_predictor.decoding import Form, draw
 from brushexp_predictor.network import CELL, REACH, StrokePredictor, Told
 from brushexp_predictor.pyramid import Look, lay, levels_of
 

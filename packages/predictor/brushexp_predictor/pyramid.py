@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
 
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.decoding import Form, areas_of, strokes_of
-from brushexp_predictor.drawing import draw
+from brushexp_predictor.decoding import Form, areas_of, draw, strokes_of
 from brushexp_predictor.network import CELL, Told
 
 SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes

@@ -18,7 +18,7 @@ from torch import Tensor, optim
 from brushexp.pictures.similarity import psnr_of
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp_predictor.drawing import draw
+from brushexp_predictor.decoding import draw
 from brushexp_predictor.network import CELL, StrokePredictor
 from brushexp_predictor.pyramid import Laid, Level, errors_of, lay, levels_of, resized
 from brushexp_predictor.subjects import Subjects

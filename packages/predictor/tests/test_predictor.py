@@ -6,8 +6,7 @@ from itertools import pairwise
 import pytest
 import torch
 from brushexp_predictor.colors import best_colors
-from brushexp_predictor.decoding import FORMS, strokes_of
-from brushexp_predictor.drawing import draw
+from brushexp_predictor.decoding import FORMS, draw, strokes_of
 from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor, load_predictor
 from brushexp_predictor.predicted import Predicted
 from brushexp_predictor.predicting import PART, partly, predict

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_predictor import train_task
-from brushexp_predictor.decoding import FORMS
-from brushexp_predictor.drawing import draw
+from brushexp_predictor.decoding import FORMS, draw
 from brushexp_predictor.network import StrokePredictor
 from brushexp_predictor.pyramid import lay
 from brushexp_predictor.subjects import Subjects, load_subjects
