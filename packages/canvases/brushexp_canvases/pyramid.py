@@ -148,12 +148,14 @@ def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: st
     if not base.startswith(("http://", "https://")):
         raise UserError(f"base={base} is no address; give where the files will be served, https://example.org/rhone")
     base = base.rstrip("/")
+    folder.mkdir(exist_ok=True)
     for name, levels in names.items():
         with whole_folder(folder / name) as into:
             (into / "info.json").write_text(json.dumps(_write_image(into, f"{base}/{name}", levels), indent=2))
     first = next(iter(names))
     size = names[first][0].size
     write_json(path := folder / "manifest.json", manifest_of(base, list(names), size, title))
+    note_files(folder.parent, [file for file in folder.rglob("*") if file.is_file()])  # of a run, if it is one's folder
     return [path, *(folder / name for name in names)]
 
 

@@ -19,6 +19,7 @@ from brushexp.plugins.export.job import ExportJob, export_job
 from brushexp.registry import build_named
 from brushexp.strokes.prior import sample_prior
 from brushexp.strokes.saved import Saved
+from brushexp.system.run_files import files_written, recorded
 
 
 def job_of(height: int, width: int, renderer: str = "analytic") -> ExportJob:
@@ -103,6 +104,13 @@ def test_what_an_image_of_iiif_promises_is_there(tmp_path: Path) -> None:
     canvas = manifest["items"][0]
     assert (manifest["id"], canvas["width"]) == ("https://example.org/x/manifest.json", 1100)
     assert canvas["items"][0]["items"][0]["body"]["service"][0]["id"] == info["id"]
+
+
+def test_iiif_goes_into_a_new_folder_of_a_run_whose_files_are_noted(tmp_path: Path) -> None:
+    (tmp_path / ".hydra").mkdir()
+    with recorded(tmp_path):
+        write_iiif(tmp_path / "iiif", {"painting": levels_of(smooth(9, 9))}, "x")
+    assert {path.name for path in files_written(tmp_path)} == {"manifest.json", "info.json", "default.jpg"}
 
 
 def test_an_address_of_iiif_is_one(tmp_path: Path) -> None:
