@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from brushexp_style.imitation import brushwork_of
+from brushexp_style.brushwork import brushwork_of
 from brushexp_style.style import KERNELS
 from scenes import random_strokes
 from torch import Tensor

@@ -1,15 +1,32 @@
-"""Brushwork transfer as a loss."""
+"""Transfer brushwork as a loss: measure lengths, widths, curvatures and directions, and give them to other strokes.
 
+Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that transferred strokes cover another picture
+as densely as their own.
+"""
+
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from brushexp.errors import UserError
 from brushexp.plugins.loss.base import BrushworkLoss, PaintedView
 from brushexp.registry import register
+from brushexp.strokes import measures as ruler
+from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import is_visible, pitch_of
+from brushexp.strokes.prior import control_offset
 from brushexp.system.precision import at_least_single
-from brushexp_style.imitation import distances, load_brushwork, with_brushwork
+
+OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
+MIN_STROKES = 30  # a brushwork needs so many that count
+SHORTEST_CHORD_PITCHES = 0.25  # a chord counts as at least so long when the place of the control point is measured
+LOG_OFFSET_PITCHES = 0.1  # differences of size well below it are not seen in logarithms
+MIN_SPREAD = 0.1  # least standard deviation of a measure: 10 % of size, 0.1 rad of curvature, 0.1 of coherence
+AREA_JITTER = 0.1  # noise of log area while the larger strokes are given to the larger cells
+MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distances` compares
 
 
 @register("loss", "brushwork")
@@ -45,3 +62,131 @@ class BrushworkTransfer(BrushworkLoss):
 
     def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
         return strokes if self.reference is None else with_brushwork(strokes, self.reference, size, generator)
+
+
+@dataclass(frozen=True)
+class Brushwork:
+    """A sample of M strokes; row i of every tensor but the last is one stroke."""
+
+    length: Tensor  # (M,) arc length, pitches
+    width: Tensor  # (M,) thickness, pitches
+    bend: Tensor  # (M, 2) of the control point along and across (never below 0) the chord: `prior.control_offset`
+    deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
+    measures: Tensor  # (4, M) what `measures_to_match` finds, each row ascending
+
+    def __len__(self) -> int:
+        return self.length.shape[0]
+
+    def to(self, like: Tensor) -> "Brushwork":
+        """Convert to the dtype and the device of ``like``."""
+        return Brushwork(**{name: value.to(like) for name, value in vars(self).items()})
+
+
+def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
+    """Measure the brushwork of a saved catalogue; ``option`` is the key that sets the path, for messages."""
+    from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
+
+    saved = load_catalogue(path, option)
+    try:
+        return brushwork_of(saved.strokes, saved.size)
+    except UserError as error:
+        raise UserError(f"{option}={path}: {error}") from error
+
+
+@torch.no_grad()
+def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
+    """Measure the brushwork of visible strokes on a canvas (H, W); UserError if they are fewer than `MIN_STROKES`."""
+    pitch = pitch_of(strokes, size)
+    counted = strokes[is_visible(strokes, pitch)]
+    if len(counted) < MIN_STROKES:
+        cure = f"give a painting of {MIN_STROKES} strokes or more"
+        raise UserError(f"{len(counted)} of {len(strokes)} strokes can be seen, too few for a brushwork; {cure}")
+    shape = shape_of(counted)
+    bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
+    around = torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), ruler.neighbours_of(counted, shape)))
+    chord = torch.stack([shape[:, 0], 0.5 * (shape[:, 0] + shape[:, 2]), shape[:, 2]], dim=1)
+    return Brushwork(
+        length=length_of(shape) / pitch,
+        width=2 * half_width_of(counted) / pitch,
+        bend=torch.where(bend[:, 1:] < 0, -bend, bend),
+        deviation=0.5 * (torch.view_as_complex(ruler.direction_of(chord)) * around.conj()).angle(),
+        measures=measures_to_match(counted, pitch).sort(1).values,
+    )
+
+
+def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
+    """Compute the rows of `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
+    shape = shape_of(strokes)
+    sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
+    coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
+    return torch.cat([(sizes + LOG_OFFSET_PITCHES).log(), torch.stack([ruler.curvature_of(shape), coherence])])
+
+
+def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
+    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending ones (R, M)."""
+    n, m = values.shape[1], reference.shape[1]
+    ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # steps end here, in 1 / (n m)
+    ends = ends.to(values.device)
+    share = ends.diff(prepend=ends.new_zeros(1))
+    begins = ends - share
+    gap = values.sort(1).values[:, begins // m] - reference[:, begins // n]
+    return (gap.square() * (share / (n * m)).to(gap)).sum(1)
+
+
+def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> Tensor:
+    """Compute squared 2-Wasserstein distances (4,) of `MATCHED`, in units of the reference's variance."""
+    pitch = pitch_of(strokes, size)
+    visible = is_visible(strokes, pitch)
+    counted = strokes if bool(visible.all()) else strokes[visible]
+    if not len(counted):
+        return torch.zeros(len(MATCHED)).to(strokes.width) + strokes.width.sum() * 0
+    spread = reference.measures.std(1, correction=0).clamp_min(MIN_SPREAD)
+    return transport_cost(measures_to_match(counted, pitch), reference.measures) / spread.square()
+
+
+@torch.no_grad()
+def with_brushwork(
+    strokes: Strokes, reference: Brushwork, size: tuple[int, int], generator: torch.Generator
+) -> Strokes:
+    """Give strokes, in place, colour and opacity, the lengths, widths, bends and directions of a reference.
+
+    Each stroke gets those of one stroke of the reference, all of which are used equally often, as far as the numbers
+    allow. The larger ones go where ``strokes`` are larger. The direction is relative to the mean one of the neighbours;
+    a stroke bends to the side to which that direction turns along it.
+    """
+    if not len(strokes):
+        return strokes
+    pitch = pitch_of(strokes, size)
+    row = _assign(strokes, reference, generator)
+    model = reference.to(strokes.width)
+    bend = torch.view_as_complex(model.bend)[row]
+    half = torch.full_like(bend, 0.5)
+    unit = torch.stack([half, bend, -half], dim=1)  # along and across, in chords
+    chord = pitch * model.length[row] / length_of(torch.view_as_real(unit)).clamp_min(1e-6)
+    way = torch.polar(0.5 * chord, 0.5 * _flow_at(strokes.position, strokes).angle() + model.deviation[row])
+    before, after = (_flow_at(strokes.position + torch.view_as_real(step), strokes) for step in (-way, way))
+    turns = (after * before.conj()).imag > 0  # to one side: the curve has its control point on the other
+    unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
+    points = torch.where(turns[:, None], unit.conj(), unit) * (4 * way / strokes.scale)[:, None]
+    start, control, end = torch.view_as_real(points).unbind(1)
+    return replace(strokes, start=start, control=control, end=end, width=pitch * model.width[row] / strokes.scale)
+
+
+def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
+    """Draw the row (N,) of the reference that each stroke is given."""
+    n, m = len(strokes), len(reference)
+    rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
+    thickness = 2 * half_width_of(strokes)
+    area = ((length_of(shape_of(strokes)) + thickness) * thickness).cpu()
+    drawn = ((reference.length + reference.width) * reference.width).cpu()[rows]
+    chance = torch.randn(n, generator=generator)
+    assigned = torch.empty(n, dtype=torch.long)
+    assigned[(area.log() + AREA_JITTER * chance).argsort()] = rows[drawn.argsort()]
+    return assigned.to(strokes.width.device)
+
+
+def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
+    """Compute the mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
+    shape = shape_of(strokes)
+    near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
+    return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from brushexp_style.brushwork import BrushworkTransfer
-from brushexp_style.imitation import (
+from brushexp_style.brushwork import (
     MATCHED,
     MIN_STROKES,
     Brushwork,
+    BrushworkTransfer,
     brushwork_of,
     distances,
     load_brushwork,
