@@ -7,7 +7,7 @@ OME-Zarr.
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -41,19 +41,15 @@ class Source(ABC):
 
 def open_source(path: Path, resolution: int | None = None) -> Source:
     """Open a picture file or an OME-Zarr image, with ``resolution`` pixels on its longer side (libvips only)."""
-    if not path.exists():
-        raise UserError(f"image={path} is not there; give a picture file or an OME-Zarr image")
-    if path.is_dir():
-        source: Callable[[Path], Source] = ZarrImage
-    else:
+    is_zarr = path.is_dir()
+    if not is_zarr:
         with path.open("rb") as file:
             if not file.read(12).startswith(JPEG2000):
                 return PictureFile(path, resolution)
-        source = Jpeg2000File
     if resolution is not None:
         kinds = "OME-Zarr and JPEG 2000 are painted as they are"
         raise UserError(f"resolution={resolution} is not for image={path}: {kinds}; drop resolution")
-    return source(path)
+    return ZarrImage(path) if is_zarr else Jpeg2000File(path)
 
 
 @contextmanager
@@ -62,7 +58,7 @@ def _explaining(path: Path, error: type[Exception], program: str, needed: str) -
     try:
         yield
     except error as reason:
-        words = str(reason).strip().splitlines()[-1]
+        words = (str(reason).strip() or type(reason).__name__).splitlines()[-1]
         raise UserError(f"image={path} cannot be read by {program} ({words}); give a whole {needed}") from reason
 
 
