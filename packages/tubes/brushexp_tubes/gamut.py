@@ -13,7 +13,7 @@ from brushexp.pictures.color import to_lab
 from brushexp.plugins.palette.base import Palette
 from brushexp.registry import register
 from brushexp_tubes.mixtures import Mixtures, all_mixtures, within_tones
-from brushexp_tubes.schema import check_tubes
+from brushexp_tubes.paints import load_tubes
 
 Array = np.ndarray
 NODES = 25  # of each channel, between which colours are interpolated
@@ -33,7 +33,7 @@ class OfPigments(Palette):
         tubes: set of tubes: eight, acrylics, primaries, zorn, or a CSV file.
     """
 
-    tubes: Annotated[str, Rule(check_tubes)] = "zorn"
+    tubes: Annotated[str, Rule(load_tubes)] = "zorn"
 
     def __call__(self, picture: Tensor) -> Tensor:
         from scipy.ndimage import map_coordinates  # noqa: PLC0415  (slow to import)
@@ -44,8 +44,6 @@ class OfPigments(Palette):
 
     @cached_property
     def _mixtures(self) -> Mixtures:
-        from brushexp_tubes.paints import load_tubes  # noqa: PLC0415  (slow to import)
-
         return all_mixtures(load_tubes(self.tubes))
 
     @cached_property

@@ -16,16 +16,10 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
+from brushexp_tubes.paints import load_tubes
 
 LOOK = "tubes"
 BRUSH_MM = (0.5, 200.0)
-
-
-def check_tubes(name: str, option: str) -> None:
-    """Refuse (UserError) what is no set of tubes."""
-    from brushexp_tubes.paints import load_tubes  # noqa: PLC0415  (slow to import)
-
-    load_tubes(name, option)
 
 
 @dataclass
@@ -37,7 +31,7 @@ class TubesTask(PaintTask):
     groups: ClassVar[dict[str, Any]] = PaintTask.groups | {"metric": [*STANDARD, "ciede2000"]}
     presets: ClassVar[dict[str, str]] = PaintTask.presets | {"look": LOOK}
 
-    tubes: str = key("eight", "set of tubes: eight, acrylics, primaries, zorn, or a CSV file", Rule(check_tubes))
+    tubes: str = key("eight", "set of tubes: eight, acrylics, primaries, zorn, or a CSV file", Rule(load_tubes))
     mixtures: int = key(24, "mixtures of up to three tubes, at most", between(1, 200))
     brushes: list[float] = key([25.0, 12.0, 6.0], "widths of the brushes in mm", between(*BRUSH_MM))
     width_cm: float = key(30.0, "width of the painting in cm", above(0, 2000))

@@ -1,11 +1,9 @@
 """Write a plan for a person who paints: ``to=plan``."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import torch
 
@@ -18,10 +16,8 @@ from brushexp.reporting.tables import csv_table
 from brushexp.strokes.bezier import curve_of
 from brushexp.system.files import replacing, write_text
 from brushexp_tubes.difference import median_difference
+from brushexp_tubes.plan import Plan
 from brushexp_tubes.schema import BRUSH_MM
-
-if TYPE_CHECKING:
-    from brushexp_tubes.plan import Plan
 
 log = logging.getLogger(__name__)
 COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm"]
