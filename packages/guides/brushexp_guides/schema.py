@@ -13,6 +13,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import PICTURE, check_ratio, sides_of_picture, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
+from brushexp_guides.lines import load_lines
 
 
 @dataclass
@@ -30,8 +31,6 @@ class GuidedTask(PaintTask):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        from brushexp_guides.lines import load_lines  # noqa: PLC0415  (slow to import)
-
         if cfg.guides is None:
             raise UserError("guides= is missing; add guides=lines.png, a picture of lines that strokes are to follow")
         if cfg.catalogue is not None:

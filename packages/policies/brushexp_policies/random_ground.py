@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
+import torch
+
 from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.callbacks.base import Callback
@@ -53,8 +55,6 @@ class RandomGround(Callback):
         )
 
 
-def random_color(like: Any, step: int) -> Any:
+def random_color(like: torch.Tensor, step: int) -> torch.Tensor:
     """Draw the colour (3,) of a step, which a resumed run draws again."""
-    import torch  # noqa: PLC0415  (--help does not need it)
-
     return torch.rand(like.shape, generator=torch.Generator().manual_seed(step), dtype=like.dtype).to(like.device)
