@@ -142,9 +142,11 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
     assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
 
 
-def test_wet_strokes_drag_what_lies_under_their_starts():
+@pytest.mark.parametrize("widening", [0.0, 0.9])
+def test_wet_strokes_drag_what_lies_under_their_starts(widening):
     below = straight((2, 20), (38, 20), width=30.0, color=(0.9, 0.1, 0.1), opacity=1.0)
     above = straight((30, 20), (70, 20), width=10.0, color=(0.1, 0.2, 0.9), opacity=1.0)
+    above = replace(above, widening=torch.tensor([widening]))
     away = straight((-30, 10), (-10, 10), color=(0.0, 1.0, 0.0))
     target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
     catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
@@ -162,4 +164,5 @@ def test_wet_strokes_drag_what_lies_under_their_starts():
     before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
     reds = after[0, 20, [34, 46, 58, 68]]
     assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"
-    torch.testing.assert_close(after[:, 20, 72], before[:, 20, 72])
+    torch.testing.assert_close(after[:, 20, 76], before[:, 20, 76])
+    assert torch.equal(after[:, :12, :52], before[:, :12, :52]), "a film is no thicker than its stroke"

@@ -10,14 +10,15 @@ from brushexp_policies.topk import TopK
 from brushexp_prints.process import Process, schedule, shrink_to_side, states
 from catalogues import changed, job_of
 from films import decoded, unrolled
-from scenes import Windowed, random_strokes
+from scenes import Windowed, random_strokes, with_shapes
 
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
-from brushexp.strokes.bezier import curve_of, cut_short, point_at
+from brushexp.strokes.bezier import curve_of, cut_short, drift_of, half_width_of, point_at
+from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
 
 
@@ -75,13 +76,19 @@ def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
         torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
 
 
+def seen_at(strokes: Strokes, t: torch.Tensor) -> torch.Tensor:
+    """Place, thickness and colour of each stroke at parameters t."""
+    u = 2 * t[:, None] - 1
+    thickness = half_width_of(strokes)[:, None] * (1 + strokes.widening[:, None] * u)
+    return torch.cat([point_at(curve_of(strokes), t), thickness, strokes.color + drift_of(strokes) * u], 1)
+
+
 def test_a_growing_stroke_is_a_part_of_it():
-    strokes = random_strokes(5, (30, 40))
+    strokes = with_shapes(random_strokes(5, (30, 40)))
     share = torch.tensor([1e-6, 0.3, 0.5, 0.9, 1.0])
-    along = torch.linspace(0, 1, 9)[:, None]
-    for point in along:
-        expected = point_at(curve_of(strokes), point * share)
-        torch.testing.assert_close(point_at(curve_of(cut_short(strokes, share)), point.expand(5)), expected)
+    for point in torch.linspace(0, 1, 9)[:, None]:
+        part = seen_at(cut_short(strokes, share), point.expand(5))
+        torch.testing.assert_close(part, seen_at(strokes, point * share))
     assert torch.equal(cut_short(strokes, share).end[-1], strokes.end[-1])
 
 

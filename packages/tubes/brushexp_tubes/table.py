@@ -49,13 +49,14 @@ class Table:
         return self.sized(replace(strokes, width=self.brushes[brush].to(strokes.width)[rank] / strokes.scale))
 
     def sized(self, strokes: Strokes) -> Strokes:
-        """Make strokes opaque, as wide as their brushes, and not longer than a load lasts, about their middles."""
+        """Make strokes opaque, as wide as their brushes all along, and not longer than a load, about their middles."""
         width = self.brushes.to(strokes.scale)[self.brush_of(strokes)]
         share = (self.load * width / length_of(curve_of(strokes)).clamp_min(LEAST)).clamp_max(1)[:, None]
         middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
         points = {name: getattr(strokes, name) for name in ("start", "control", "end")}
         points = {name: torch.where(share < 1, middle + share * (p - middle), p) for name, p in points.items()}
-        return replace(strokes, width=width / strokes.scale, opacity=torch.ones_like(strokes.opacity), **points)
+        points |= {name: torch.zeros_like(width) for name in ("softness", "widening")}
+        return replace(strokes, width=width / strokes.scale, opacity=torch.ones_like(width), **points)
 
     def mixed(self, strokes: Strokes) -> Strokes:
         """Give each stroke the colour of its nearest mixture, all along it; one that has such a colour keeps it."""

@@ -12,7 +12,7 @@ from brushexp_tubes.mixtures import all_mixtures, choose_mixtures
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.table import StageOrder, Table
 from brushexp_tubes.task import Constraint, build_constrained, wanted_colors
-from scenes import random_strokes
+from scenes import random_strokes, with_shapes
 
 from brushexp.api.settings import settings_of
 from brushexp.cli.program import expand_arguments
@@ -27,7 +27,7 @@ from brushexp.pictures.color import to_lab
 from brushexp.plugins.order.base import Order
 from brushexp.runs.runner import perform
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.strokes.catalogue import LATER_FIELDS, Catalogue, Strokes
 from brushexp.strokes.storage import load_catalogue
 
 SIZE = (48, 72)
@@ -57,11 +57,12 @@ def test_the_nearest_mixture_and_brush_are_those_of_a_search_through_all():
 
 def test_strokes_on_a_table_have_its_widths_and_colours_and_no_more_paint_than_a_load():
     own = table(load=2.0)
-    strokes = own.mixed(own.sized(random_strokes(40, SIZE)))
+    strokes = own.mixed(own.sized(with_shapes(random_strokes(40, SIZE))))
     width = 2 * half_width_of(strokes)
     assert (width[:, None] - own.brushes).abs().amin(1).max() < 1e-4
     assert (length_of(curve_of(strokes)) <= 2 * width * 1.001).all()
     assert (strokes.opacity == 1).all()
+    assert not any(getattr(strokes, name).any() for name in LATER_FIELDS)
     again = own.mixed(own.sized(strokes))
     for (name, value), (_, same) in zip(strokes.items(), again.items(), strict=True):
         torch.testing.assert_close(value, same, msg=name)

@@ -12,7 +12,7 @@ from brushexp.compositing.layers import Layers
 from brushexp.compositing.tile_lists import TILE
 from brushexp.painting.picture import Picture
 from brushexp.plugins.blend.dense import over
-from brushexp.strokes.bezier import curve_of, cut_short
+from brushexp.strokes.bezier import curve_of, cut_short, drift_of
 from brushexp.strokes.catalogue import Strokes
 
 if TYPE_CHECKING:
@@ -37,11 +37,10 @@ def drag_paint(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
     if not wet or not len(strokes):
         return strokes, front_to_back
     picked, covered = under_starts(strokes, front_to_back, painter.picture)
-    is_new = (picked - strokes.color).abs().amax(1) > MIN_DIFFERENCE
+    is_new = (picked - strokes.color + drift_of(strokes)).abs().amax(1) > MIN_DIFFERENCE
     dragging = (is_new & (covered > MIN_COVERAGE)).nonzero()[:, 0]
     share = 1 - (1 - MAX_SHARE * wet) ** (1 / len(REACHES))
-    parts, height = [strokes], [torch.empty_like(front_to_back)]
-    height[0][front_to_back] = torch.arange(len(strokes), 0, -1, device=front_to_back.device) * (len(REACHES) + 1)
+    parts, height = [strokes], [(len(strokes) - front_to_back.argsort()) * (len(REACHES) + 1)]
     for k, reach in enumerate(REACHES, start=1):
         film = cut_short(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
         opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
@@ -68,9 +67,8 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
         order = place[number].argsort()
         rank = order.argsort()
         lists, _ = padded_lists(layers, order, size)
-        tile = (start[inside] // TILE).long()
-        tile = tile[:, 1] * -(-size[1] // TILE) + tile[:, 0]
-        chunks = zip(inside.split(STARTS), tile.split(STARTS), strict=True)
+        column, row = (start[inside] // TILE).long().unbind(1)
+        chunks = zip(inside.split(STARTS), (row * -(-size[1] // TILE) + column).split(STARTS), strict=True)
         parts = [_below(layers, lists[of], rank, some, start[some]) for some, of in chunks]
         color, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
         color = color if space.is_rgb else space.decode(color.T[:, :, None])[:, :, 0].T

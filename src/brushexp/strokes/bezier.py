@@ -80,10 +80,13 @@ def strokes_along(
 
 
 def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut strokes (n) off at parameter ``share`` (n,) of their curve (de Casteljau)."""
-    t, rest = share[:, None], 1 - share[:, None]
+    """Cut strokes (n) off at parameter ``share`` (n,) of their curve (de Casteljau); what is left stays as it is."""
+    t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
-    return replace(strokes, control=first, end=rest * first + t * second)
+    growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of what is left, over that of the whole
+    widening = share * strokes.widening / growth.clamp_min(torch.finfo(growth.dtype).tiny)
+    paint = {"width": growth * strokes.width, "color": strokes.color - rest * drift, "drift": t * drift}
+    return replace(strokes, control=first, end=rest * first + t * second, widening=widening, **paint)
 
 
 def point_at(curve: Tensor, t: Tensor) -> Tensor:
