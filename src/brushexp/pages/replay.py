@@ -12,15 +12,15 @@ from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.svg import profile_of
 from brushexp.results.stroke_table import StrokeTable
-from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of
-from brushexp.strokes.saved import config_of
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import LATER_FIELDS
 
 MAX_STROKES = 200_000  # browsers can still draw a page of so many
 STEPS = 65_535  # levels of 16 bits above 0
 FARTHEST = 4.0  # canvas sides: farther control points are moved there
 CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
-EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper, by default
 Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values, and the range in which they lie
 
 
@@ -50,10 +50,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
     number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
-    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Plain strokes also have
-    ``softness``, in pixels, ``widening`` and ``drift``, each unless all are 0; textured ones half width (``thick``) and
-    opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is
-    flipped; textures are counted as in ``looks``, sorted, None for all of them.
+    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Strokes that are drawn
+    as a `Profile` also have ``softness``, in pixels, ``widening`` and ``drift``, each unless all are 0; textured ones
+    half width (``thick``) and opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of
+    its loop, and whether it is flipped; textures are counted as in ``looks``, sorted, None for all of them.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -66,10 +66,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
         "paint": (saved.strokes.color.numpy(), 0, 1),
         "opacity": (saved.strokes.opacity.numpy(), 0, 1),
     } | dict(about or {})
+    drawn, _ = profile_of(job)
     if textured is None:
-        rest = {"softness": softness_of(saved.strokes).clamp(0, far), "drift": drift_of(saved.strokes)}
-        for name, field in (rest | {"widening": saved.strokes.widening}).items():
-            if field.any():
+        for name in LATER_FIELDS:
+            if (field := getattr(drawn, name).clamp(-far, far)).any():
                 values[name] = field.numpy(), min(0.0, float(field.min())), max(0.0, float(field.max()))
     else:
         thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
@@ -86,15 +86,14 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
         data += _quantised(shares, STEPS, "<u2").tobytes()
         columns.append((name, column[:1].size or 1, float(low), float(max(high, low + 1e-6))))
-    options = config_of(saved).get("renderer")
-    edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
     mixed = not job.space.is_rgb
     return {
         "count": count,
         "width": width,
         "height": height,
         "background": hex_of(saved.background.numpy()),
-        **(EDGES | edges),
+        "soft": drawn.soft,
+        "taper": drawn.taper,
         "exact": (saved.renderer == CANVAS_RENDERER or textured is not None) and not mixed,
         "mixed": mixed,
         "columns": columns,

@@ -142,20 +142,20 @@
   }
 
   function describe(k) {
-    const turn = strokes.direction[k];
+    const [turn, colors] = [strokes.direction[k], strokes.colors(k)];
     const words = {
       number: String(strokes.number[k]), // as in every file
       depth: `${thousands(k + 1)} of ${thousands(strokes.count)}`,
       length: `${strokes.length[k].toFixed(1)} px`,
       width: `${(2 * strokes.half[k]).toFixed(1)} px`,
       direction: turn < 0 ? "none, a dot" : `${Math.round(turn) % 180}°`,
-      colour: strokes.color[k],
+      colour: colors.join(" to "),
       opacity: `${Math.round(100 * strokes.opacity[k])} %`,
       visible: `${Math.round(100 * strokes.visible[k])} %`,
       size: LAYERS[strokes.layer[k]],
     };
     for (const [name, text] of Object.entries(words)) card.querySelector(`[data-field=${name}]`).textContent = text;
-    card.querySelector(".swatch").style.background = strokes.color[k];
+    card.querySelector(".swatch").style.background = `linear-gradient(90deg, ${colors[0]}, ${colors.at(-1)})`;
     card.querySelector(".needle").style.rotate = `${Math.max(0, turn)}deg`;
   }
 

@@ -17,8 +17,10 @@
     }
     for (const name of ["softness", "widening", "drift"]) strokes[name] ??= new Float32Array(3 * count);
     const hex = (share) => Math.round(255 * share).toString(16).padStart(2, "0");
-    const colorOf = (k) => `#${[...strokes.paint.subarray(3 * k, 3 * k + 3)].map(hex).join("")}`;
-    strokes.color = Array.from({ length: count }, (_, k) => colorOf(k));
+    const channel = (i, along) => hex(Math.min(1, Math.max(0, strokes.paint[i] + along * strokes.drift[i])));
+    const colorAt = (k, along) => `#${[3 * k, 3 * k + 1, 3 * k + 2].map((i) => channel(i, along)).join("")}`;
+    strokes.color = Array.from({ length: count }, (_, k) => colorAt(k, 0));
+    strokes.colors = (k) => [...new Set([colorAt(k, -1), colorAt(k, 1)])]; // of its start and end, if they differ
     return strokes;
   }
 
