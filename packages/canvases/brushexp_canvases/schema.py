@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from brushexp.bounds import at_least, between, one_of
 from brushexp.config.keys import key
@@ -30,7 +30,7 @@ class CanvasTask(PaintTask):
     module = "brushexp_canvases.task"
     instead_of = "paint"
 
-    image: str = key("scan.tif", "a picture file of any size, or an OME-Zarr image")
+    image: str = key(MISSING, "a picture file of any size, or an OME-Zarr image")
     canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued")
     tile: int = key(1024, "side of a tile in pixels", between(16, 4096))
     margin: int = key(

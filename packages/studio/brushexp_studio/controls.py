@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ from brushexp.errors import UserError
 from brushexp_studio.elements import Button, Drop, Slide, Tag, chips
 from brushexp_studio.photos import SAMPLES, Photo
 from brushexp_studio.visit import PHOTOGRAPH, Visit
-from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, own_size, planned_strokes
+from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, Wishes, own_size, planned_strokes
 
 SECONDS = "seconds"  # a choice beside the qualities
 NONE = ""  # key of no picture
@@ -24,6 +25,7 @@ class Controls:
     def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
         self.visit, self.complain = visit, complain
         self.displayed: dict[str, Photo | None] = {}
+        self.asked: Wishes | None = None  # what strokes were planned for last
         self.thumbs: dict[str, dict[str, Button]] = {}  # of pictures and of styles, by their keys
         with Tag("section", "controls", aria_label="What to paint, and how"):
             with part("Picture"):
@@ -158,7 +160,10 @@ class Controls:
         wishes = self.visit.wishes
         if wishes.photo is None:
             return
-        plan = await run.io_bound(lambda: (planned_strokes(wishes), own_size(wishes.look)))
+        self.asked = asked = replace(wishes)
+        plan = await run.io_bound(lambda: (planned_strokes(asked), own_size(asked.look)))
+        if asked is not self.asked:  # another choice was made meanwhile, whose plan may have come sooner
+            return
         if plan and wishes.strokes is None:
             self.number.show(f"as the look: {plan[0]:,}")
         self.size.set_visibility(bool(plan and plan[1]))

@@ -1,5 +1,6 @@
 """Paintings of the studio and what is wished of them, without a browser."""
 
+import asyncio
 import re
 import sys
 from threading import Event
@@ -13,6 +14,8 @@ from omegaconf import OmegaConf
 from brushexp.errors import UserError
 
 pytest.importorskip("nicegui", reason="the studio is an extra")
+from brushexp_studio import controls as studio_controls
+from brushexp_studio.controls import Controls
 from brushexp_studio.tab import likelihood
 from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
@@ -100,3 +103,26 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(UserError, match=r"pip install 'brushexp\[studio\]'"):
         studio_task.run(OmegaConf.create(), tmp_path, 0.0)
+
+
+def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(monkeypatch):
+    gate, controls = asyncio.Event(), Mock(visit=Mock(wishes=Wishes(photo=Mock(), look="oil")))
+
+    async def slow_for_oil(compute):
+        if (plan := compute())[0] == len("oil"):
+            await gate.wait()
+        return plan
+
+    async def choose():
+        oil = asyncio.create_task(Controls._renew_strokes(controls))
+        await asyncio.sleep(0)
+        controls.visit.wishes.look = "plain"
+        await Controls._renew_strokes(controls)
+        gate.set()
+        await oil
+
+    monkeypatch.setattr(studio_controls, "planned_strokes", lambda wishes: len(wishes.look))
+    monkeypatch.setattr(studio_controls, "own_size", lambda look: {})
+    monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
+    asyncio.run(choose())
+    controls.number.show.assert_called_once_with("as the look: 5")
