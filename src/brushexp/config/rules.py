@@ -108,18 +108,18 @@ def check_trainer(cfg: DictConfig) -> None:
     """Refuse (UserError) options of Lightning's Trainer that count epochs and validations: painting has none."""
     for name, cure in OF_TRAINING.items():
         if (value := cfg.trainer.get(name)) not in (None, -1):
-            reason = f"trainer.{name}={value} is for training networks, and painting has steps only"
-            raise UserError(f"{reason}; {cure}")
+            raise UserError(f"trainer.{name}={value} is for training networks, and painting has steps only; {cure}")
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Log the typed keys that have no effect beside the other ones; in a sweep they may be for other jobs."""
+    """Log the typed keys that do not do beside the other ones what they say; in a sweep they may be for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS})
     if unused and isinstance(keep_built(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
-    init = sorted({key for key in keys if key.partition(".")[0] == "init"})
-    if init and cfg.catalogue is not None:
+    elif cfg.catalogue is not None and "order" not in keys and plugin_of(cfg.order).name != "fixed":
+        log.warning("strokes of catalogue=%s are laid in a new order; order=fixed keeps theirs", cfg.catalogue)
+    if cfg.catalogue is not None and (init := sorted({key for key in keys if key.partition(".")[0] == "init"})):
         log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
     for key, others in INSTEAD.items():
         if key in keys and (idle := [other for other in others if other in keys]):
