@@ -146,6 +146,7 @@ MISTAKES = {
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
     "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",
     "task=export": "task=export needs catalogue: folder of a run, its catalogue.h5",
+    "task=canvas": "task=canvas needs image: a picture file of any size, or an OME-Zarr image; add image=...",
     "image=a'b.jpg strokes='": "is not a whole number; try strokes=100",
     # names and files
     "device=tpu": "device=tpu, but PyTorch finds ",
@@ -159,6 +160,7 @@ MISTAKES = {
     "resume=nope": "resume=nope: there is no such folder; give the folder of an interrupted run",
     "resume=": "resume= names no folder; give the folder of an interrupted run",
     "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope does not come with the program (there are: ",
+    "init=predicted init.checkpoint=nope": "init.checkpoint=nope does not come with the program (there are: brushed, ",
     "renderer=inverse_vgg renderer.channels=[3]": "renderer.channels=[3] are not ",
     "task=view catalogue=nope": "there is no file nope",
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",

@@ -11,6 +11,7 @@ from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.order.area import Area
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.checkpoints import WEIGHTS
 from brushexp_predictor.colors import ROUNDS
 
 
@@ -31,7 +32,7 @@ class Predicted(Initializer):
         color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
     """
 
-    checkpoint: str = "plain"
+    checkpoint: Annotated[str, WEIGHTS] = "plain"
     temperature: Annotated[float, between(0, 10)] = 0.0
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 

@@ -7,6 +7,7 @@ from typing import Annotated
 from brushexp.bounds import between
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
+from brushexp_predictor.checkpoints import WEIGHTS
 from brushexp_predictor.colors import ROUNDS, best_colors
 
 
@@ -24,7 +25,7 @@ class Predictor(Painter):
 
     kind, differentiates = "a trained network", True
 
-    checkpoint: str = "plain"
+    checkpoint: Annotated[str, WEIGHTS] = "plain"
     temperature: Annotated[float, between(0, 10)] = 0.0
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
