@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import tee
 from pathlib import Path
@@ -19,12 +19,13 @@ from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.svg import profile_of
 from brushexp.plugins.paper.base import Rows
 from brushexp.registry import register
 from brushexp.shading.height import Impasto, typical_width
 from brushexp.shading.light import normals_of, shade_picture
 from brushexp.strokes.bezier import cut_short
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import LATER_FIELDS, Strokes
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
 
@@ -117,6 +118,8 @@ def _lay_in_steps(
     """
     canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
     strokes = job.strokes[job.bottom_up]
+    if not profile_of(job)[1]:  # its renderer draws none of these, and a part of a stroke has others
+        strokes = replace(strokes, **dict.fromkeys(LATER_FIELDS))  # type: ignore[arg-type]
     for share in shares:
         finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
         if job.blend.layered:

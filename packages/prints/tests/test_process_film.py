@@ -92,6 +92,13 @@ def test_a_growing_stroke_is_a_part_of_it():
     assert torch.equal(cut_short(strokes, share).end[-1], strokes.end[-1])
 
 
+def test_growing_strokes_have_no_more_than_their_renderer_draws():
+    plain = painted(20, renderer=build_named("renderer", "textured", {}).eval())
+    shaped = replace(plain, saved=replace(plain.saved, strokes=with_shapes(plain.strokes)))
+    shares = [np.linspace(1.5, 0, 20).clip(0, 1)]
+    assert torch.equal(*(next(states(job, shares)) for job in (plain, shaped)))
+
+
 @pytest.mark.parametrize("blend", [Tiled(), TopK(k=5)])
 def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
     job = painted(20, blend=blend)
