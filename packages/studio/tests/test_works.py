@@ -3,6 +3,7 @@
 import asyncio
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from unittest.mock import Mock
 
@@ -124,5 +125,6 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     monkeypatch.setattr(studio_controls, "planned_strokes", lambda wishes: len(wishes.look))
     monkeypatch.setattr(studio_controls, "own_size", lambda look: {})
     monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
-    asyncio.run(choose())
+    with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
+        pool.submit(asyncio.run, choose()).result()
     controls.number.show.assert_called_once_with("as the look: 5")
