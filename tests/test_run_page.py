@@ -20,12 +20,12 @@ from brushexp_studio.view import read_painting
 from films import pixels_of
 from numpy.testing import assert_allclose, assert_array_equal
 from omegaconf import OmegaConf
-from PIL import Image
+from PIL import Image, ImageColor
 from scenes import random_strokes, with_shapes
 
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
-from brushexp.pages.replay import FARTHEST, STEPS, replay_of
+from brushexp.pages.replay import FARTHEST, STEPS, pack_strokes, replay_of
 from brushexp.pages.run_page import LARGEST_SIDE, embed_pixels, files_in, line_of, run_page, write_run_page
 from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import export_job
@@ -33,7 +33,7 @@ from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import closest_parameter, curve_of, drift_of, half_width_of, point_at, softness_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import LATER_FIELDS, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
 from brushexp.tasks.paint import try_to_write_page
@@ -287,6 +287,11 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert highest["half"] <= FARTHEST * max(SIZE)
 
 
+def test_strokes_are_packed_with_no_more_than_their_renderer_draws():
+    packed = pack_strokes(export_job(saved_with(5, renderer="neural")))
+    assert not {name for name, *_ in packed["columns"]} & {*LATER_FIELDS}
+
+
 def test_pictures_errors_and_colours_are_those_of_the_painting():
     target = np.zeros((4, 6, 3), np.uint8)
     painting = target.copy()
@@ -476,6 +481,9 @@ def test_pointing_tells_the_uppermost_stroke(visited):
         assert field_of(visited, "depth") == f"{int(saved.depth[stroke]) + 1} of {COUNT}"
         assert field_of(visited, "length") == f"{measures.length[stroke]:.1f} px"
         assert field_of(visited, "width") == f"{measures.width[stroke]:.1f} px"
+        middle, drift = saved.strokes.color[stroke], drift_of(saved.strokes)[stroke]
+        ends = [np.array(ImageColor.getrgb(color)) for color in field_of(visited, "colour").split(" to ")]
+        assert_allclose(ends, 255 * torch.stack([middle - drift, middle + drift]), atol=1)
     assert pixels_in(visited, ".replay-over").any()
     card = visited.page.locator("#stroke")
     visited.page.mouse.move(2, 2)
