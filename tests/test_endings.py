@@ -17,6 +17,7 @@ import torch
 from brushexp_policies.patches import Patches
 from brushexp_training.dataset import Origin
 from brushexp_training.writer import simulate_set
+from catalogues import catalogue
 from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
@@ -38,13 +39,14 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import has_finished
 from brushexp.runs import resume
+from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RECORD, interrupted_run
 from brushexp.runs.run_folder import take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
-from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
+from brushexp.system.run_files import CHECKPOINT, MANIFEST, METRICS_FILE, note_files, recorded
 from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint
 
@@ -457,3 +459,31 @@ def test_ctrl_c_after_the_last_step_leaves_the_painting(run_task, tmp_path, monk
     assert "stopping when painting and catalogue are written (Ctrl-C again: at once)" in caplog.text
     assert not has_finished(tmp_path)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(("files", "task", "said"), [
+    ([], "export", "nothing is finished; to begin anew, type the same and: output=my run"),
+    (["run.log", "a", "b"], "export", "my run has a, b; to begin anew, type the same and: output=my run"),
+    (["a", "b", "c", "d", "e", "painting.png"], "x", "my run has painting.png, a, b, c and 2 more; to begin anew"),
+    ([METRICS_FILE], "paint", f"my run has {METRICS_FILE}; to begin anew, type the same and: output=my run over"),
+    (["a", CHECKPOINT], "paint", "continue with: brushexp resume=my run"),
+    ([CHECKPOINT], "train", "continue with: brushexp task=train resume=my run"),
+])  # fmt: skip
+def test_what_is_finished_is_named_and_what_to_type(files, task, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (folder := tmp_path / "my run" / ".hydra").mkdir(parents=True)
+    with recorded(folder.parent):
+        for name in files:
+            (folder.parent / name).touch()
+    assert how_to_go_on(folder.parent, task).replace("'", "").startswith(said)
+
+
+def test_an_export_says_what_it_has_and_is_begun_anew(tmp_path):
+    save_catalogue(tmp_path / "some.h5", catalogue())
+    words = ["task=export", "catalogue=some.h5", "to=[svg,json]", "output=x"]
+    code, output = ended(tmp_path, *words, kill=("strokes.svg", 1, True), sent=signal.SIGTERM)
+    assert code == 128 + signal.SIGTERM
+    assert output == "note: interrupted; x has strokes.svg; to begin anew, type the same and: output=x\n"
+    code, output = ended(tmp_path, *words)
+    assert code == 0, output
+    assert (tmp_path / "x" / "strokes.json").is_file()

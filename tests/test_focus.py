@@ -1,4 +1,4 @@
-"""Focus: the map of what matters, the weights made of it, and what losses and strokes do with them."""
+"""Focus: the map of what matters, what losses and strokes do with it; and abstraction, which leaves faces alone."""
 
 import math
 from pathlib import Path
@@ -13,13 +13,16 @@ from brushexp_policies.patches import Patches
 from painters import painter_of as some_painter
 from painters import take
 from PIL import Image
+from skimage import data
 from torch import Tensor
 from torch.testing import assert_close
 
+import brushexp
 from brushexp.errors import UserError
 from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.similarity import dissimilarity, statistics
@@ -277,3 +280,37 @@ def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     assert run_task(paint, *chosen)["psnr_focus"] > 5
     with Image.open(tmp_path / "focus.png") as image:
         assert image.size == (48, 32)
+
+
+@pytest.fixture(scope="module")
+def paintings():
+    portrait = data.astronaut()[:192, 128:320]
+    return [brushexp.paint(portrait, abstraction=value, steps=4) for value in (0, 0.7, 1)]
+
+
+def test_strokes_become_fewer_and_the_picture_less_like(paintings):
+    counts = [len(painting.strokes) for painting in paintings]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] == pytest.approx(40 * counts[-1], rel=0.05)
+    distances = [painting.metrics["perceptual"] for painting in paintings]
+    assert distances == sorted(distances)
+
+
+def test_a_face_stays_a_face(paintings):
+    assert faces(torch.from_numpy(paintings[1].image).float().movedim(-1, 0) / 255)
+
+
+def test_what_is_typed_stays():
+    painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
+    assert len(painting.strokes) == 50
+
+
+def test_forms_become_flat_where_nobody_looks():
+    picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
+    attended = torch.zeros(40, 60)
+    attended[:, 30:] = 1
+    flat = simplified(picture, 1, attended)
+    assert torch.equal(flat[:, :, 30:], picture[:, :, 30:])
+    assert flat[:, :, :30].std() < 0.5 * picture[:, :, :30].std()
+    assert simplified(picture, 0, attended) is picture
+    assert simplified(picture[:, :1, :1], 0.5, None).shape == (3, 1, 1)

@@ -35,8 +35,8 @@ from painters import QUIET, fit, painter_of
 from PIL import Image, ImageCms
 from safetensors.torch import save
 from sweeps import make_run
-from test_dataset import read_all, write
 from test_leaderboard import PUBLISHED
+from test_simulate import read_all, write
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 

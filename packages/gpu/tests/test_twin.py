@@ -27,7 +27,7 @@ from kernels import (
 )
 from scenes import random_strokes, straight
 from test_kernels import KINDS
-from test_nearest import random_tiles
+from test_measures import random_tiles
 
 from brushexp.compositing import tile_lists
 from brushexp.errors import UserError

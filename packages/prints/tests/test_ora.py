@@ -1,5 +1,7 @@
-"""Layers in OpenRaster: the form, and that they show the painting."""
+"""Layers in OpenRaster and PSD, and strokes in space: their form, and that they show the painting."""
 
+import json
+import struct
 from dataclasses import replace
 from io import BytesIO
 from xml.etree import ElementTree
@@ -9,8 +11,11 @@ import numpy as np
 import pytest
 import torch
 from brushexp_testing.families import some_strokes
-from PIL import Image
+from PIL import Image, ImageCms
+from psd_tools import PSDImage
+from psd_tools.constants import Resource
 
+from brushexp.errors import UserError
 from brushexp.plugins.export.job import export_job
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
@@ -107,3 +112,174 @@ def test_a_transparent_painting_stays_so_and_one_without_strokes_is_its_ground(t
     _, layers = layers_of(path)
     assert [name for name, _ in layers] == ["ground"]
     assert layers[0][1][0, 0].tolist() == pytest.approx([0.9, 0.8, 0.7, 1], abs=0.003)
+
+
+def written(job, folder, **options):
+    (path,) = build_named("to", "psd", options).write(job, folder)
+    return path
+
+
+def layers_in(path):
+    """The layers of a file as psd-tools reads them, the lowest first, as names and pixels in [0, 1] on the canvas."""
+    layers = []
+    for layer in PSDImage.open(path):
+        pixels = np.zeros((*SIZE, 4))
+        pixels[layer.top : layer.bottom, layer.left : layer.right] = np.asarray(layer.topil(), float) / 255
+        layers.append((layer.name, pixels))
+    return layers
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_layers_show_the_painting_and_readers_of_none_find_it(tmp_path, case):
+    job = job_of(**CASES[case])
+    path = written(job, tmp_path, layers=4, dpi=200.0)
+    layers = layers_in(path)
+    names = ["ground", "3 strokes", "3 strokes", "3 strokes", "2 strokes"] + ["light and paper"] * (case != "plain")
+    assert [name.split(",")[0] for name, _ in layers] == names
+    assert np.abs(shown(layers) - job.picture()).max() <= 2.5
+    with Image.open(path) as merged:
+        assert merged.mode == "RGB"
+        assert np.array_equal(np.asarray(merged), job.picture())
+        profile = ImageCms.ImageCmsProfile(BytesIO(merged.info["icc_profile"]))
+        assert "sRGB" in ImageCms.getProfileName(profile)
+    image = PSDImage.open(path)
+    assert not any(layer.has_mask() for layer in image)
+    assert image.image_resources.get_data(Resource.RESOLUTION_INFO).horizontal == 200 * 2**16
+    assert written(job, tmp_path / "..", layers=4, dpi=200.0).read_bytes() == path.read_bytes()
+
+
+def test_a_transparent_painting_stays_so(tmp_path):
+    alpha = torch.zeros(SIZE, dtype=torch.uint8)
+    alpha[:, 20:] = 255
+    job = job_of()
+    path = written(replace(job, saved=replace(job.saved, alpha=alpha)), tmp_path)
+    assert all((pixels[:, :19, 3] == 0).all() for _, pixels in layers_in(path))
+    image = PSDImage.open(path)
+    with Image.open(path) as pillows:
+        for merged in (np.asarray(pillows), np.asarray(image.topil())):
+            assert np.array_equal(merged[..., 3] > 127, alpha.numpy() > 127)
+            assert np.abs(merged[:, 21:, :3] - job.picture()[:, 21:].astype(int)).max() <= 1
+
+
+def test_a_painting_without_strokes_is_its_ground_and_one_too_large_is_refused(tmp_path):
+    job = job_of()
+    bare = replace(job, saved=replace(job.saved, strokes=job.strokes[:0], depth=job.saved.depth[:0]))
+    ((name, pixels),) = layers_in(written(bare, tmp_path))
+    assert name == "ground"
+    assert pixels[0, 0].tolist() == pytest.approx([0.9, 0.8, 0.7, 1], abs=0.003)
+    wide = replace(job, saved=replace(job.saved, size=(2, 30_001)))
+    with pytest.raises(UserError, match=r"30000 pixels a side.* to=ora"):
+        written(wide, tmp_path)
+
+
+TYPES = {5126: np.float32, 5123: np.uint16, 5125: np.uint32}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+def scene_of(path):
+    """The description in a file, and a function that reads numbers by their accessor."""
+    data = path.read_bytes()
+    assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data))
+    length, kind = struct.unpack("<I4s", data[12:20])
+    assert kind == b"JSON"
+    scene, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
+    assert struct.unpack("<I4s", rest[:8]) == (len(rest) - 8, b"BIN\0")
+
+    def numbers(accessor):
+        reader = scene["accessors"][accessor]
+        view = scene["bufferViews"][reader["bufferView"]]
+        kind, width = TYPES[reader["componentType"]], WIDTHS[reader["type"]]
+        return np.frombuffer(rest[8:], kind, reader["count"] * width, view["byteOffset"]).reshape(-1, width)
+
+    return scene, numbers
+
+
+def meshes_of(path):
+    """Name, columns and triangles of each mesh."""
+    scene, numbers = scene_of(path)
+    for mesh in scene["meshes"]:
+        (part,) = mesh["primitives"]
+        columns = {name: numbers(at) for name, at in part["attributes"].items()}
+        yield mesh["name"], columns, numbers(part["indices"]).reshape(-1, 3)
+
+
+def opaque_job():
+    job = job_of()
+    strokes = replace(job.strokes, opacity=torch.ones(N), width=job.strokes.width.clamp_min(0.3))
+    return replace(job, saved=replace(job.saved, strokes=strokes))
+
+
+def seen_from_the_front(path, size, unit):
+    """Colours (H, W, 3) in linear RGB of what is uppermost at the middle of each pixel; NaN for the ground."""
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    place = np.stack([x - size[1] / 2, size[0] / 2 - y], -1) * unit
+    height, color = np.full(size, 0.0), np.full((*size, 3), np.nan)
+    for name, columns, triangles in meshes_of(path):
+        if name == "ground":
+            continue
+        for corners in triangles:
+            a, b, c = columns["POSITION"][corners].astype(float)
+            edges = np.stack([b - a, c - a], 1)[:2]
+            if abs(np.linalg.det(edges)) < 1e-12:
+                continue
+            share = (place - a[:2]) @ np.linalg.inv(edges).T
+            inside = (share >= 0).all(-1) & (share.sum(-1) <= 1)
+            z = a[2] + share @ np.array([b[2] - a[2], c[2] - a[2]])
+            above = inside & (z > height)
+            height[above] = z[above]
+            color[above] = columns["COLOR_0"][corners[0], :3] / 65535
+    return color
+
+
+def test_from_the_front_strokes_look_as_the_painting_does(tmp_path):
+    job = opaque_job().scaled(8)
+    (path,) = build_named("to", "gltf", {"size_cm": 40.0}).write(job, tmp_path)
+    color = seen_from_the_front(path, job.size, 0.4 / max(job.size))
+    painted = torch.from_numpy(job.picture()) / 255
+    linear = build_named("color", "linear", {}).encode(painted.reshape(-1, 3)).reshape(painted.shape).numpy()
+    wrong = np.abs(color - linear).max(-1) > 0.02
+    assert (~np.isnan(color[..., 0])).mean() > 0.4
+    assert wrong[~np.isnan(color[..., 0])].mean() < 0.05  # soft edges
+    ground = np.array([0.9, 0.8, 0.7])
+    bare = np.abs(painted.numpy() - ground).max(-1) < 0.01
+    assert np.isnan(color[..., 0])[bare].mean() > 0.98
+
+
+def test_strokes_appear_in_their_order_and_stay_on_the_canvas(tmp_path):
+    job = opaque_job()
+    (path,) = build_named("to", "gltf", {"seconds": 5.0, "thickness": 2.0}).write(job, tmp_path)
+    scene, numbers = scene_of(path)
+    (animation,) = scene["animations"]
+    assert {channel["target"]["path"] for channel in animation["channels"]} == {"scale"}
+    seconds = {
+        channel["target"]["node"]: float(numbers(animation["samplers"][channel["sampler"]]["input"])[1, 0])
+        for channel in animation["channels"]
+    }
+    names = [node["name"] for node in scene["nodes"]]
+    assert names[0] == "ground"
+    for node, second in seconds.items():
+        first = int(names[node].split()[1])
+        assert second == pytest.approx(5 * (first - 1) / N)
+    for (_, columns, triangles), mesh in zip(meshes_of(path), scene["meshes"], strict=True):
+        reader = scene["accessors"][mesh["primitives"][0]["attributes"]["POSITION"]]
+        place = columns["POSITION"]
+        assert (place.min(0).tolist(), place.max(0).tolist()) == (reader["min"], reader["max"])
+        assert (np.abs(place[:, :2]) <= 0.5 * np.array([1, SIZE[0] / SIZE[1]]) + 1e-6).all()
+        assert np.linalg.norm(columns["NORMAL"], axis=1) == pytest.approx(np.ones(len(place)), abs=1e-5)
+        assert triangles.max() < len(place)
+        if "_TIME" in columns:
+            assert 0 <= columns["_TIME"].min() <= columns["_TIME"].max() <= 5
+            assert columns["_WIDTH"].max() <= 2 * job.strokes.scale.max() / max(SIZE)
+    again = build_named("to", "gltf", {"seconds": 5.0, "thickness": 2.0}).write(job, tmp_path / "..")[0]
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_a_painting_without_strokes_is_its_ground_and_too_many_are_refused(tmp_path):
+    job = job_of()
+    bare = replace(job, saved=replace(job.saved, strokes=job.strokes[:0], depth=job.saved.depth[:0]))
+    exporter = build_named("to", "gltf", {})
+    ((name, columns, triangles),) = meshes_of(exporter.write(bare, tmp_path)[0])
+    assert (name, len(triangles)) == ("ground", 2)
+    assert np.ptp(columns["POSITION"], axis=0).tolist() == pytest.approx([1, SIZE[0] / SIZE[1], 0])
+    with pytest.raises(UserError, match="3000000; try to=svg"):
+        exporter.check(3_000_000, SIZE)

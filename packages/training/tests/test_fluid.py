@@ -1,12 +1,14 @@
-"""The fluid brush: each step against a slow, obvious one, and what the whole must do."""
+"""The brush simulators: each step against a slow, obvious one, and what the whole must do."""
 
 import numpy as np
 import pytest
 import torch
 from brushexp_training.engine import _bristles, _deposition
 from brushexp_training.engine.fluid import Fluid
+from torch.testing import assert_close
 
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.registry import build_named
+from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
 RNG = np.random.default_rng(0)
 V = _bristles.VERTICES
@@ -217,3 +219,20 @@ def test_a_fuller_load_covers_more_with_any_number_of_bristles():
     for bristles in (100, 140, 200):
         little, much = (Fluid(window=32, bristles=bristles, load=load)(parameters, seed=0) for load in (0.1, 1.0))
         assert float(much.images[:, 3].mean()) > 1.1 * float(little.images[:, 3].mean()), bristles
+
+
+WINDOW = 32
+
+
+def test_discs_agree_with_the_loop():
+    parameters, side = parameters_of(sample_prior(3, seed=4)), 2 * WINDOW
+    y, x = np.mgrid[:side, :side] + 0.5
+    drawn = build_named("engine", "disc", {"window": WINDOW})(parameters, seed=1).images[:, 3]
+    strokes = strokes_of(parameters.double())
+    fields = (getattr(strokes, name).numpy() for name in ("start", "control", "end", "width"))
+    for alpha, start, control, end, width in zip(drawn, *fields, strict=True):
+        canvas = np.zeros((side, side))
+        for t in np.arange(100) / 100:
+            u, v = ((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end + 1) * side / 2
+            canvas[np.hypot(x - u, y - v) <= width * side / 2] = 1
+        assert_close(alpha, torch.from_numpy(canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))).float())
