@@ -86,7 +86,7 @@ def twice(found: dict[str, set[str]]) -> set[str]:
     return {name for name, places in found.items() if len(places) > 1}
 
 
-def test_no_public_name_stands_twice():
+def test_no_public_name_stands_twice_and_no_task_imports_a_task():
     names: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
         place = str(path.relative_to(SOURCE))
@@ -95,9 +95,6 @@ def test_no_public_name_stands_twice():
             if public and (node.name, path.parent.name) != ("run", "tasks"):
                 names.setdefault(node.name, set()).add(place)
     assert not twice(names)
-
-
-def test_no_task_imports_a_task():
     for path in (SOURCE / "tasks").glob("*.py"):
         assert not {module for module in imports(path) if module.startswith("tasks")}, path.name
 
@@ -148,13 +145,10 @@ def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
     assert [plugin.cls.__module__.rpartition(".")[2] for plugin in shipped] == [plugin.name for plugin in shipped]
 
 
-def test_no_preset_has_the_name_of_a_plugin():
+def test_no_preset_has_the_name_of_a_plugin_and_every_module_of_tasks_is_that_of_a_task():
     for family in FAMILIES:
         presets = {path.stem for path in (SOURCE / "conf" / family).glob("*.yaml")}
         assert not presets & {plugin.name for plugin in plugins(family)}
-
-
-def test_every_module_of_tasks_is_that_of_a_task():
     modules = {task.module for task in TASKS.values() if task.module.startswith("brushexp.")}
     assert {f"brushexp.tasks.{path.stem}" for path in (SOURCE / "tasks").glob("*.py") if path.stem[0] != "_"} == modules
 

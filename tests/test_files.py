@@ -11,6 +11,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 from PIL import Image
+from refusals import refuses
 from scenes import random_strokes
 
 from brushexp.errors import UserError
@@ -71,24 +72,19 @@ def test_the_new_file_takes_the_place_of_the_old_one_unless_anything_fails(tmp_p
     assert os.listdir(tmp_path) == ["table.csv"]
 
 
-def test_permissions_are_the_usual_and_a_very_long_name_is_no_obstacle(tmp_path):
+def test_a_place_that_cannot_be_written_is_explained_and_a_very_long_name_is_no_obstacle(tmp_path):
+    with pytest.raises(UserError, match=r"cannot write .*metrics.json: No such file.*; mend that or .*output="):
+        write_json(tmp_path / "missing" / "metrics.json", {})
+    file = write_old(tmp_path / "file")
+    refuses(r"Not a directory; mend that or choose another folder with output=", write_json, file / "metrics.json", {})
+    (tmp_path / "folder").mkdir()
+    refuses(r"cannot write .*folder: Is a directory", write_json, tmp_path / "folder", {})
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
     path = tmp_path / ("ä" * 120 + ".txt")
     write_bytes(path, b"x")
     (tmp_path / "b").write_bytes(b"")
     assert path.read_bytes() == b"x"
     assert path.stat().st_mode == (tmp_path / "b").stat().st_mode
-
-
-def test_a_place_that_cannot_be_written_is_explained(tmp_path):
-    with pytest.raises(UserError, match=r"cannot write .*metrics.json: No such file.*; mend that or .*output="):
-        write_json(tmp_path / "missing" / "metrics.json", {})
-    file = write_old(tmp_path / "file")
-    with pytest.raises(UserError, match=r"Not a directory; mend that or choose another folder with output="):
-        write_json(file / "metrics.json", {})
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(UserError, match=r"cannot write .*folder: Is a directory"):
-        write_json(tmp_path / "folder", {})
-    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
 
 
 def test_json_is_strict_keeps_letters_and_survives_odd_file_names(tmp_path):

@@ -178,7 +178,7 @@ def test_gradients_of_pixels_are_weighted(loss, power):
     assert_close(slope_of(loss, image, target, focus), (expected.detach(), *gradient))
 
 
-def test_windows_count_by_the_pixel_in_their_middle_and_features_by_the_area_below_them():
+def test_windows_count_by_their_middle_features_by_their_area_and_the_example_of_a_loss_by_its_pixels():
     image, target, focus = scene((32, 48))
     value, _ = slope_of(StructuralSimilarity(), image, target, focus)
     windows = dissimilarity(image, target, *statistics(target)).mean(0)
@@ -188,9 +188,6 @@ def test_windows_count_by_the_pixel_in_their_middle_and_features_by_the_area_bel
     ours, theirs = (loss.network(x[None], ["stem"])["stem"][0] for x in (image, target))
     cells = focus.reshape(16, 2, 24, 2).mean((1, 3)).double()
     assert float(value) == pytest.approx(float(((ours - theirs).square() * cells).mean()))
-
-
-def test_the_example_of_a_loss_heeds_it():
     image, target, _ = scene((6, 9))
     focus = torch.zeros(6, 9)
     focus[2, 3] = 54
@@ -219,7 +216,14 @@ SQUARE[20:45, 30:65] = 1
 FOCUSED = focus_weights(SQUARE, 8)
 
 
-def test_a_focus_is_painted_better_and_the_rest_worse():
+def test_a_focus_is_painted_better_and_the_rest_worse_as_strokes_begin_where_it_matters():
+    counts = []
+    for focus in (None, torch.ones(CANVAS), FOCUSED):
+        x, y = painter_of(None, init_focus=focus).strokes().position.unbind(1)
+        counts.append(int(((x >= 30) & (x < 65) & (y >= 20) & (y < 45)).sum()))
+    assert counts[0] == counts[1]
+    assert counts[2] > 1.4 * counts[0]
+
     def errors(painter: StrokeOptimizer) -> list[float]:
         squares = (painted(painter, 80) - painter.picture.target).square().mean(0)
         return [float(squares[SQUARE.eq(value)].mean()) for value in (1, 0)]
@@ -227,15 +231,6 @@ def test_a_focus_is_painted_better_and_the_rest_worse():
     (inside, outside), (better, worse) = errors(painter_of(None)), errors(painter_of(FOCUSED, init_focus=FOCUSED))
     assert 10 * math.log10(inside / better) > 1
     assert worse > outside
-
-
-def test_the_strokes_begin_where_it_matters():
-    counts = []
-    for focus in (None, torch.ones(CANVAS), FOCUSED):
-        x, y = painter_of(None, init_focus=focus).strokes().position.unbind(1)
-        counts.append(int(((x >= 30) & (x < 65) & (y >= 20) & (y < 45)).sum()))
-    assert counts[0] == counts[1]
-    assert counts[2] > 1.4 * counts[0]
 
 
 def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
@@ -288,19 +283,13 @@ def paintings():
     return [brushexp.paint(portrait, abstraction=value, steps=4) for value in (0, 0.7, 1)]
 
 
-def test_strokes_become_fewer_and_the_picture_less_like(paintings):
+def test_strokes_become_fewer_the_picture_less_like_a_face_stays_one_and_what_is_typed_stays(paintings):
     counts = [len(painting.strokes) for painting in paintings]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] == pytest.approx(40 * counts[-1], rel=0.05)
     distances = [painting.metrics["perceptual"] for painting in paintings]
     assert distances == sorted(distances)
-
-
-def test_a_face_stays_a_face(paintings):
     assert faces(torch.from_numpy(paintings[1].image).float().movedim(-1, 0) / 255)
-
-
-def test_what_is_typed_stays():
     painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
     assert len(painting.strokes) == 50
 

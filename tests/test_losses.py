@@ -322,13 +322,21 @@ def perceptual(**options: object) -> Perceptual:
     return Perceptual(**({"jitter": 0} | options)).double()
 
 
-def test_perceptual_is_the_mean_square_of_the_difference_of_features():
+def test_perceptual_is_the_mean_square_of_the_difference_of_features_and_has_a_slope_without_activation():
     image, target = pictures(22, 17)
     loss = perceptual(taps=["b1", "b3.expand"])
     ours, theirs = (loss.network(x[None], ["b1", "b3.expand"]) for x in (image, target))
     expected = {tap: np.mean((ours[tap] - theirs[tap]).numpy() ** 2) for tap in ours}
     assert float(judged(loss, image, target)) == pytest.approx(np.mean(list(expected.values())))
     assert float(judged(perceptual(), image, target)) == pytest.approx(expected["b3.expand"])
+    distance = bundled_distance()
+    distance.network.stem.weight.zero_()
+    distance.network.stem.bias.zero_()
+    picture = torch.rand(3, 6, 8, requires_grad=True)
+    seen = distance.look(picture)
+    assert (seen[0] == 0).all()
+    distance.compare(seen, [torch.rand_like(value) for value in seen]).backward()
+    assert picture.grad.isfinite().all()
 
 
 def test_jitter_takes_four_shifts_in_turn_and_goes_on_after_a_restart():
@@ -370,17 +378,6 @@ def test_lpips_has_the_right_slope_and_is_by_default_the_distance_of_the_metrics
     assert float(judged(loss, image, target)) == pytest.approx(perceptual_distance(image, target), rel=1e-6)
 
 
-def test_positions_without_activation_have_a_slope():
-    distance = bundled_distance()
-    distance.network.stem.weight.zero_()
-    distance.network.stem.bias.zero_()
-    picture = torch.rand(3, 6, 8, requires_grad=True)
-    seen = distance.look(picture)
-    assert (seen[0] == 0).all()
-    distance.compare(seen, [torch.rand_like(value) for value in seen]).backward()
-    assert picture.grad.isfinite().all()
-
-
 SIZE = (24, 40)
 POINTS = ("start", "control", "end")
 WANTED = torch.diag(torch.tensor([1 / 200, 1 / 25], dtype=torch.float64))
@@ -402,7 +399,7 @@ def costs(loss: Loss, strokes: Strokes) -> Tensor:
     return loss(PaintedView(nothing, nothing, strokes))
 
 
-def test_width_compares_length_and_thickness_in_sides_of_the_window():
+def test_width_compares_length_and_thickness_in_sides_of_the_window_and_thins_a_point():
     apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 shaped the side
     for width, expected in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
         assert float(costs(Width(), shaped([apart], [width]))) == pytest.approx(expected, abs=1e-12)
@@ -411,9 +408,6 @@ def test_width_compares_length_and_thickness_in_sides_of_the_window():
         s, e = (start + 1) / 2, (end + 1) / 2  # as the thesis has them: 0 to 1 within the window
         total += max(0.0, 2 * INSET * width - np.hypot(*(s - e)))
     assert float(costs(Width(), made)) == pytest.approx(total / 50)
-
-
-def test_width_leaves_the_ends_of_a_point_alone_and_thins_it():
     made = leaves(shaped([[0.1, 0.2, 0, 0, 0.1, 0.2]], [0.1]), torch.float64)
     value = costs(Width(), made)
     value.backward()
@@ -424,10 +418,16 @@ def test_width_leaves_the_ends_of_a_point_alone_and_thins_it():
     assert made.width.grad.tolist() == pytest.approx([1.4])
 
 
-def test_valid_strokes_cost_hardly_anything():
+def test_valid_strokes_cost_hardly_anything_and_curvature_agrees_with_the_loop():
     for made in (sample_prior(5000), clamp_to_prior(scene(500, dtype=torch.float32))):
         assert float(costs(Width(), made)) < 1e-8
     assert float(costs(KullbackLeibler(), sample_prior(5000))) < 0.01
+    made = scene(40)
+    total = 0.0
+    for s, c, e in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
+        (a, b), (x, y) = c - s, e - c
+        total += abs((math.atan2(y, x) - math.atan2(b, a) + math.pi) % (2 * math.pi) - math.pi)
+    assert float(costs(Curvature(), made)) == pytest.approx(total / 40, rel=1e-3)
 
 
 def textbook_divergence(made: Strokes) -> float:
@@ -469,15 +469,6 @@ def textbook_direction(strokes: Strokes, k: int) -> float:
 def nearest_middles(strokes: Strokes, k: int) -> Tensor:
     middles = curve_of(strokes).mean(1)
     return torch.cdist(middles, middles).argsort(1)[:, 1 : k + 1]
-
-
-def test_curvature_agrees_with_the_loop():
-    made = scene(40)
-    total = 0.0
-    for s, c, e in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
-        (a, b), (x, y) = c - s, e - c
-        total += abs((math.atan2(y, x) - math.atan2(b, a) + math.pi) % (2 * math.pi) - math.pi)
-    assert float(costs(Curvature(), made)) == pytest.approx(total / 40, rel=1e-3)
 
 
 @pytest.mark.parametrize("k", [1, 10, 60])

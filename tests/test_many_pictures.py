@@ -8,6 +8,7 @@ import pytest
 import torch
 from PIL import Image
 from program import ended
+from refusals import refuses
 
 from brushexp.cli import many_pictures
 from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
@@ -169,8 +170,7 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     own.mkdir(parents=True)
     (own / "mine.yaml").write_text("- camera  # a sample\n- red.png\n")
     folders = [SHIPPED, tmp_path / "conf"]
-    with pytest.raises(UserError, match=r"pictures=mine has no red.png; put such files beside .*mine.yaml"):
-        pictures_named("mine", folders)
+    refuses(r"pictures=mine has no red.png; put such files beside .*mine.yaml", pictures_named, "mine", folders)
     Image.new("RGB", (9, 16)).save(own / "red.png")
     assert pictures_named("mine", folders) == ["camera", str(own / "red.png")]
     assert pictures_named("conf/pictures/mine.yaml", [SHIPPED]) == ["camera", "conf/pictures/red.png"]
@@ -183,10 +183,8 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
         pictures_named("sealed", folders)
     (own / "empty.yaml").write_text("[]")
     for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
-        with pytest.raises(UserError, match=message):
-            pictures_named(wrong, folders)
-    with pytest.raises(UserError, match="no picture is there"):
-        pictures_named(str(tmp_path), folders)
+        refuses(message, pictures_named, wrong, folders)
+    refuses("no picture is there", pictures_named, str(tmp_path), folders)
     shipped = pictures_named("thesis12", [SHIPPED])
     assert len(set(shipped)) == 12
     assert set(shipped) <= samples().keys(), "it needs no file of yours"
@@ -203,8 +201,7 @@ def test_names_of_folders_are_plain_and_differ_and_are_read_as_they_are():
 def test_jobs_are_processes(monkeypatch):
     assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
     assert in_processes(["jobs=1"]) == []
-    with pytest.raises(UserError, match="jobs=x is no number"):
-        in_processes(["jobs=x"])
+    refuses("jobs=x is no number", in_processes, ["jobs=x"])
     monkeypatch.setattr(many_pictures, "find_spec", lambda _: True)
     monkeypatch.setattr(runtime, "cores", lambda: 5)
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))

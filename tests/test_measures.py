@@ -1,4 +1,4 @@
-"""The ruler and the curve against slow, obvious references; its slopes, and the strokes that have hardly any size."""
+"""The ruler, the curve and the metrics against slow, obvious references; slopes, and strokes of hardly any size."""
 
 import math
 from dataclasses import replace
@@ -6,13 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from networks import saved, state_of
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
+from torchmetrics.functional.image import structural_similarity_index_measure
 
+from brushexp import registry
 from brushexp.compat.compiled import function
 from brushexp.compositing.nearest import find_nearest, recall_nearest
 from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
+from brushexp.painting.metrics import measure as measure_picture
+from brushexp.painting.metrics import metrics_of, official_lpips, standard_metrics
+from brushexp.plugins.metric.base import STANDARD, Metric
+from brushexp.registry import register
+from brushexp.results.quantities import quantities
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, length_of, point_at, shape_of
 from brushexp.strokes.catalogue import Strokes
@@ -61,7 +69,7 @@ def test_shapes_agree_with_fine_polylines():
             assert_close(doubled, doubled.new_tensor([x * x - y * y, 2 * x * y]), rtol=0, atol=0.03)
 
 
-def test_neighbourhoods_agree_with_the_double_loop():
+def test_neighbourhoods_agree_with_the_double_loop_and_measures_have_the_right_slope():
     made = random_strokes(40, SIZE, dtype=torch.float64)
     measured, centres = measure(made), ruler.centre_of(curve_of(made))
     angle = 0.5 * torch.atan2(measured["orientation"][:, 1], measured["orientation"][:, 0])
@@ -71,9 +79,6 @@ def test_neighbourhoods_agree_with_the_double_loop():
         mean, spread = measured["width"][near].mean(), measured["width"][near].std(correction=0)
         assert float(measured["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
         assert float(measured["homogeneity"][i]) == pytest.approx(float(mean / (mean + spread)))
-
-
-def test_measures_have_the_right_slope():
     made = random_strokes(12, SIZE, dtype=torch.float64)
     fields = ("start", "control", "end", "width")
 
@@ -229,3 +234,53 @@ def test_the_distance_is_found_wherever_it_is_within_reach():
         distance = (point_at(curves, torch.from_numpy(t).double()) - pixels).norm(dim=-1)
         assert (distance - exact)[within].max() < 1e-3
         assert (distance - exact).min() > -1e-3, "nothing comes nearer than it is"
+
+
+A, B = np.random.default_rng(0).integers(0, 256, (2, 40, 33, 3), dtype=np.uint8)
+
+
+def test_standard_metrics_are_what_they_are_defined_as():
+    measured = measure_picture(standard_metrics(), A, B)
+    a, b = A / 255, B / 255
+    slopes = [np.abs(np.diff(a - b, axis=axis)).ravel() for axis in (0, 1)]
+    similarity = structural_similarity_index_measure(
+        *(torch.tensor(x).permute(2, 0, 1)[None] for x in (a, b)), data_range=1.0
+    )
+    assert measured["psnr"] == pytest.approx(-10 * math.log10(((a - b) ** 2).mean()), abs=1e-4)
+    assert measured["ssim"] == pytest.approx(float(similarity), abs=1e-6)
+    assert measured["l1"] == pytest.approx(np.abs(a - b).mean())
+    assert measured["edges"] == pytest.approx(np.concatenate(slopes).mean())
+    assert list(measured) == ["psnr", "ssim", "l1", "edges", "perceptual", "perceptual_backbone"]
+    pixel = measure_picture(standard_metrics(), A[:1, :1], A[:1, :1])
+    assert (pixel["psnr"], pixel["ssim"], pixel["edges"]) == (math.inf, None, None)
+
+
+def test_the_chosen_metrics_are_measured_and_the_official_distance_if_there_is_a_file(config, tmp_path):
+    assert list(metrics_of(config())) == list(STANDARD)
+    assert list(metrics_of(config("metric=[l1]"))) == ["psnr", "l1"]
+    official = official_lpips("alexnet", str(saved(tmp_path, state_of("alexnet"))))
+    measured = measure_picture(standard_metrics() | official, A, B)
+    display = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (A, B)]
+    assert measured["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*display)))
+    assert measured == measure_picture(standard_metrics(), A, B) | {"lpips_alexnet": measured["lpips_alexnet"]}
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_tables_and_pages_show_a_metric_as_its_class_says(monkeypatch):
+    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+
+    @register("metric", "tint")
+    class Tint(Metric):
+        """Difference of the mean colours."""
+
+        title, unit, digits, higher_is_better = "tint", "levels", 1, False
+
+        def __call__(self, comparison):
+            return 255 * float((comparison.image - comparison.target).mean().abs())
+
+    display = quantities()["tint"]
+    assert (display.name, display.digits, display.better, display.about) == (
+        "tint, levels", 1, "lower", "Difference of the mean colours.",
+    )  # fmt: skip
+    assert list(quantities())[: len(STANDARD)] == list(STANDARD)
+    assert list(quantities()).index("tint") < list(quantities()).index("seconds")

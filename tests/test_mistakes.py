@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hydra.errors import CompactHydraException
 from omegaconf.errors import OmegaConfBaseException
+from refusals import refuses
 
 from brushexp.bounds import above, at_least, between, multiple_of, one_of
 from brushexp.cli.help import help_text
@@ -221,12 +222,8 @@ def test_short_forms_are_written_out(typed, meant):
     assert expand_arguments(words[0]) == words[1]
 
 
-def test_a_flag_that_cannot_be_is_told_in_a_line():
-    with pytest.raises(UserError, match="--help/-h: ignored explicit argument 'elp'; --help lists the keys"):
-        expand_arguments(["-help"])
-
-
-def test_the_home_folder_is_found_behind_a_key(monkeypatch):
+def test_a_flag_that_cannot_be_is_told_in_a_line_and_the_home_folder_is_found_behind_a_key(monkeypatch):
+    refuses("--help/-h: ignored explicit argument 'elp'; --help lists the keys", expand_arguments, ["-help"])
     monkeypatch.setenv("HOME", "/home/me")
     assert expand_arguments(["output=~/x", "image=~/a.jpg"]) == ["output=/home/me/x", 'image="~/a.jpg"']
     assert expand_arguments(["view", "catalogue=~"]) == ["task=view", "catalogue=/home/me"]
@@ -247,8 +244,7 @@ def test_the_home_folder_is_found_behind_a_key(monkeypatch):
 def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
     for value in fine:
         bounds.check("x", value)
-    with pytest.raises(UserError, match=f"^{re.escape(message)}$"):
-        bounds.check("x", wrong, 3)
+    refuses(f"^{re.escape(message)}$", bounds.check, "x", wrong, 3)
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -5,6 +5,7 @@ import sys
 import pytest
 import torch
 from painters import assert_resumes, error_of, painter_of, take
+from refusals import refuses
 from scenes import random_strokes
 from torch import Tensor
 from typed import nodes
@@ -92,16 +93,12 @@ def test_strokes_may_come_and_go(name):
     assert set(loop["optimizer"].state) <= set(painter.catalogue.parameters())
 
 
-def test_soap_keeps_no_matrix_as_long_as_the_strokes():
+def test_soap_keeps_no_matrix_as_long_as_the_strokes_and_names_its_library_if_that_is_missing(monkeypatch):
     optimizer = take(scene(preset("soap"), n=300), 3)["optimizer"]
     sizes = [m.shape for state in optimizer.state.values() for m in state["Q"] if len(m)]
     assert sorted(map(tuple, sizes)) == [(2, 2)] * 4 + [(3, 3)], "position, three points and colour"
-
-
-def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pytorch_optimizer", None)
-    with pytest.raises(UserError, match=r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'"):
-        soap()
+    refuses(r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'", soap)
 
 
 @pytest.mark.parametrize("library", LIBRARIES)

@@ -123,7 +123,7 @@ def command(tmp_path_factory) -> Path:
     return folder / "venv" / "bin" / "brushexp"
 
 
-def test_a_wheel_paints_in_a_folder_with_a_photograph_and_things_of_the_users(command, tmp_path):
+def test_a_wheel_paints_in_a_folder_with_things_of_the_users_and_holds_all_that_is_no_code(command, tmp_path):
     (tmp_path / "conf" / "look").mkdir(parents=True)
     (tmp_path / "conf" / "look" / "mine.yaml").write_text(LOOK)
     (tmp_path / "plugins").mkdir()
@@ -138,9 +138,6 @@ def test_a_wheel_paints_in_a_folder_with_a_photograph_and_things_of_the_users(co
     assert metrics["steps"] == 2, "quality scales the user's looks, too; what they say of another renderer is left out"
     assert {"painting.png", "report.html", "catalogue.h5"} <= {path.name for path in (tmp_path / "painted").iterdir()}
     assert "photo.jpg" in (tmp_path / "painted" / ".hydra" / "overrides.yaml").read_text()
-
-
-def test_a_wheel_holds_all_that_is_no_code(command):
     (wheel,) = command.parents[2].glob("*.whl")
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("brushexp/")}
     known = subprocess.run(["git", "ls-files", "src/brushexp"], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -189,16 +189,13 @@ def test_seconds_replace_steps(steps, seconds, taken):
     assert Work(steps).run(TimeBudget(seconds)).schedule.step == taken
 
 
-def test_the_last_stage_gets_half_of_the_seconds():
+def test_a_quality_ends_the_run_and_the_last_stage_gets_half_of_the_seconds(caplog):
     work = Work(60, 40, 10)
     work.cost = lambda step: (0.01, 0.02, 0.5)[work.schedule.stage]
     ends = work.run(TimeBudget(60.0)).schedule.ends
     assert [ends[0] * 0.01, (ends[1] - ends[0]) * 0.02] == pytest.approx([18, 12], abs=0.5)
     assert work.schedule.seconds == pytest.approx(60, abs=0.5)
     assert work.stop == SECONDS_SPENT
-
-
-def test_a_quality_ends_the_run(caplog):
     caplog.set_level("INFO")
     assert Work(40, error=0.1).run(Quality(10.5)).stop == ""
     assert "psnr=10.5 was not reached: the picture has 10.00 dB" in caplog.text
@@ -255,7 +252,7 @@ def test_a_painter_records_its_curve_and_goals_end_its_fit():
     assert painter.schedule.steps > painter.schedule.ends[0]
 
 
-def test_cpu_seconds_are_those_of_fits_and_go_on_in_another_process():
+def test_seconds_cpu_time_and_the_curve_go_on_after_an_interruption(tmp_path):
     spent, schedules = SimpleNamespace(cpu=50.0), (Schedule([3]), Schedule([3]))
     for schedule, total in zip(schedules, (2.0, 4.0), strict=True):
         schedule.cpu_clock = lambda: spent.cpu
@@ -266,9 +263,6 @@ def test_cpu_seconds_are_those_of_fits_and_go_on_in_another_process():
         schedule.pause()
         spent.cpu += 50
         assert schedule.cpu_seconds == total
-
-
-def test_seconds_and_the_curve_go_on_after_an_interruption(tmp_path):
     first, second = some_painter(steps=10**6), some_painter(steps=10**6)
     for schedule in (first.schedule, second.schedule):
         schedule.clock = lambda schedule=schedule: 0.01 * schedule.step

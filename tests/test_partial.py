@@ -55,7 +55,7 @@ def test_with_all_others_in_the_ring_active_strokes_feel_what_they_feel_in_the_w
         assert_close(value, whole[name][active], rtol=2e-3, atol=2e-3 * float(whole[name].abs().max()))
 
 
-def test_only_active_strokes_move():
+def test_only_active_strokes_move_and_their_past_is_remembered_from_visit_to_visit():
     painter = painter_of(sampler=few(n_active=7, patch=20))
     loop = take(painter, 0)
     for _ in range(8):
@@ -64,9 +64,6 @@ def test_only_active_strokes_move():
         pairs = zip(before, painter.strokes().items(), strict=True)
         moved = [(old != new).reshape(60, -1).any(1) for old, (_, new) in pairs]
         assert 0 < torch.stack(moved).any(0).sum() <= 7
-
-
-def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
     painter = painter_of(sampler=few(n_active=20, patch=70, steps_per_patch=2))
     optimizer = take(painter, 30)["optimizer"]
     for parameter in painter.catalogue.parameters():
@@ -173,18 +170,6 @@ def test_no_strokes_are_looked_at_whole_and_all_at_one_point_still_make_places()
     assert (number.bincount() > 0).all()
 
 
-def test_touched_pixels_are_those_in_the_boxes():
-    strokes = random_strokes(12, SIZE)
-    region = Region(5, 9, 30, 41)
-    result = find_reaching(strokes, region, EDGE)
-    no_paint = torch.tensor([9.0, 9.0, 9.0])
-    painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), SIZE, no_paint).image != 9).any(0))
-    assert result.shape == (30, 41)
-    assert (result | ~painted).all(), "no painted pixel is missed"
-    assert result.float().mean() < 1
-    assert not find_reaching(strokes[:0], region, EDGE).any()
-
-
 def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_memory():
     strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
     with torch.no_grad():
@@ -213,9 +198,18 @@ def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
     assert moved / (10 * 150) == pytest.approx(1, rel=0.3)
 
 
-def test_losses_keep_their_balance_on_parts():
+def test_losses_keep_their_balance_on_parts_and_touched_pixels_are_those_in_the_boxes():
     losses = {name: build_named("loss", name, {"weight": weight}) for name, weight in (("mse", 3.0), ("kl", 2.0))}
     painter = painter_of(losses=losses)
     active, ring = torch.arange(60).chunk(2)
     total = painter.training_step(View(Region(7, 9, 24, 35), active, ring), 0)
     assert float(total.detach()) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
+    strokes = random_strokes(12, SIZE)
+    region = Region(5, 9, 30, 41)
+    result = find_reaching(strokes, region, EDGE)
+    no_paint = torch.tensor([9.0, 9.0, 9.0])
+    painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), SIZE, no_paint).image != 9).any(0))
+    assert result.shape == (30, 41)
+    assert (result | ~painted).all(), "no painted pixel is missed"
+    assert result.float().mean() < 1
+    assert not find_reaching(strokes[:0], region, EDGE).any()

@@ -5,7 +5,6 @@ import logging
 import os
 import struct
 import sys
-import zlib
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,7 +13,10 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms, IptcImagePlugin
 from PIL.PngImagePlugin import PngInfo
+from refusals import refusal as refused
+from refusals import refuses
 from signals import TO_ADOBE, TO_BT2020, TO_P3, hlg, pq, srgb
+from test_pictures import chunk, deep_png, encoded, profile_of
 
 from brushexp.errors import UserError
 from brushexp.pictures import kinds
@@ -47,14 +49,9 @@ def in_space(matrix: list[list[float]]) -> np.ndarray:
     return LINEAR @ np.array(matrix).T
 
 
-def chunk(name: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-
-
 def png_with(picture: np.ndarray, *extra: bytes) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "PNG")
-    return file.getvalue()[:33] + b"".join(extra) + file.getvalue()[33:]
+    png = encoded(Image.fromarray(picture), "PNG")
+    return png[:33] + b"".join(extra) + png[33:]
 
 
 def adobe_exif(space: int = 65535, index: str | None = "R03") -> Image.Exif:
@@ -112,10 +109,7 @@ def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, ext
     expect(tmp_path / "a.png", worst=16)  # 8 bits of light, or of PQ, are coarse in the dark
     deep = np.rint(65535 * numbers[..., :1]).astype(np.uint16)
     if extra[0][4:8] == b"gAMA":  # grey of 16 bits keeps them
-        rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in deep)
-        first = chunk(b"IHDR", struct.pack(">IIBBBBB", WIDTH, HEIGHT, 16, 0, 0, 0, 0))
-        packed = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-        (tmp_path / "grey.png").write_bytes(b"\x89PNG\r\n\x1a\n" + first + b"".join(extra[:1]) + packed)
+        (tmp_path / "grey.png").write_bytes(deep_png(deep, extra[0]))
         exponent = 1e5 / struct.unpack(">I", extra[0][8:12])[0]
         if exponent < 2:
             expected = srgb((deep / 65535) ** exponent)
@@ -123,17 +117,15 @@ def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, ext
 
 
 def test_other_formats_say_their_colours_too(tmp_path):
-    linear = Image.fromarray(levels(LINEAR))
-    file = io.BytesIO()
-    linear.save(file, "QOI")
-    (tmp_path / "light.qoi").write_bytes(file.getvalue()[:13] + b"\1" + file.getvalue()[14:])
+    qoi = file_of(levels(LINEAR), "QOI")
+    (tmp_path / "light.qoi").write_bytes(qoi[:13] + b"\1" + qoi[14:])
     expect(tmp_path / "light.qoi", worst=16)
     Image.fromarray(levels(srgb(in_space(TO_P3)))).save(tmp_path / "p3.avif", quality=100, subsampling="4:4:4")
     data = (tmp_path / "p3.avif").read_bytes()
     at = data.index(b"colrnclx") + 8
     (tmp_path / "p3.avif").write_bytes(data[:at] + struct.pack(">H", 12) + data[at + 2 :])
     expect(tmp_path / "p3.avif", worst=9)
-    swapped = swapped_profile()
+    swapped = profile_of(swap=True)
     Image.new("RGB", (64, 48), (250, 0, 0)).save(tmp_path / "plain.jp2", irreversible=False)
     data, box = (tmp_path / "plain.jp2").read_bytes(), b"colr\2\0\0" + swapped
     at = data.index(b"colr") - 4
@@ -152,19 +144,9 @@ def test_other_formats_say_their_colours_too(tmp_path):
     assert read_picture(tmp_path / "icc.bmp")[2, 2].tolist() == pytest.approx([0, 250, 0], abs=8)
 
 
-def swapped_profile() -> bytes:
-    """An sRGB profile whose red and green primaries are exchanged."""
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    return profile.replace(b"rXYZ", b"____", 1).replace(b"gXYZ", b"rXYZ", 1).replace(b"____", b"gXYZ")
-
-
 def refusal(path: Path, side: int | None = None) -> str:
-    with pytest.raises(UserError) as caught:
-        load_picture(str(path), side)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(UserError):
-        size_of_picture(str(path), "image", side)  # before a run has a folder
-    return str(caught.value)
+    refused(size_of_picture, str(path), "image", side)  # before a run has a folder
+    return refused(load_picture, str(path), side)
 
 
 FULL = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
@@ -273,29 +255,16 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     assert "make it smaller" in refusal(path, 60)
 
 
-def test_pictures_are_opened_without_a_word_of_their_size_by_pillow(tmp_path, monkeypatch):
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
-    about = PngInfo()
-    about.add_text("Title", "Road")
-    Image.fromarray(smooth(40, 60)).save(tmp_path / "a.png", pnginfo=about)
-    assert credits_of(str(tmp_path / "a.png")) == {"Title": "Road"}
-    with open_picture(tmp_path / "a.png") as picture:
-        assert picture.size == (60, 40)
-    assert Image.MAX_IMAGE_PIXELS == 100
-
-
 def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
     assert halvings(11648, 8736, 512, 3) == 3
     assert halvings(11648, 8736, 6000, 3) == 0
     assert halvings(30000, 30000, 10000, 3) == 2, "900 megapixels at once are too many"
     assert halvings(9000, 9000, 16, 3) == 0, "no picture of up to 100 megapixels changes"
     for kind, most in (("GIF", 100), ("JXL", 100), ("PNG", 200), ("WEBP", 200)):
-        with pytest.raises(UserError, match=f"at most {most} megapixels are read: make it smaller"):
-            check_pixels(most * 1000 + 1, 1000, kind, 64)
+        refuses(f"at most {most} megapixels are read: make it smaller", check_pixels, most * 1000 + 1, 1000, kind, 64)
     check_pixels(31_000, 31_000, "JPEG", 64)
     check_whole(20_000, 10_000)
-    with pytest.raises(UserError, match="at most 100 megapixels, or as"):
-        check_whole(10_001, 10_000, is_deep=True)
+    refuses("at most 100 megapixels, or as", check_whole, 10_001, 10_000, is_deep=True)
 
 
 @pytest.mark.parametrize(("start", "message"), [
@@ -318,9 +287,19 @@ def test_what_is_no_picture_is_told_by_what_it_is(tmp_path, start, message):
     assert message in refusal(tmp_path / "a.jpg")
 
 
-def test_cmyk_of_16_bits_is_refused_in_plain_words(tmp_path):
+def test_cmyk_of_16_bits_is_refused_and_pictures_are_opened_without_a_word_of_their_size_by_pillow(
+    tmp_path, monkeypatch
+):
     tifffile.imwrite(tmp_path / "ink.tif", np.zeros((8, 6, 4), np.uint16), photometric="separated")
     assert "is a TIFF of CMYK with 16 bits a colour; save it with 8 bits" in refusal(tmp_path / "ink.tif")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
+    about = PngInfo()
+    about.add_text("Title", "Road")
+    Image.fromarray(smooth(40, 60)).save(tmp_path / "a.png", pnginfo=about)
+    assert credits_of(str(tmp_path / "a.png")) == {"Title": "Road"}
+    with open_picture(tmp_path / "a.png") as picture:
+        assert picture.size == (60, 40)
+    assert Image.MAX_IMAGE_PIXELS == 100
 
 
 @pytest.mark.parametrize(("start", "extra"), [(b"\0\0\0\x18ftypheic", "heic"), (b"\xff\x0a\0\0", "jxl")])
@@ -365,8 +344,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()
-    with pytest.raises(UserError, match=r"no picture is there; .*x.DNG left out: raw photographs"):
-        pictures_in(str(tmp_path / "x*"))
+    refuses(r"no picture is there; .*x.DNG left out: raw photographs", pictures_in, str(tmp_path / "x*"))
 
 
 TALL, BROAD = 30, 40
@@ -376,14 +354,11 @@ NOISE = np.random.default_rng(3).integers(0, 256, (90, 120, 3), dtype=np.uint8)
 
 
 def file_of(pixels: np.ndarray, kind: str, **options: object) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, kind, **options)
-    return file.getvalue()
+    return encoded(Image.fromarray(pixels), kind, **options)
 
 
 def with_phys(unit: int, across: int, down: int) -> bytes:
-    png, said = file_of(SMOOTH, "PNG"), b"pHYs" + struct.pack(">IIB", across, down, unit)
-    return png[:33] + struct.pack(">I", 9) + said + struct.pack(">I", zlib.crc32(said)) + png[33:]
+    return png_with(SMOOTH, chunk(b"pHYs", struct.pack(">IIB", across, down, unit)))
 
 
 def with_jfif(unit: int, across: int, down: int) -> bytes:
@@ -445,41 +420,31 @@ def test_pixels_that_are_half_as_wide_as_high_are_made_square(tmp_path, data):
         assert np.array_equal(decode_image(picture), found)
 
 
-@pytest.mark.parametrize("data", [
-    with_phys(0, 1, 2), with_jfif(0, 1, 2), gif(113), file_of(SMOOTH, "TIFF", dpi=(72, 144)),
-    with_pasp(2, 1), with_resc(5906, 11811), psd(2),
-])  # fmt: skip
-def test_pixels_that_are_twice_as_wide_as_high_are_made_square(tmp_path, data):
-    (tmp_path / "a").write_bytes(data)
-    assert read_picture(tmp_path / "a").shape == (TALL, 2 * BROAD, 3)
-    assert picture_size(tmp_path / "a") == (TALL, 2 * BROAD)
-
-
-def test_pixels_are_turned_with_the_picture(tmp_path):
+def test_pixels_are_turned_with_the_picture_and_pages_that_are_not_painted_are_told(tmp_path, caplog):
     exif = Image.Exif()
     exif[274] = 6  # a quarter turn
     Image.fromarray(SMOOTH).save(path := tmp_path / "a.png", exif=exif, dpi=(200, 100))
     assert read_picture(path).shape == (BROAD, 2 * TALL, 3)
     assert picture_size(path) == (BROAD, 2 * TALL)
-
-
-@pytest.mark.parametrize("data", [
-    with_phys(1, 2835, 2834), with_phys(0, 0, 0), with_phys(0, 1, 100), with_jfif(0, 0, 1), with_jfif(2, 0, 0), gif(49),
-    file_of(SMOOTH, "TIFF"), file_of(SMOOTH, "WEBP", lossless=True),
-])  # fmt: skip
-def test_numbers_that_are_rounded_or_impossible_leave_pixels_alone(tmp_path, data):
-    (tmp_path / "a").write_bytes(data)
-    assert read_picture(tmp_path / "a").shape == (TALL, BROAD, 3)
-    assert picture_size(tmp_path / "a") == (TALL, BROAD)
-
-
-def test_pages_that_are_not_painted_are_told(tmp_path, caplog):
     with tifffile.TiffWriter(path := tmp_path / "a.tif") as tiff:
         for kind in (0, 0, 0, 1):  # the last is a smaller copy
             tiff.write(SMOOTH, photometric="rgb", subfiletype=kind)
     with caplog.at_level(logging.WARNING):
         assert np.array_equal(read_picture(path), SMOOTH)
     assert "has 3 pages, and the first is taken" in caplog.text
+
+
+DOUBLE_WIDTH = [with_phys(0, 1, 2), with_jfif(0, 1, 2), gif(113), file_of(SMOOTH, "TIFF", dpi=(72, 144))]
+DOUBLE_WIDTH += [with_pasp(2, 1), with_resc(5906, 11811), psd(2)]
+ALONE = [with_phys(1, 2835, 2834), with_phys(0, 0, 0), with_phys(0, 1, 100), with_jfif(0, 0, 1), with_jfif(2, 0, 0)]
+ALONE += [gif(49), file_of(SMOOTH, "TIFF"), file_of(SMOOTH, "WEBP", lossless=True)]
+
+
+@pytest.mark.parametrize(("times", "data"), [*((2, data) for data in DOUBLE_WIDTH), *((1, data) for data in ALONE)])
+def test_wide_pixels_are_made_square_and_numbers_that_are_rounded_or_impossible_leave_them_alone(tmp_path, times, data):
+    (tmp_path / "a").write_bytes(data)
+    assert read_picture(tmp_path / "a").shape == (TALL, times * BROAD, 3)
+    assert picture_size(tmp_path / "a") == (TALL, times * BROAD)
 
 
 @pytest.mark.parametrize("fewer", [2, 40, 0.1, 0.5, 0.9])
@@ -534,11 +499,11 @@ def test_the_end_of_a_thumbnail_is_not_that_of_its_picture(tmp_path, caplog):
 def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_much_is_refused(
     tmp_path, caplog, progressive
 ):
-    path, file = tmp_path / "cut.jpg", io.BytesIO()
-    Image.fromarray(NOISE.repeat(3, 0).repeat(3, 1)).save(file, "JPEG", quality=90, progressive=progressive)
-    whole = np.asarray(Image.open(file)).astype(int)
+    path = tmp_path / "cut.jpg"
+    data = file_of(NOISE.repeat(3, 0).repeat(3, 1), "JPEG", quality=90, progressive=progressive)
+    whole = np.asarray(Image.open(io.BytesIO(data))).astype(int)
     for fewer in (2, 40):
-        path.write_bytes(file.getvalue()[:-fewer])
+        path.write_bytes(data[:-fewer])
         with caplog.at_level(logging.WARNING):
             found = read_picture(path).astype(int)
         assert (np.abs(found - whole).max(2) > 9).mean() < 0.02
@@ -546,7 +511,7 @@ def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_mu
         assert size_of_picture(str(path), "image") == whole.shape[:2]
         os.utime(path, ns=(fewer, fewer))
     if not progressive:  # else the whole picture is there, only coarser
-        path.write_bytes(file.getvalue()[: len(file.getvalue()) * 6 // 10])
+        path.write_bytes(data[: len(data) * 6 // 10])
         assert "it is cut short: 4" in (message := refusal(path))
         assert "% of the picture are missing); get the whole file" in message
 

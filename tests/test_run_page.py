@@ -218,13 +218,6 @@ def test_what_is_not_known_is_left_out():
         assert part in html
 
 
-def test_sizes_that_a_setting_gave_are_marked():
-    html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
-    assert html.count('"note": "Set by init=grid: no measure') == 3
-    assert "<code>init=grid</code>, not by the picture" in html
-    assert "not by the picture" not in page_of(saved_with(5))
-
-
 @pytest.mark.parametrize(("error", "words", "is_bug"), [
     (UserError("no room"), "no report.html of this run: no room", False), (ZeroDivisionError(), "Traceback", True),
 ])  # fmt: skip
@@ -235,13 +228,17 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch, error, w
     assert ("Traceback" in caplog.text) == is_bug
 
 
-def test_settings_name_plugins_and_what_was_typed():
+def test_settings_name_plugins_what_was_typed_and_the_sizes_that_they_gave():
     renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
     config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
     html = page_of(replace(saved_with(5), config=config), command="brushexp steps=5 renderer=analytic")
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
     assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
     assert 'id="settings"' not in page_of(replace(saved_with(5), config=""))
+    html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
+    assert html.count('"note": "Set by init=grid: no measure') == 3
+    assert "<code>init=grid</code>, not by the picture" in html
+    assert "not by the picture" not in page_of(saved_with(5))
 
 
 def test_damaged_files_are_left_out(tmp_path, caplog):

@@ -46,8 +46,10 @@ if __name__ == "__main__":
 """
 
 
-def test_kernels_are_loaded_at_their_first_call_and_leave_the_threads_of_torch():
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
+def test_kernels_are_loaded_at_their_first_call_and_a_fork_paints_after_a_painting():
     subprocess.run([sys.executable, "-c", SCRIPT], check=True)
+    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -63,7 +65,7 @@ def test_threads_share_all_work_and_do_nothing_twice(threads, n, monkeypatch):
     assert (done == 1).all()
 
 
-def test_a_mistake_in_any_thread_is_told(monkeypatch):
+def test_a_mistake_in_any_thread_is_told_and_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
     monkeypatch.setattr("torch.get_num_threads", lambda: 3)
 
     def work(begin, end):
@@ -72,20 +74,12 @@ def test_a_mistake_in_any_thread_is_told(monkeypatch):
 
     with pytest.raises(AssertionError):
         share(work, 50)
-
-
-def test_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
     monkeypatch.setattr("torch.get_num_threads", lambda: 3)
     monkeypatch.setattr(runtime, "_pool", lambda: ended)
     ended, done = ThreadPoolExecutor(1), np.zeros(9, int)
     ended.shutdown()
     share(lambda begin, end: done[begin:end].__iadd__(1), 9)
     assert (done == 1).all()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
-def test_a_fork_paints_after_a_painting():
-    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 def test_an_interruption_that_a_callback_loses_comes_again(monkeypatch):

@@ -4,15 +4,16 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
 import pytest
 import torch
 from catalogues import CONFIG, assert_same, catalogue, give_attribute, refused, refused_if_foreign, spoil_every
+from refusals import refuses
 from scenes import random_strokes
 
-from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, Catalogue, check_strokes
 from brushexp.strokes.saved import alpha_of, json_lines, parse, png_of
 from brushexp.strokes.storage import load_catalogue, save_catalogue
@@ -33,16 +34,13 @@ def test_a_catalogue_comes_back_as_it_was_and_is_always_stored_in_the_same_bytes
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
-def test_parameters_and_other_types_are_stored_as_numbers(tmp_path):
+def test_parameters_are_stored_as_numbers_and_the_file_says_what_it_holds(tmp_path, stored):
     saved = catalogue()
     strokes = saved.strokes.map(lambda value: value.double().requires_grad_())
     save_catalogue(tmp_path / "a.h5", replace(saved, strokes=strokes, depth=saved.depth.long()))
     read = load_catalogue(tmp_path / "a.h5")
     torch.testing.assert_close(read.strokes.color, saved.strokes.color, rtol=0, atol=0)
     assert not read.strokes.color.requires_grad
-
-
-def test_the_file_says_what_it_holds(stored):
     with h5py.File(stored) as file:
         assert set(file) == {*FIELDS, "brush", "depth"}
         assert file.attrs["format"] == b"brushexp catalogue"
@@ -94,8 +92,7 @@ def test_the_config_is_text_and_runs_nothing(tmp_path):
     ({"strokes": replace(catalogue().strokes, width=torch.full((7,), torch.nan))}, "stroke 0: width is nan"),
 ])  # fmt: skip
 def test_what_could_not_be_read_again_is_not_written(tmp_path, change, message):
-    with pytest.raises(UserError, match=message):
-        save_catalogue(tmp_path / "a.h5", replace(catalogue(), **change))
+    refuses(message, save_catalogue, tmp_path / "a.h5", replace(catalogue(), **change))
     assert not list(tmp_path.iterdir())
 
 
@@ -108,17 +105,17 @@ def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
     assert torch.equal(parse(text).alpha, alpha)
     packed = png_of(alpha)
     for wrong in (b"", b"no picture", packed[:40], packed[:20] + bytes(20) + packed[40:]):
-        with pytest.raises(UserError, match="alpha is no PNG"):
-            alpha_of(wrong)
+        refuses("alpha is no PNG", alpha_of, wrong)
     for wrong in ('"?"', "3"):
-        with pytest.raises(UserError, match="alpha is"):
-            parse(re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
+        refuses("alpha is", parse, re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
 
 
-def test_a_path_to_no_catalogue_is_explained(tmp_path):
+def test_a_path_to_no_catalogue_and_an_unreadable_file_are_explained(tmp_path, stored, monkeypatch):
     assert "there is no file" in refused(tmp_path / "a.h5")
     assert f"there is no file {tmp_path / 'catalogue.h5'}" in refused(tmp_path), "a folder stands for its catalogue"
     assert "not a brushexp catalogue" in refused_if_foreign(tmp_path / "a.h5", refused)
+    monkeypatch.setattr(Path, "open", Mock(side_effect=PermissionError(13, "Permission denied")))
+    assert "Permission denied" in refused(stored)
 
 
 @pytest.mark.timeout(60)
@@ -128,14 +125,6 @@ def test_no_wrong_byte_goes_unnoticed_nor_that_some_are_missing(stored):
     for share in (0.1, 0.3, 0.5, 0.9, 0.999):
         stored.write_bytes(data[: int(len(data) * share)])
         assert "is damaged or cut short" in refused(stored)
-
-
-def test_an_unreadable_file_is_explained(stored, monkeypatch):
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refuse)
-    assert "Permission denied" in refused(stored)
 
 
 @pytest.mark.parametrize(("name", "value", "message"), [
@@ -204,7 +193,7 @@ def test_a_catalogue_gives_back_its_strokes(n):
     assert_equal(catalogue(), random_strokes(n, (30, 40)))
 
 
-def test_a_step_of_one_rate_moves_each_field_by_its_unit():
+def test_a_step_of_one_rate_moves_each_field_by_its_unit_and_the_scale_can_move_instead_of_the_position():
     strokes = random_strokes(5, (30, 40))
     catalogue = Catalogue(strokes, UNITS)
     optimizer = torch.optim.SGD(catalogue.parameters(), lr=1e-3)
@@ -215,14 +204,10 @@ def test_a_step_of_one_rate_moves_each_field_by_its_unit():
     torch.testing.assert_close(moved.width, strokes.width - 1e-3 * 0.3)
     torch.testing.assert_close(moved.position, strokes.position - 1e-3 * 0.5 * strokes.scale[:, None])
     assert torch.equal(moved.scale, strokes.scale), "a field without a unit must not move"
-
-
-def test_the_scale_can_move_instead_of_the_position():
     catalogue = Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0})
     catalogue().scale.sum().backward()
     torch.testing.assert_close(catalogue.scale.grad, torch.full((5,), 10.0))
-    with pytest.raises(UserError, match="set the rate of scale to 0"):
-        Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0, "position": 1.0})
+    refuses("set the rate of scale to 0", Catalogue, random_strokes(5, (30, 40)), {"scale": 10.0, "position": 1.0})
 
 
 def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
@@ -236,11 +221,9 @@ def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
         catalogue.position[0, 1] = torch.inf
     catalogue.keep_in_range()
     check_strokes(catalogue())
-    with pytest.raises(UserError, match="no stroke field is called 'colour'; the fields are position, scale"):
-        Catalogue(strokes, {"colour": 1.0})
+    refuses("no stroke field is called 'colour'; the fields are position, scale", Catalogue, strokes, {"colour": 1.0})
     strokes.control[2, 1] = torch.nan
-    with pytest.raises(UserError, match=r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]"):
-        Catalogue(strokes, UNITS)
+    refuses(r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]", Catalogue, strokes, UNITS)
 
 
 def test_strokes_of_a_loop_of_ones_own_are_brought_back_where_they_are():

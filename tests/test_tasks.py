@@ -52,7 +52,7 @@ def painted(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_run_leaves_all_its_results(painted):
+def test_a_run_leaves_all_its_results_and_the_metrics_are_those_of_the_saved_pictures(painted):
     files = {path.name for path in painted.iterdir()}
     assert {"painting.png", "target.png", "catalogue.h5", "metrics.json", "run.log", ".hydra", "report.html"} <= files
     assert files & {"timelapse.mp4", "timelapse.gif"}
@@ -61,9 +61,6 @@ def test_a_run_leaves_all_its_results(painted):
     assert (metrics["status"], metrics["steps"], metrics["n_strokes"]) == ("completed", 30, round(48 * 32 / 100))
     named = {"ssim", "l1", "perceptual", "seconds", "seconds_total", "seconds_per_step", "peak_memory_mb", "device"}
     assert named <= metrics.keys()
-
-
-def test_the_metrics_are_those_of_the_saved_pictures(painted):
     error = pixels_of(painted / "painting.png") - pixels_of(painted / "target.png")
     psnr = 10 * np.log10(255**2 / (error**2).mean())
     slopes = np.concatenate([np.diff(error / 255, axis=axis).ravel() for axis in (0, 1)])
@@ -72,7 +69,9 @@ def test_the_metrics_are_those_of_the_saved_pictures(painted):
     assert metrics["edges"] == pytest.approx(np.abs(slopes).mean(), rel=1e-4)
 
 
-def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task, tmp_path, caplog):
+def test_a_saved_catalogue_renders_to_the_painting_larger_too_and_painting_goes_on_from_it(
+    painted, run_task, tmp_path, caplog
+):
     words = ["task=export", f"catalogue={painted}/catalogue.h5"]
     run_task(export, *words)
     assert "painted with other weights" not in caplog.text
@@ -82,9 +81,6 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task,
         assert large.size == (192, 128)
         shrunk = np.asarray(large.resize((48, 32), Image.Resampling.BOX)).astype(float)
     assert np.abs(shrunk - pixels_of(painted / "painting.png")).mean() < 12
-
-
-def test_painting_goes_on_from_a_catalogue(painted, run_task, tmp_path):
     metrics = run_task(paint, *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed")
     assert np.abs(pixels_of(tmp_path / "painting.png") - pixels_of(painted / "painting.png")).max() <= 1
     assert metrics["steps"] == 0
@@ -175,7 +171,7 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     assert pixels_of(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
-def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
+def test_help_lists_every_plugin_in_one_line_and_a_mistake_ends_a_run_in_one_without_a_result(tmp_path):
     lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in lines), name
@@ -186,9 +182,6 @@ def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
         assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem
-
-
-def test_a_mistake_ends_a_run_in_one_line_and_leaves_no_result(tmp_path):
     result = run("nothing.png", f"output={tmp_path}/a", cwd=tmp_path)
     assert result.returncode == 1
     (line,) = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]

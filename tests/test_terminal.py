@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 from program import ended
+from refusals import refuses
 
 from brushexp.cli.opening import open_with, opening_line
-from brushexp.errors import UserError
 from brushexp.results.runs import newest_run
 from brushexp.runs.run_folder import take_name, warn_of_launcher
 from brushexp.system.progress import showing
@@ -43,14 +43,11 @@ def test_the_first_line_says_what_begins(typed, said, tmp_path, monkeypatch):
     assert opening_line(typed.split()) == said
 
 
-def test_letters_that_the_terminal_has_not_are_escaped(monkeypatch):
+def test_letters_that_the_terminal_has_not_are_escaped_and_a_folder_that_is_gone_is_told_at_once(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "stdout", TextIOWrapper(BytesIO(), "ascii"))
     open_with(["coffee"])
     print("é\udcff.png", flush=True)
     assert sys.stdout.buffer.getvalue() == b"\\xe9\\udcff.png\n"
-
-
-def test_a_folder_that_is_gone_is_told_at_once(tmp_path, monkeypatch):
     (gone := tmp_path / "gone").mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
@@ -141,8 +138,7 @@ def test_runs_of_one_second_have_folders_of_their_own_and_the_newest_is_found(co
     assert take_name(second, Path(second.output)) == Path(f"{place}_2")
     assert (first.output, second.output) == (str(place), f"{place}_2"), "and so for every job of a sweep"
     assert take_name(named, Path(named.output)) == Path("outputs/mine")
-    with pytest.raises(UserError, match="no run is in outputs/ here; name what to look at: brushexp view FOLDER"):
-        newest_run()
+    refuses("no run is in outputs/ here; name what to look at: brushexp view FOLDER", newest_run)
     for folder, changed in ((place, 100), (Path(f"{place}_2"), 50)):
         (folder / "report.html").touch()
         os.utime(folder / "report.html", (changed, changed))

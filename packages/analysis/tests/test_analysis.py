@@ -128,16 +128,13 @@ def test_neighbours_agree_with_the_obvious_loop():
     assert measured(made).neighbours.tolist() == ((gaps <= within).sum(1) - 1).tolist()
 
 
-def test_what_lies_above_hides_a_stroke_on_a_canvas_of_any_size():
+def test_what_lies_above_hides_a_stroke_and_visible_shares_agree_with_the_obvious_sum():
     below, cover = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
     assert measured(Strokes.join(below, cover)).visible == pytest.approx([0, 1], abs=2e-3)
     assert measured(straight((300, 300), (320, 300))).visible == 0
     ends = (4000, 4000), (9000, 4000)  # a huge canvas is looked at reduced
     strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
     assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
-
-
-def test_visible_shares_agree_with_the_obvious_sum():
     strokes = random_strokes(15, SIZE, width=(0.1, 0.3))
     depth = torch.randperm(15)
     points = pixel_centres(torch.arange(60 * 90), 90, torch.float32)
@@ -149,15 +146,12 @@ def test_visible_shares_agree_with_the_obvious_sum():
     np.testing.assert_allclose(visible[depth.argsort(descending=True)], share, atol=2e-3)
 
 
-def test_statistics_of_many_of_one_and_of_nothing():
+def test_statistics_of_many_of_one_and_of_nothing_and_directions_across_the_turn():
     values = np.arange(1.0, 6.0)
     assert summary.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
     assert summary.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
     for axial in (False, True):
         assert summary.statistics_of(np.array([]), axial)["mean"] is None
-
-
-def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_an_entropy():
     numbers = summary.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
@@ -346,19 +340,13 @@ def drawn(strokes):
     return painter.draw(strokes, torch.arange(len(strokes)))
 
 
-def test_a_painting_of_rounded_strokes_looks_the_same():
+def test_packing_loses_nothing_seen_and_more_strokes_take_more_bits_and_equal_ones_few():
     strokes = with_shapes(random_strokes(60, CANVAS))
     difference = drawn(strokes) - drawn(restored(quantised(strokes)))
     assert psnr_of(float(difference.square().mean())) > 40
-
-
-def test_packing_loses_nothing():
     numbers = quantised(random_strokes(60, CANVAS))
     bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(16, 2, -1)
     assert (numbers == bytes_.transpose(0, 2, 1).copy().view("<i2")[..., 0].T).all()
-
-
-def test_more_strokes_take_more_bits_and_equal_ones_few():
     picture = torch.zeros(3, *CANVAS)
     few, many = (BitsPerPixel()(Comparison(picture, picture, None, random_strokes(n, CANVAS))) for n in (50, 500))
     assert 5 < many / few < 12

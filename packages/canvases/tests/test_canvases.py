@@ -23,6 +23,7 @@ from brushexp_canvases.task import begin, check_same, settings_that_count
 from brushexp_canvases.tile import Canvas, paint_tile
 from omegaconf import OmegaConf
 from PIL import Image
+from refusals import refuses
 from skimage.data import astronaut
 
 from brushexp.api.settings import settings_of
@@ -105,9 +106,7 @@ def done(picture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Canva
     return painted(picture, tmp_path_factory.mktemp("canvas") / "a.zarr")
 
 
-def test_tiles_have_the_strokes_that_lie_in_them_and_the_painting_looks_like_the_picture(
-    done: tuple[CanvasStore, Canvas],
-) -> None:
+def test_the_parts_are_those_of_one_picture_which_looks_like_the_target_and_the_page_gets_all_strokes(done, tmp_path):
     store, _ = done
     assert (store.counts > 0).all()
     assert int(store.counts.sum()) == pytest.approx(96 * 128 / 48, rel=0.25)
@@ -115,9 +114,6 @@ def test_tiles_have_the_strokes_that_lie_in_them_and_the_painting_looks_like_the
     everything = Region(0, 0, *store.grid.size)
     difference = store.read("painting", everything).astype(float) - store.read("target", everything)
     assert np.square(difference / 255).mean() == pytest.approx(store.errors()["mse"])
-
-
-def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasStore, Canvas]) -> None:
     store, canvas = done
     cfg = OmegaConf.create(canvas.settings)
     everything = Region(0, 0, *store.grid.size)
@@ -125,23 +121,11 @@ def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasSto
     assert np.abs(whole.astype(int) - store.read("painting", everything)).max() <= 1
     part = job_of(store, cfg, Region(10, 20, 30, 40)).picture().transpose(2, 0, 1)
     assert np.abs(part.astype(int) - whole[:, 10:40, 20:60]).max() <= 1
-
-
-def test_the_page_gets_all_strokes(done: tuple[CanvasStore, Canvas], tmp_path: Path) -> None:
     store, canvas = done
     told = write_strokes(tmp_path, store.grid.size, partial(job_of, store, canvas.config))
     text = (tmp_path / "strokes_files" / "0_0.js").read_text()
     assert f'"count":{store.counts.sum()},' in text
     assert told["exact"]
-
-
-def test_the_same_bits_in_any_order_within_a_round(
-    done: tuple[CanvasStore, Canvas], picture: Path, tmp_path: Path
-) -> None:
-    store, _ = done
-    other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
-    for name in ("strokes", "count", "squares", "painting/0"):
-        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
 
 
 def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture: Path, tmp_path: Path) -> None:
@@ -155,29 +139,28 @@ def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture:
     np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
 
 
-def test_what_is_painted_is_not_painted_again(done: tuple[CanvasStore, Canvas]) -> None:
+def test_what_is_painted_is_not_painted_again_and_has_the_same_bits_in_any_order_within_a_round(
+    done, picture, tmp_path
+):
     store, canvas = done
     before = {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
     for tile in store.grid.tiles():
         paint_tile(canvas, tile)
         draw_tile(canvas, tile)
     assert before == {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
+    store, _ = done
+    other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
+    for name in ("strokes", "count", "squares", "painting/0"):
+        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
 
 
-def test_a_canvas_goes_on_with_the_settings_that_it_was_begun_with(
-    done: tuple[CanvasStore, Canvas], picture: Path
-) -> None:
+def test_a_canvas_goes_on_with_its_settings_and_a_folder_that_is_none_is_refused(done, picture, tmp_path):
     store, _ = done
     check_same(store, config_of(picture, store.path, workers=2))
-    with pytest.raises(UserError, match="begun with steps=4, and now steps=5"):
-        check_same(store, config_of(picture, store.path, steps=5))
+    refuses("begun with steps=4, and now steps=5", check_same, store, config_of(picture, store.path, steps=5))
     assert "workers" not in settings_that_count(config_of(picture, store.path))
-
-
-def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.zarr").mkdir()
-    with pytest.raises(UserError, match=r"x\.zarr"):
-        CanvasStore(tmp_path / "x.zarr")
+    refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
 
 
 @pytest.mark.parametrize(
@@ -193,8 +176,7 @@ def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_canvas_cannot_do_is_refused(picture: Path, tmp_path: Path, options: dict, message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        config_of(picture, tmp_path / "d.zarr", **options)
+    refuses(message, config_of, picture, tmp_path / "d.zarr", **options)
 
 
 def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path: Path) -> None:

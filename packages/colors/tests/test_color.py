@@ -9,10 +9,10 @@ from brushexp_policies.fixed import FixedOrder
 from brushexp_policies.topk import TopK
 from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
 from PIL import Image
+from refusals import refuses
 from scenes import leaves, random_strokes, straight
 from test_kernels import KINDS, TILED
 
-from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
@@ -136,8 +136,7 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
     run_task(export, "task=export", f"catalogue={tmp_path / 'catalogue.h5'}")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "painting.png")), first)
     for wrong in ("color: 7", "color: {_target_: brushexp.plugins.order.area.Area}"):
-        with pytest.raises(UserError, match="color is"):
-            space_of(replace(saved, config=wrong))
+        refuses("color is", space_of, replace(saved, config=wrong))
     save_catalogue(tmp_path / "old.h5", replace(saved, config=""))
     assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
 

@@ -13,6 +13,7 @@ from brushexp_films.moving import is_moving
 from brushexp_films.sound import add_sound
 from films import decoded, encoded, scene
 from PIL import Image
+from refusals import refuses
 from signals import TO_BT2020, hlg, pq, srgb
 
 from brushexp.cli.program import expand_arguments
@@ -65,16 +66,23 @@ def test_films_of_high_dynamic_range_are_shown_with_their_white_as_white(tmp_pat
 TIMES = [0, 500, 533, 566, 1400, 1433]
 
 
-def test_pictures_keep_their_times(tmp_path):
+def test_pictures_keep_their_times_and_pixels_that_are_not_square_are_made_so(tmp_path):
     clip = open_clip(coded(tmp_path / "phone.mp4", "libx264", "rgb24", scene(6), TIMES, pix_fmt="yuv420p"))
     shown = [(float(begin), float(end)) for _, begin, end in timed_pictures(clip)]
     assert [begin for begin, _ in shown] == pytest.approx([time / 1000 for time in TIMES], abs=2e-3)
     assert [end for _, end in shown[:-1]] == [begin for begin, _ in shown[1:]]
     part = [(float(begin), float(end)) for _, begin, end in pictures_between(clip, 0.52, 1.41, 2)]
     assert part == [pytest.approx(span, abs=2e-3) for span in ((0, 0.046), (0.046, 0.89))]
+    frames = [np.ascontiguousarray(picture[:48]) for picture in scene(2)]
+    said = {"pix_fmt": "yuv420p", "sample_aspect_ratio": Fraction(4, 3)}
+    clip = open_clip(coded(tmp_path / "dv.mp4", "libx264", "rgb24", frames, **said))
+    assert clip.size == (48, 85)
+    picture = next(decode_pictures(clip))
+    wide = np.asarray(Image.fromarray(frames[0]).resize((85, 48), Image.Resampling.LANCZOS), float)
+    assert np.abs(picture - wide).mean() < 8
 
 
-def test_a_recording_of_a_browser_has_its_length(tmp_path):
+def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_ends_no_film(tmp_path, caplog):
     path = coded(
         tmp_path / "tab.webm", "libvpx-vp9", "yuv420p", [np.zeros((48, 32), np.uint8)] * 12, [80 * k for k in range(12)]
     )
@@ -84,9 +92,6 @@ def test_a_recording_of_a_browser_has_its_length(tmp_path):
     clip = open_clip(path)
     assert float([*timed_pictures(clip)][-1].end) == pytest.approx(0.94, abs=0.03)
     assert clip.rate <= 50
-
-
-def test_a_clock_that_begins_anew_is_no_film_that_ends_early(tmp_path, caplog):
     wrap = 95443_700  # milliseconds: clocks of transport streams have 33 bits, of 1 / 90,000 s
     times = [wrap - 1000 + 40 * k for k in range(50)]
     clip = open_clip(coded(tmp_path / "tv.ts", "libx264", "rgb24", 10 * scene(5), times, pix_fmt="yuv420p"))
@@ -154,16 +159,6 @@ def test_sound_stays_in_step_wherever_the_clocks_begin(run_task, tmp_path, caplo
     assert "of its header" not in caplog.text
 
 
-def test_pixels_that_are_not_square_are_made_so(tmp_path):
-    frames = [np.ascontiguousarray(picture[:48]) for picture in scene(2)]
-    said = {"pix_fmt": "yuv420p", "sample_aspect_ratio": Fraction(4, 3)}
-    clip = open_clip(coded(tmp_path / "dv.mp4", "libx264", "rgb24", frames, **said))
-    assert clip.size == (48, 85)
-    picture = next(decode_pictures(clip))
-    wide = np.asarray(Image.fromarray(frames[0]).resize((85, 48), Image.Resampling.LANCZOS), float)
-    assert np.abs(picture - wide).mean() < 8
-
-
 @pytest.mark.parametrize(("codec", "form", "name"), [
     ("libvpx-vp9", "yuva420p", "a.webm"), ("prores_ks", "yuva444p10le", "a.mov"), ("qtrle", "argb", "a.mov"),
 ])  # fmt: skip
@@ -212,10 +207,12 @@ def test_tracks_that_are_left_out_are_told(tmp_path, caplog):
     assert len(decoded(film)[0]) == 2
 
 
-def test_a_film_as_a_picture_is_told(tmp_path):
+def test_a_film_is_told_where_a_picture_is_wanted_and_says_what_to_install_without_its_library(tmp_path, monkeypatch):
     path = encoded(tmp_path / "clip.mp4", scene(1))
-    with pytest.raises(UserError, match=r"clip.mp4 is a film; a picture is wanted here"):
-        load_picture(str(path), 16, key="style")
+    refuses(r"clip.mp4 is a film; a picture is wanted here", load_picture, str(path), 16, key="style")
+    path = encoded(tmp_path / "clip.mp4", scene(1))
+    monkeypatch.setitem(sys.modules, "av", None)
+    refuses(r"brushexp\[video\]", open_clip, path)
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (33, 48), (32, 47)])
@@ -274,10 +271,3 @@ def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
     with pytest.raises(UserError, match=message) as caught:
         open_clip(tmp_path / "clip.mp4")
     assert "\n" not in str(caught.value)
-
-
-def test_without_the_library_a_film_says_what_to_install(tmp_path, monkeypatch):
-    path = encoded(tmp_path / "clip.mp4", scene(1))
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(UserError, match=r"brushexp\[video\]"):
-        open_clip(path)

@@ -6,7 +6,6 @@ import logging
 import math
 import os
 import signal
-from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
@@ -23,12 +22,12 @@ from brushexp_losses.perceptual import Perceptual
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
+from refusals import refuses
 
 from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
-from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import find_reaching
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -99,7 +98,7 @@ def test_strokes_depend_on_those_of_the_picture_before_alone_whatever_losses_rem
     assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in carried.strokes.items())
 
 
-def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
+def test_a_film_that_stands_still_is_one_painting_a_cut_begins_another_and_both_flicker_little():
     reel, still = reel_of("analytic"), as_tensor(scene(1)[0])
     reel.paint(still)
     cel = reel.cel
@@ -107,9 +106,6 @@ def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
     assert reel.cel is cel
     reel.paint(1 - still)
     assert (reel.cel is cel, reel.scenes) == (False, 2)
-
-
-def test_painting_so_flickers_much_less_than_painting_each_picture_anew():
     carried, anew, reel = Flicker(), Flicker(), reel_of("analytic", 900, 40)
     for k, picture in enumerate(scene(4, side=96)):
         noisy = as_tensor(picture) + 0.004 * torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(k))
@@ -168,20 +164,11 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
 ])  # fmt: skip
 def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
     clip = encoded(tmp_path / "clip.mp4", scene(2))
-    with pytest.raises(UserError, match=message):
-        run_task(task, f"image={clip}", "resolution=32", *words)
+    refuses(message, run_task, task, f"image={clip}", "resolution=32", *words)
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
 
 
-def test_keys_for_which_a_film_has_no_use_are_told(config, tmp_path, caplog):
-    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
-    with caplog.at_level(logging.WARNING):
-        check(config(*words), words)
-    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
-
-
 def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):
-    @contextmanager
     def at_once(stop, message):
         stop()
         yield
@@ -251,8 +238,7 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
             wrong = lambda *args: forward(*args) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
-        with pytest.raises(UserError, match=message):
-            run_task(task, *words)
+        refuses(message, run_task, task, *words)
     assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
@@ -288,13 +274,16 @@ def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplo
     assert np.abs(loud[:44_000]).max() < 0.1 < np.abs(loud[52_000:90_000]).max()
 
 
-def test_the_words_for_a_picture_paint_a_film_too_and_a_painting_leaves_films_to_their_task():
+def test_the_words_for_a_picture_paint_a_film_too_and_keys_for_which_it_has_no_use_are_told(config, tmp_path, caplog):
     for words in (["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]):
         assert "task=film" in expand_arguments(words)
         assert "task=paint" not in expand_arguments(words)
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
-    with pytest.raises(UserError, match="task=paint leaves this to task=film"):
-        check(composed(["image=clip.mp4"]))
+    refuses("task=paint leaves this to task=film", check, composed(["image=clip.mp4"]))
+    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
+    with caplog.at_level(logging.WARNING):
+        check(config(*words), words)
+    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
 
 
 @pytest.mark.parametrize(("words", "name", "checkpoint"), [

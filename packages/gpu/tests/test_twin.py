@@ -25,6 +25,7 @@ from kernels import (
     paint,
     paint_with_gradient,
 )
+from refusals import refuses
 from scenes import random_strokes, straight
 from test_kernels import KINDS
 from test_measures import random_tiles
@@ -94,11 +95,8 @@ def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(kind, name):
     check_degenerate(KINDS[kind], TWIN, name)
 
 
-def test_edges_of_any_width_agree():
+def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch):
     check_edges(TWIN)
-
-
-def test_what_is_skipped_cannot_be_seen(monkeypatch):
     shorten_chunks(monkeypatch)
     check_skipping(KINDS["plain"], Twin, random_strokes(24, (8, 16)), (8, 16))
 
@@ -120,18 +118,18 @@ def test_a_pile_of_several_chunks_behind_each_other(kind, monkeypatch):
     assert_agree(KINDS[kind], TWIN, pile, (8, 9), slack=3e-3, exactness=5e-4)
 
 
-def test_a_pile_longer_than_a_chunk():
+def test_a_pile_longer_than_a_chunk_nothing_and_very_much():
     pile = random_strokes(35, (8, 8), seed=3, width=(0.3, 1.0))
     assert_agree(KINDS["plain"], TWIN, replace(pile, opacity=0.2 * pile.opacity), (8, 8))
-
-
-def test_nothing_and_very_much():
     none = random_strokes(0, (9, 17))
     image, gradient = paint_with_gradient(KINDS["plain"], TWIN, none, (9, 17), torch.randn(3, 9, 17))
     torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, 9, 17))
     assert all(len(value) == 0 for value in gradient.values())
     huge = straight((-1e5, 3), (1e5, 9), width=2e5)
     assert_agree(KINDS["plain"], TWIN, Strokes.join(huge, straight((2, 3), (14, 9))), (16, 19), ("color", "opacity"))
+    with pytest.raises(UserError, match=r"float32 on CUDA devices.*use blend\.kernel=auto"):
+        paint(KINDS["plain"], TWIN, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
+    refuses(r"plain and textured strokes only", paint, KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
@@ -177,13 +175,6 @@ def test_the_distance_is_found_wherever_it_is_within_reach():
     distance, within = (point_at(curves, found) - pixels).norm(dim=-1), exact <= reach[:, None]
     assert within.float().mean() > 0.3
     assert (distance - exact)[within].max() < 1e-3
-
-
-def test_what_it_cannot_draw_is_refused():
-    with pytest.raises(UserError, match=r"float32 on CUDA devices.*use blend\.kernel=auto"):
-        paint(KINDS["plain"], TWIN, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
-    with pytest.raises(UserError, match=r"plain and textured strokes only"):
-        paint(KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
 
 
 @pytest.mark.slow(kernels=False)  # of Numba

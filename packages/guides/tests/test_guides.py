@@ -5,10 +5,10 @@ import pytest
 import torch
 from brushexp_guides import task
 from brushexp_guides.lines import follow, lines_of, load_lines
+from refusals import refuses
 from skimage import io
 
 from brushexp.config.tasks import task_for
-from brushexp.errors import UserError
 from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, length_of, point_at
 from brushexp.strokes.catalogue import FIELDS
@@ -86,10 +86,8 @@ def test_a_painting_follows_its_guides_and_a_picture_without_lines_is_refused(ru
     assert levelness(strokes[((y - 30).abs() < 3) & (x > 8) & (x < 36)]).mean() > 0.7
     assert levelness(strokes[x > 55]).mean() < 0
     for name, message in (("white", "white or transparent all over"), ("black", "no white or transparent ground")):
-        with pytest.raises(UserError, match=f"guides=.*{name}.png .*{message}"):
-            run_task(task, *words, f"guides={tmp_path}/{name}.png")
-    with pytest.raises(UserError, match=r"guides= is missing; add guides=lines\.png"):
-        run_task(task, *words)
+        refuses(f"guides=.*{name}.png .*{message}", run_task, task, *words, f"guides={tmp_path}/{name}.png")
+    refuses(r"guides= is missing; add guides=lines\.png", run_task, task, *words)
 
 
 def test_guides_ask_for_the_task():

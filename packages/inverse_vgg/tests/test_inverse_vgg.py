@@ -25,6 +25,7 @@ from brushexp_training.datamodule import StrokeBatch
 from brushexp_training.dataset import Origin
 from brushexp_training.tasks import train
 from brushexp_training.writer import simulate_set
+from refusals import refuses
 from safetensors.torch import load_file, save_file
 from sweeps import read_csv
 from torch.nn import functional
@@ -72,7 +73,7 @@ def test_it_draws_windows_in_range_with_a_finite_gradient_in_every_number(render
         torch.testing.assert_close(renderer.draw(inputs[2:3]), images[2:3], rtol=1e-4, atol=1e-5)
 
 
-def test_strokes_outside_the_range_are_drawn_at_its_edge(renderer):
+def test_strokes_outside_the_range_are_drawn_at_its_edge_and_canvases_have_the_pictures_of_windows(renderer):
     far = 30 * parameters()
     far[0] = 0
     with torch.no_grad():
@@ -80,6 +81,14 @@ def test_strokes_outside_the_range_are_drawn_at_its_edge(renderer):
         nearest = window_pictures(renderer, parameters_of(clamp_to_prior(strokes_of(far))), renderer.window)
     assert bool(images.isfinite().all())
     torch.testing.assert_close(images, nearest)
+    strokes = sample_prior(3)
+    strokes = replace(strokes, position=strokes.position + 40, scale=torch.tensor([20.0, 64.0, 100.0]))
+    with torch.no_grad():
+        layers = renderer(strokes)
+        assert isinstance(layers, Windows)
+        drawn = renderer.draw(parameters_of(strokes))
+    drawn[:, 3] *= drawn[:, 3] >= LEAST_ALPHA
+    torch.testing.assert_close(layers.images, drawn)
 
 
 def test_without_projection_strokes_outside_the_range_are_what_the_bare_network_draws():
@@ -91,17 +100,6 @@ def test_without_projection_strokes_outside_the_range_are_what_the_bare_network_
     bare[:, 3] *= bare[:, 3] >= LEAST_ALPHA
     torch.testing.assert_close(images, bare)
     assert torch.equal(renderer.clamp(strokes_of(far)).start, strokes_of(far).start)
-
-
-def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
-    strokes = sample_prior(3)
-    strokes = replace(strokes, position=strokes.position + 40, scale=torch.tensor([20.0, 64.0, 100.0]))
-    with torch.no_grad():
-        layers = renderer(strokes)
-        assert isinstance(layers, Windows)
-        drawn = renderer.draw(parameters_of(strokes))
-    drawn[:, 3] *= drawn[:, 3] >= LEAST_ALPHA
-    torch.testing.assert_close(layers.images, drawn)
 
 
 COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(COORDINATES, (0.0, 1.0), (False, True))]
@@ -159,7 +157,7 @@ def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(first):
     assert bool(inputs.grad.isfinite().all())
 
 
-def test_noise_is_fresh_in_training_and_fixed_in_painting():
+def test_noise_is_fresh_in_training_fixed_in_painting_and_of_the_size_of_the_signal_at_first():
     renderer = tiny(noise=1.0)
     with torch.no_grad():
         assert not torch.equal(renderer.train().draw(parameters()), renderer.draw(parameters()))
@@ -167,9 +165,6 @@ def test_noise_is_fresh_in_training_and_fixed_in_painting():
         again = tiny(noise=1.0)
         again.load_state_dict(renderer.state_dict())
         assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
-
-
-def test_noise_is_of_the_size_of_the_signal_at_first():
     signals, noisy = [], []
     for strength, sizes in ((0.0, signals), (1.0, noisy)):
         torch.manual_seed(0)
@@ -183,9 +178,15 @@ def test_noise_is_of_the_size_of_the_signal_at_first():
     assert all(1 / 3 < signal < 3 for signal in signals)
 
 
-def test_a_network_without_dense_layers_is_refused():
-    with pytest.raises(UserError, match=r"renderer\.dense=\[\]"):
-        tiny(dense=[])
+def test_networks_without_dense_layers_are_refused_and_measuring_their_time_changes_nothing():
+    refuses(r"renderer\.dense=\[\]", tiny, dense=[])
+    renderer = tiny(normalisation="batch").train()
+    before = {name: value.clone() for name, value in renderer.state_dict().items()}
+    assert 0 < renderer.seconds_per_stroke() < 60
+    assert renderer.training
+    assert all(value.grad is None for value in renderer.parameters())
+    for name, value in renderer.state_dict().items():
+        torch.testing.assert_close(value, before[name], atol=0, rtol=0)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -254,27 +255,14 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
     assert weights_hash(again) == weights_hash(renderer) != ""
     with pytest.raises(UserError, match=r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"):
         build_named("renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
-    with pytest.raises(UserError, match="is of renderer=dual, not of inverse_vgg"):
-        tiny(checkpoint=str(path))
+    refuses("is of renderer=dual, not of inverse_vgg", tiny, checkpoint=str(path))
     for other, typed in (({"dense": [16, 16]}, r"dense=\[16\]"), ({"tint": False}, "tint=true")):
-        with pytest.raises(UserError, match=f"set renderer.{typed}"):
-            tiny(**{**OPTIONS, **other, "checkpoint": str(stored)})
+        refuses(f"set renderer.{typed}", tiny, **{**OPTIONS, **other, "checkpoint": str(stored)})
     assert weights_hash(build_named("renderer", "analytic", {})) == "", "it has no weights"
     assert RENDERERS.restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
 
 
-def test_a_plain_name_is_one_that_comes_with_the_program(stored, monkeypatch):
-    elsewhere = replace(RENDERERS, folders=lambda: [stored.parent])
-    for module in (base, inverse_vgg):
-        monkeypatch.setattr(module, "RENDERERS", elsewhere)
-    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]
-    assert elsewhere.shipped_name("mine") == "mine"
-    assert elsewhere.shipped_name("yours") is None
-    with pytest.raises(UserError, match=r"yours does not come with the program \(there are: mine\)"):
-        tiny(checkpoint="yours")
-
-
-def test_the_one_that_ships_is_small_and_draws_strokes_that_it_has_not_seen():
+def test_a_plain_name_is_one_that_comes_with_the_program_which_ships_a_small_good_one(stored, monkeypatch):
     path = RENDERERS.path_of("inverse_vgg")
     assert path.stat().st_size < 2_000_000
     assert "/" not in path.with_suffix(".json").read_text(), "it tells nothing of its maker"
@@ -284,6 +272,13 @@ def test_the_one_that_ships_is_small_and_draws_strokes_that_it_has_not_seen():
             window_pictures(build_named("renderer", name, {}), shapes, 64) for name in ("neural", "inverse_vgg")
         )
     assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "as is the network that is at 43 dB of true strokes"
+    elsewhere = replace(RENDERERS, folders=lambda: [stored.parent])
+    for module in (base, inverse_vgg):
+        monkeypatch.setattr(module, "RENDERERS", elsewhere)
+    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]
+    assert elsewhere.shipped_name("mine") == "mine"
+    assert elsewhere.shipped_name("yours") is None
+    refuses(r"yours does not come with the program \(there are: mine\)", tiny, checkpoint="yours")
 
 
 @pytest.mark.parametrize("fewer", [None, "seconds=5", "finish_steps=9"])
@@ -304,16 +299,6 @@ def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, capl
     assert ("minutes" in caplog.text) == (fewer is None)
 
 
-def test_measuring_how_long_a_stroke_takes_changes_nothing():
-    renderer = tiny(normalisation="batch").train()
-    before = {name: value.clone() for name, value in renderer.state_dict().items()}
-    assert 0 < renderer.seconds_per_stroke() < 60
-    assert renderer.training
-    assert all(value.grad is None for value in renderer.parameters())
-    for name, value in renderer.state_dict().items():
-        torch.testing.assert_close(value, before[name], atol=0, rtol=0)
-
-
 @pytest.mark.parametrize(
     ("words", "typed"),
     [
@@ -326,8 +311,7 @@ def test_measuring_how_long_a_stroke_takes_changes_nothing():
 )  # fmt: skip
 def test_nothing_is_painted_with_random_weights(config, words, typed):
     words = ("image=astronaut", "resolution=32", "strokes=9", *words)
-    with pytest.raises(UserError, match=re.escape(typed)):
-        check(config(*words), words)
+    refuses(re.escape(typed), check, config(*words), words)
 
 
 def change_recipe(path: Path, **changes: object) -> None:
@@ -454,8 +438,7 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
 def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
     path = tmp_path / "pruned.safetensors"
     RENDERERS.save(path, "inverse_vgg", smallest(), {"options": {**PRUNED, "channels": channels}})
-    with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
-        smallest(checkpoint=str(path))
+    refuses(r"renderer.channels=\[.*\] are not 9 widths", smallest, checkpoint=str(path))
     assert smallest(channels=[8] * 9).widths == [8] * 9
 
 
@@ -465,11 +448,9 @@ def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
     ("upsampling", "pixel_shuffle", "pixel_shuffle ties channels to pixels"),
 ])  # fmt: skip
 def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message, monkeypatch):
-    with pytest.raises(UserError, match=f"renderer.{key}={message}"):
-        prune(smallest(**{key: value}), 0.5, [batch(2)])
+    refuses(f"renderer.{key}={message}", prune, smallest(**{key: value}), 0.5, [batch(2)])
     monkeypatch.setitem(sys.modules, "torch_pruning", None)
-    with pytest.raises(UserError, match=r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'"):
-        prune(smallest(), 0.5, [])
+    refuses(r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'", prune, smallest(), 0.5, [])
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from brushexp_painters.hertzmann import fit_curves
 from brushexp_testing.families import request_of
 from lightning.pytorch.callbacks import LambdaCallback
 from painters import fit, painter_of
+from refusals import refuses
 from torch.testing import assert_close
 
 from brushexp.config.check import check
@@ -55,7 +56,7 @@ def fit_states(method, *callbacks, **goals):
     return painter
 
 
-def test_all_states_are_shown_filmed_and_counted():
+def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised_are_all_there_is():
     film = Timelapse(5, 32)
     painter = fit_states(Counting(), film)
     assert painter.schedule.step == painter.schedule.steps == 30
@@ -64,6 +65,13 @@ def test_all_states_are_shown_filmed_and_counted():
     assert_close(painter.latest(), painter.draw_whole())
     assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
+
+    class Lazy(Counting):
+        def __call__(self, request):
+            yield from list(super().__call__(request))[:4]
+
+    painter = fit_states(Lazy())
+    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
 
 
 @pytest.mark.parametrize("by_steps", [True, False])
@@ -89,15 +97,6 @@ def test_a_goal_or_ctrl_c_ends_it_after_a_state(interrupted_at, goals, status, n
     method = Counting(then=lambda step: signal.raise_signal(signal.SIGINT) if step == interrupted_at else None)
     painter = fit_states(method, **goals)
     assert (painter.stop, len(painter.strokes())) == (status, n)
-
-
-def test_fewer_strokes_than_were_promised_are_all_there_is():
-    class Lazy(Counting):
-        def __call__(self, request):
-            yield from list(super().__call__(request))[:4]
-
-    painter = fit_states(Lazy())
-    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -144,8 +143,7 @@ def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, me
             for k, state in enumerate(super().__call__(request)):
                 yield broken(state) if k == 4 else state
 
-    with pytest.raises(UserError, match=f"painter=Broken .*{message}.*correct the painter"):
-        fit_states(Broken())
+    refuses(f"painter=Broken .*{message}.*correct the painter", fit_states, Broken())
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
@@ -202,7 +200,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
     assert len(fit_curves(points, steps, 100.0)[0]) == 40
 
 
-def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
+def test_the_worst_pixel_is_found_as_by_a_loop_and_children_live_only_where_the_picture_gains():
     difference = np.random.default_rng(1).random((10, 13))
     cells, x, y = worst_of_cells(difference, 4)
     corners = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
@@ -210,9 +208,6 @@ def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
     assert np.nanmean(cells, 1) == pytest.approx([block.mean() for block in blocks])
     assert difference[y, x].tolist() == [block.max() for block in blocks]
     assert [place[0] for place in worst_of_cells(np.full((3, 3), np.nan), 4)[1:]] == [0, 0]
-
-
-def test_children_live_only_where_the_picture_gains():
     request = request_of(TARGET, 40, TARGET.mean((1, 2)))
     states = build_named("painter", "evolution", {"children": 20})(request)
     errors = [float((request.draw(state.strokes) - TARGET).square().mean()) for state in states]

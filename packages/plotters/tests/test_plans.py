@@ -15,6 +15,7 @@ from brushexp_plotters._pen_plan import JOINED_PENS, pen_plan
 from brushexp_plotters._pens import PenPlan
 from brushexp_plotters.gcode import Gcode
 from brushexp_plotters.hpgl import Hpgl
+from refusals import refuses
 from scenes import random_strokes, straight
 
 from brushexp.errors import UserError
@@ -125,11 +126,18 @@ def away(points: np.ndarray, line: np.ndarray) -> np.ndarray:
     return np.abs(points[:, None] - start - np.clip(along, 0, 1) * leg).min(1)
 
 
-def test_a_broad_stroke_beside_the_canvas_is_drawn_where_its_paint_reaches_in(tmp_path):
+def test_the_picture_of_the_plan_is_the_plan_and_shows_where_the_paint_of_a_stroke_beside_it_reaches_in(tmp_path):
     lines, exporter = drawn_by(Gcode, job_of(straight((12, -5), (52, -5), width=30)), tmp_path, pen_mm=2)
     paper, corner, scale = exporter.frame(SIZE)
     depth = max((paper[1] - corner[1] - line.imag).max() / scale for _, line in lines)
     assert 5 < depth < 10 + 1e-6
+    exporter, job = Gcode(layers=2), job_of(random_strokes(25, SIZE))
+    _, picture = exporter.write(job, tmp_path)
+    plan = pen_plan(job, exporter)
+    read, width, height = vpype.read_svg(str(picture), 0.1)
+    assert read.length() / MM == pytest.approx(plan.drawn, rel=0.001)
+    assert (width, height) == pytest.approx((297 * MM, 210 * MM), rel=1e-4)
+    assert re.findall(r'stroke="(#\w+)"', picture.read_text()) == [plan.tools[tool - 1] for _, tool, _ in plan.runs()]
 
 
 @pytest.mark.parametrize("points", [(0, 30, 10), (5, 5, 20 + 3j), (0, 40 + 0.01j, 0), (3, 30 + 20j, 60 - 5j)])
@@ -286,16 +294,6 @@ def test_layers_of_the_picture_begin_with_a_number_of_their_own_as_axidraw_wants
     ]
 
 
-def test_the_picture_of_the_plan_is_the_plan(tmp_path):
-    exporter, job = Gcode(layers=2), job_of(random_strokes(25, SIZE))
-    _, picture = exporter.write(job, tmp_path)
-    plan = pen_plan(job, exporter)
-    read, width, height = vpype.read_svg(str(picture), 0.1)
-    assert read.length() / MM == pytest.approx(plan.drawn, rel=0.001)
-    assert (width, height) == pytest.approx((297 * MM, 210 * MM), rel=1e-4)
-    assert re.findall(r'stroke="(#\w+)"', picture.read_text()) == [plan.tools[tool - 1] for _, tool, _ in plan.runs()]
-
-
 def test_the_header_says_what_is_needed_in_harmless_letters_and_the_machines_own_words_are_used(tmp_path):
     job = replace(job_of(random_strokes(25, SIZE)), source="größe!?~\n(M30)<&>;.h5")
     for kind, name in ((Gcode, "painting.gcode"), (Hpgl, "painting.hpgl.txt")):
@@ -356,8 +354,7 @@ def test_the_picture_lies_in_the_middle_of_the_paper(paper, landscape, width, ex
     ("hpgl", {"plotter": "designmate"}, "cannot read what it knows"),
 ])  # fmt: skip
 def test_options_that_make_no_sense_are_refused_in_words(name, options, message):
-    with pytest.raises(UserError, match=re.escape(message)):
-        build_named("to", name, options)
+    refuses(re.escape(message), build_named, "to", name, options)
 
 
 def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_path, monkeypatch):
@@ -370,8 +367,7 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
     with pytest.raises(UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; "):
         Hpgl().write(job_of(inside(5)), tmp_path)
     monkeypatch.setitem(sys.modules, "vpype", None)
-    with pytest.raises(UserError, match=re.escape("pip install 'brushexp[plot]'")):
-        Gcode()
+    refuses(re.escape("pip install 'brushexp[plot]'"), Gcode)
 
 
 pytest.importorskip("vpype", reason="needs pip install 'brushexp[plot]'")
@@ -443,9 +439,12 @@ def test_the_report_says_how_much_is_painted_with_how_many_loads_and_where_the_w
     assert fewer.lifts < plan.lifts
 
 
-def test_brushes_are_changed_as_seldom_as_stages_allow(tmp_path):
+def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_small_is_refused(tmp_path):
     lines, _ = read(Gcode, job_of(by_stages()), tmp_path)
     assert [tool for tool, _ in groupby(tool for tool, _ in lines)] == [1, 2]
+    with pytest.raises(UserError, match="has 2 places, and the painting 3 colours; give as many, or paint with fewer"):
+        read(Gcode, job_of(by_stages()), tmp_path, wells="20x12:40x12:2x1")
+    assert not list(tmp_path.iterdir())
 
 
 @BOTH
@@ -467,11 +466,4 @@ def test_extremes_are_painted_too(tmp_path, kind):
 def test_places_that_are_none_are_refused(options, message):
     from brushexp.registry import build_named  # noqa: PLC0415
 
-    with pytest.raises(UserError, match=message):
-        build_named("to", "gcode", options)
-
-
-def test_a_tray_that_is_too_small_is_refused(tmp_path):
-    with pytest.raises(UserError, match="has 2 places, and the painting 3 colours; give as many, or paint with fewer"):
-        read(Gcode, job_of(by_stages()), tmp_path, wells="20x12:40x12:2x1")
-    assert not list(tmp_path.iterdir())
+    refuses(message, build_named, "to", "gcode", options)

@@ -14,6 +14,7 @@ from brushexp_policies.traced import Traced, traced_strokes
 from painters import SIZE as WIDE
 from painters import fit, take
 from painters import painter_of as plain_painter
+from refusals import refuses
 from test_density import SIZE, painted, painter_of, picture, state_of
 from torch.testing import assert_close
 
@@ -121,12 +122,17 @@ def test_strokes_go_only_for_those_that_outweigh_them():
     assert Traced().revise(state_of(error=0.001)) is None, "a good painting needs no more strokes"
 
 
-def test_lines_cover_as_strokes_do():
+def test_lines_cover_as_strokes_do_and_traced_ones_paint_better_than_adaptive_ones():
     distance = np.linspace(-4, 4, 33)
     for width, soft in ((0.5, 2.0), (3.0, 2.0), (3.0, 0.3)):
         d = torch.from_numpy(distance).abs()
         covered = smooth_rise((width / 2 + d) / soft) + smooth_rise((width / 2 - d) / soft)
         assert traced._coverage(distance, width, soft) == pytest.approx(covered.numpy(), abs=1e-9)
+    target = picture((72, 96))
+    small, whole = (painted(density, target=target, n=60, steps=200) for density in (Adaptive(), Traced()))
+    assert psnr_of(whole.picture.error) > psnr_of(small.picture.error) + 0.2
+    assert math.isfinite(whole.picture.error)
+    assert len(whole.catalogue) <= 60
 
 
 def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
@@ -141,14 +147,6 @@ def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
             for end in range(traced.POINTS + 1, 2 * traced.POINTS + 1):
                 gains[begin, end] = float(traced._explained(moments[:, k, begin : end + 1].sum(1))[1])
         assert 0.8 * max(gains.values()) <= lines.gain[k] <= max(gains.values()) * (1 + 1e-9)
-
-
-def test_traced_paints_better_than_adaptive_with_as_many_strokes_and_steps():
-    target = picture((72, 96))
-    small, whole = (painted(density, target=target, n=60, steps=200) for density in (Adaptive(), Traced()))
-    assert psnr_of(whole.picture.error) > psnr_of(small.picture.error) + 0.2
-    assert math.isfinite(whole.picture.error)
-    assert len(whole.catalogue) <= 60
 
 
 def test_there_are_more_strokes_on_the_way_than_in_the_end():
@@ -209,23 +207,19 @@ def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_sho
     assert all(ground is own for ground in grounds[5:])
 
 
-def test_the_ground_stays_while_a_part_of_the_picture_is_looked_at():
+def test_the_ground_stays_while_a_part_is_looked_at_and_an_error_leaves_the_ground_its_own():
     painter = painter_of(Fixed())
     part = View(next(iter(painter.train_dataloader())).region, torch.arange(2))
     own, callback = painter.picture.background, RandomGround().open(None)
     callback.on_train_batch_start(None, painter, part, 0)
     assert painter.picture.background is own
-
-
-def test_an_error_in_a_step_leaves_the_ground_its_own_and_other_painters_are_refused():
     painter = painter_of(Fixed())
     own, callback, view = painter.picture.background, RandomGround().open(None), next(iter(painter.train_dataloader()))
     callback.on_train_batch_start(None, painter, view, 0)
     assert painter.picture.background is not own
     callback.on_exception(None, painter, ValueError())
     assert painter.picture.background is own
-    with pytest.raises(UserError, match="painter=gradient"):
-        callback.setup(None, torch.nn.Linear(1, 1), "fit")
+    refuses("painter=gradient", callback.setup, None, torch.nn.Linear(1, 1), "fit")
 
 
 MOVING = UNITS | {"widening": 0.3}
@@ -263,13 +257,16 @@ def test_strokes_stay_within_the_bounds_at_every_step_and_are_optimised_for_them
     assert error[0] < error[1]
 
 
-def test_millimetres_are_those_of_the_width_of_the_painting():
+def test_millimetres_are_those_of_the_painting_and_what_is_no_size_or_has_no_strokes_is_refused(config):
     assert Sizes(smallest="2mm", largest="10mm", width_cm=7.0).bounds(140) == (4, 20)
     assert Sizes(largest="3").bounds(140) == (0, 3)
     with pytest.raises(UserError, match="smallest=2mm is above largest=2;"):
         Sizes(smallest="2mm", largest="2", width_cm=7.0).bounds(140)
-    with pytest.raises(UserError, match=r"smallest=2mm is above largest=\.5mm"):
-        Sizes(smallest="2mm", largest=".5mm")
+    refuses(r"smallest=2mm is above largest=\.5mm", Sizes, smallest="2mm", largest=".5mm")
+    words = ["chelsea", "callbacks=sizes", "callbacks.sizes.smallest=3cm"]
+    refuses(r"smallest=3cm is no size; .*=2mm", check, config(*words), words)
+    with pytest.raises(UserError, match="painter=gradient"):
+        Sizes().open(Path()).setup(None, torch.nn.Linear(1, 1), "fit")
 
 
 def test_other_limits_bind_too_and_strokes_within_bounds_stay_to_the_bit(tmp_path):
@@ -283,11 +280,3 @@ def test_other_limits_bind_too_and_strokes_within_bounds_stay_to_the_bit(tmp_pat
     assert thickness(one.strokes()).min() > 2 - 1e-4
     strokes = painter().strokes()
     assert_close(dict(Sizes().within(strokes, 70).items()), dict(strokes.items()), rtol=0, atol=0)
-
-
-def test_what_is_no_size_and_what_has_no_strokes_is_refused(config):
-    words = ["chelsea", "callbacks=sizes", "callbacks.sizes.smallest=3cm"]
-    with pytest.raises(UserError, match=r"smallest=3cm is no size; .*=2mm"):
-        check(config(*words), words)
-    with pytest.raises(UserError, match="painter=gradient"):
-        Sizes().open(Path()).setup(None, torch.nn.Linear(1, 1), "fit")

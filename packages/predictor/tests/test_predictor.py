@@ -32,6 +32,7 @@ from brushexp_predictor.sampling import paint_samples
 from brushexp_predictor.subjects import SAMPLES, Subjects, load_subjects
 from brushexp_predictor.training import PredictorData, PredictorModule, log_error, mean_of
 from PIL import Image
+from refusals import refuses
 from scenes import random_strokes, straight
 from torch import Tensor
 
@@ -71,23 +72,17 @@ def test_levels_become_finer_and_have_all_strokes(n: int) -> None:
     assert all(first.rows <= second.rows for first, second in pairwise(levels))
 
 
-def test_photographs_are_painted_as_well_as_when_the_weights_shipped() -> None:
+def test_photographs_and_brushwork_are_painted_as_well_as_when_the_weights_shipped_by_levels_that_add_detail():
     values = []
     for name in ("astronaut", "coffee", "chelsea"):
         target = load_picture(name, 192)
         values.append(psnr(drawn(Predicted()(target, 400, torch.Generator()), target), target))
     assert sum(values) / 3 > 25.2  # measured: 25.7
-
-
-def test_brushwork_is_laid_as_well_as_when_the_weights_shipped() -> None:
     target = load_picture("coffee", 192)
     strokes = Predicted(checkpoint="brushed")(target, 400, torch.Generator())
     assert (strokes.opacity == 1).all()
     size = (target.shape[1], target.shape[2])
     assert psnr(draw(FORMS["brushed"], strokes, size, target.mean((1, 2))), target) > 25.2  # measured: 25.7
-
-
-def test_levels_add_detail() -> None:
     target = load_picture("coffee", 160)
     stages = [psnr(drawn(strokes, target), target) for strokes in predict(load_predictor("plain"), target, 300)]
     assert stages == sorted(stages)
@@ -103,7 +98,7 @@ def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> No
         torch.testing.assert_close(one, other, rtol=0, atol=2e-4)
 
 
-def test_numbers_of_0_are_level_strokes_in_the_middle_of_their_cells() -> None:
+def test_numbers_of_0_are_level_strokes_and_the_way_from_numbers_to_strokes_is_differentiable():
     form = FORMS["plain"]
     strokes = strokes_of(form, torch.zeros(1, NUMBERS), torch.full((1, 3), 0.25), torch.tensor([[20.0, 12.0]]), 8.0)
     half = 8 * form.half_length
@@ -111,9 +106,6 @@ def test_numbers_of_0_are_level_strokes_in_the_middle_of_their_cells() -> None:
     torch.testing.assert_close(curve_of(strokes)[0], expected, rtol=0, atol=1e-4)
     assert float(strokes.width * strokes.scale) == pytest.approx(8 * form.width)
     assert strokes.color.tolist() == [[0.25] * 3]
-
-
-def test_the_way_from_numbers_to_strokes_is_differentiable() -> None:
     random = torch.Generator().manual_seed(1)
     numbers = (0.5 * torch.randn(3, NUMBERS, generator=random, dtype=torch.float64)).requires_grad_()
     mean = torch.full((3, 3), 0.5, dtype=torch.float64)
@@ -148,10 +140,15 @@ def test_colors_are_those_of_least_squares() -> None:
     torch.testing.assert_close(found[seen].double(), exact[seen], rtol=0, atol=5e-3)
 
 
-def test_more_rounds_of_colors_are_never_worse() -> None:
+def test_more_rounds_of_colors_are_never_worse_and_strokes_go_where_the_focus_is():
     target = load_picture("astronaut", 96)
     errors = [psnr(drawn(Predicted(color_rounds=k)(target, 150, torch.Generator()), target), target) for k in (0, 1, 4)]
     assert errors == sorted(errors)
+    target = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
+    focus = torch.ones(64, 64)
+    focus[:, :32] = 50
+    strokes = Predicted()(target, 200, torch.Generator(), focus / focus.mean())
+    assert (strokes.position[:, 0] < 32).float().mean() > 0.6
 
 
 def test_temperature_makes_others_of_each_seed_and_the_same_of_one() -> None:
@@ -162,27 +159,13 @@ def test_temperature_makes_others_of_each_seed_and_the_same_of_one() -> None:
     assert not torch.equal(one.position, other.position)
 
 
-def test_strokes_go_where_the_focus_is() -> None:
-    target = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
-    focus = torch.ones(64, 64)
-    focus[:, :32] = 50
-    strokes = Predicted()(target, 200, torch.Generator(), focus / focus.mean())
-    assert (strokes.position[:, 0] < 32).float().mean() > 0.6
-
-
-def test_the_painter_shows_its_levels_and_ends_as_the_initialiser_does() -> None:
+def test_a_flat_picture_is_painted_flat_by_levels_that_end_as_the_initialiser_and_in_range_untrained():
+    target = torch.full((3, 40, 40), 0.3)
+    assert psnr(drawn(Predicted()(target, 50, torch.Generator()), target), target) > 40
     painting = brushexp.paint("coffee", painter="predictor", look="plain", resolution=96, strokes=120)
     begun = brushexp.paint("coffee", init="predicted", steps=0, look="plain", resolution=96, strokes=120)
     assert len(painting.strokes) == 120
     assert painting.metrics["psnr"] == pytest.approx(begun.metrics["psnr"], abs=0.3)
-
-
-def test_a_flat_picture_is_painted_flat() -> None:
-    target = torch.full((3, 40, 40), 0.3)
-    assert psnr(drawn(Predicted()(target, 50, torch.Generator()), target), target) > 40
-
-
-def test_a_network_that_is_not_trained_lays_strokes_in_range() -> None:
     torch.manual_seed(0)
     *_, strokes = predict(StrokePredictor("brushed"), torch.rand(3, 33, 47), 60)
     assert len(strokes) == 60
@@ -194,7 +177,7 @@ def subjects() -> Subjects:
     return Subjects([load_picture("coffee", 160), load_picture("chelsea", 120)], 0)
 
 
-def test_pictures_are_decided_by_seed_and_number(subjects: Subjects) -> None:
+def test_pictures_are_decided_by_seed_and_number_and_batches_go_on_where_they_were_left(subjects):
     pictures = [subjects(number, 48) for number in range(6)]
     for number, picture in enumerate(pictures):
         assert picture.shape == (3, 48, 48)
@@ -202,9 +185,6 @@ def test_pictures_are_decided_by_seed_and_number(subjects: Subjects) -> None:
         assert torch.equal(picture, Subjects(subjects.photographs, 0)(number, 48))
     assert len({float(picture.sum()) for picture in pictures}) == 6
     assert not torch.equal(pictures[0], Subjects(subjects.photographs, 1)(0, 48))
-
-
-def test_batches_go_on_where_they_were_left(subjects: Subjects) -> None:
     data = PredictorData(subjects, 2)
     whole, later = data._training(0, 0), data._training(0, 2)
     batches = [next(whole) for _ in range(3)]
@@ -304,28 +284,34 @@ def test_what_lies_above_is_seen_what_is_faint_is_not_and_an_empty_place_has_not
     assert np.isnan(told["width"][:, 3]).all()
 
 
-def test_places_are_the_middles_of_equal_cells():
+def test_places_are_the_middles_of_equal_cells_and_directions_across_the_turn_are_near_each_other():
     assert lattice((4, 6), 2.0)[:, :, 0].tolist() == [[1, 3, 5], [1, 3, 5]]
     assert lattice((4, 6), 2.0)[:, 0, 1].tolist() == [1, 3]
     assert lattice((1, 1), 5.0).shape == (1, 1, 2)
-
-
-def test_directions_on_both_sides_of_the_turn_are_near_each_other():
     doubt = doubt_of(np.array([[178.0], [2.0], [179.0], [1.0]]), axial=True)
     assert min(doubt.middle[0], 180 - doubt.middle[0]) == pytest.approx(0, abs=1e-9)
     assert doubt.spread[0] == pytest.approx(1.5)
     assert holds(np.array([179.5]), doubt, axial=True).all()
     assert not holds(np.array([90.0]), doubt, axial=True).any()
     assert away_from(np.array([1.0, 179.0, 90.0]), np.array([179.0, 1.0, 0.0]), axial=True).tolist() == [2, -2, -90]
+    assert sample_task.texts_of("direction", Interval(30.0, -60.0, 120.0))["low"] == "any"
+    assert sample_task.texts_of("direction", Interval(30.0, 20.0, 40.0))["low"] == "20"
+    assert sample_task.texts_of("length", Interval(math.nan, math.nan, math.nan))["value"] == "–"
 
 
-def test_two_samples_one_and_none_say_what_they_can():
+def test_two_samples_one_and_none_say_what_they_can_and_intervals_stay_where_there_are_values():
     doubt = doubt_of(np.array([[1.0, 5.0, np.nan], [3.0, np.nan, np.nan]]), axial=False)
     np.testing.assert_allclose(doubt.middle, [2, 5, np.nan])
     np.testing.assert_allclose(doubt.spread, [1, 0, np.nan])
     np.testing.assert_allclose([doubt.low[0], doubt.high[0]], [-0.9, 0.9])
     assert holds(np.array([2.5, 5.0, 1.0]), doubt, axial=False).tolist() == [True, True, False]
     assert np.isnan(doubt_of(np.full((2, 1), np.nan), axial=True).middle).all()
+    doubt = Doubt(np.array([0.9]), np.array([0.2]), np.array([-0.1]), np.array([0.1]))
+    share = conformal.Scaling(0.0, 1.0, 0.0, 2.0)(doubt, OF_PAINTINGS["coherence"])
+    assert (share.middle + share.high)[0] == pytest.approx(1)
+    assert share.low[0] == pytest.approx(-0.4)
+    any_way = conformal.Scaling(0.0, 1.0, 0.0, 1000.0)(doubt, ANGLE)
+    assert (any_way.low[0], any_way.high[0]) == (-90, 90)
 
 
 @pytest.mark.parametrize("axial", [False, True])
@@ -351,15 +337,6 @@ def test_scaled_intervals_hold_nine_truths_of_ten_where_those_of_the_samples_do_
         assert (scaling.offset, scaling.slope) == pytest.approx((0.7, 0.8), abs=0.1)
 
 
-def test_intervals_stay_where_there_are_values():
-    doubt = Doubt(np.array([0.9]), np.array([0.2]), np.array([-0.1]), np.array([0.1]))
-    share = conformal.Scaling(0.0, 1.0, 0.0, 2.0)(doubt, OF_PAINTINGS["coherence"])
-    assert (share.middle + share.high)[0] == pytest.approx(1)
-    assert share.low[0] == pytest.approx(-0.4)
-    any_way = conformal.Scaling(0.0, 1.0, 0.0, 1000.0)(doubt, ANGLE)
-    assert (any_way.low[0], any_way.high[0]) == (-90, 90)
-
-
 @pytest.mark.parametrize("level", [0.0, 0.3, 0.5, 0.9, 1.0, 1.7])
 def test_the_weighted_quantile_is_that_of_repeated_values(level):
     values, weight = np.array([3.0, 1.0, 2.0, 5.0]), np.array([2, 1, 3, 4])
@@ -368,7 +345,7 @@ def test_the_weighted_quantile_is_that_of_repeated_values(level):
     assert conformal.weighted_quantile(values, weight.astype(float), level) == expected
 
 
-def test_a_stroke_has_its_measures_and_a_painting_those_of_what_is_seen():
+def test_a_stroke_has_its_measures_and_is_asked_about_where_most_of_it_is_seen():
     one = {name: values[0] for name, values in measure_each(straight((10, 30), (40, 0), width=4)).items()}
     assert one == pytest.approx({"direction": 135, "length": 30 * math.sqrt(2), "width": 4})
     comb = Strokes.join(*(straight((10, y), (50, y), width=3) for y in range(4, 40, 4)))
@@ -379,9 +356,6 @@ def test_a_stroke_has_its_measures_and_a_painting_those_of_what_is_seen():
     assert whole["colors"] == pytest.approx(0, abs=1e-4)
     assert np.isnan(list(measure_painting(Strokes.none(), SIZE).values())).all()
     assert measure_painting(comb[:1], SIZE)["length"] == pytest.approx(40)
-
-
-def test_a_stroke_is_asked_about_where_most_of_it_is_seen():
     below, above = straight((10, 20), (50, 20), width=8), straight((38, 20), (55, 20), width=16)
     which, places = seen_places(Strokes.join(below, above), SIZE)
     assert which.tolist() == [0, 1]
@@ -399,7 +373,7 @@ def test_known_paintings_are_decided_by_seed_and_number_and_are_of_pictures_not_
     assert not {*SAMPLES} & {*PICTURES}
 
 
-def test_samples_differ_as_the_network_says_and_are_the_same_again():
+def test_samples_differ_as_the_network_says_restarts_too_and_are_the_same_again():
     torch.manual_seed(0)
     network, target = StrokePredictor().requires_grad_(False), torch.rand(3, 24, 32)
     one, other = paint_samples(network, target, 12, 2)
@@ -409,9 +383,6 @@ def test_samples_differ_as_the_network_says_and_are_the_same_again():
     assert torch.equal(again[1].painting, other.painting)
     cold = list(paint_samples(network, target, 12, 2, temperature=0.0))
     assert torch.equal(cold[0].painting, cold[1].painting)
-
-
-def test_restarts_differ_too_and_there_are_two_at_least():
     samples = list(restart(torch.rand(3, 24, 32), 6, seconds=0.0, steps=2))
     assert len(samples) == LEAST
     assert not torch.equal(samples[0].strokes.position, samples[1].strokes.position)
@@ -425,14 +396,12 @@ def test_intervals_are_read_as_written_and_refused_for_other_weights(tmp_path):
     assert conformal.read_scalings(path, {"hash": "abc"}, kinds) == scalings
     with pytest.raises(UserError, match=r"another hash than xyz; fit them with task=calibrate"):
         conformal.read_scalings(path, {"hash": "xyz"}, kinds)
-    with pytest.raises(UserError, match="lacks an interval"):
-        conformal.read_scalings(path, {}, {"strokes": ["width"], "paintings": []})
+    refuses("lacks an interval", conformal.read_scalings, path, {}, {"strokes": ["width"], "paintings": []})
     data = json.loads(path.read_text())
     data["strokes"]["length"]["factor"] = None
     for text in (json.dumps(data), "[]", "{"):
         path.write_text(text)
-        with pytest.raises(UserError, match=r"a\.json"):
-            conformal.read_scalings(path, {}, kinds)
+        refuses(r"a\.json", conformal.read_scalings, path, {}, kinds)
 
 
 def test_one_key_makes_analyse_sample_a_picture(tmp_path):
@@ -465,8 +434,7 @@ def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_
     assert scaled["psnr"] == plain["psnr"] >= plain["psnr_worst"]
     with Image.open(tmp_path / "brushwork.png") as sheet:
         assert np.asarray(sheet).std() > 5
-    with pytest.raises(UserError, match="another temperature"):
-        run_task(sample_task, "task=sample", *options, *picture, "temperature=2")
+    refuses("another temperature", run_task, sample_task, "task=sample", *options, *picture, "temperature=2")
 
 
 def test_python_has_the_same_face_and_says_nothing_of_empty_places(checkpoint):
@@ -478,9 +446,3 @@ def test_python_has_the_same_face_and_says_nothing_of_empty_places(checkpoint):
     half = certainty_of(brushwork, "width")
     assert (half[known] >= 1).all()
     assert np.isnan(half[~known]).all()
-
-
-def test_a_direction_that_may_be_any_has_no_ends():
-    assert sample_task.texts_of("direction", Interval(30.0, -60.0, 120.0))["low"] == "any"
-    assert sample_task.texts_of("direction", Interval(30.0, 20.0, 40.0))["low"] == "20"
-    assert sample_task.texts_of("length", Interval(math.nan, math.nan, math.nan))["value"] == "–"

@@ -61,13 +61,10 @@ def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(rend
     assert ("try blend=tiled" in caplog.text) == isinstance(blend, TopK)
 
 
-def test_in_another_colour_space_the_last_state_is_the_painting():
+def test_in_another_colour_space_the_last_state_is_the_painting_which_is_drawn_in_bands_like_any_other(monkeypatch):
     job = replace(painted(), space=build_named("color", "pigment", {}))
     *_, last = states(job, whole(job, [0, 40]))
     torch.testing.assert_close(last, torch.cat([band for _, band in job.bands()], dim=1), atol=2e-3, rtol=0)
-
-
-def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
     job = painted(50, (200, 40), renderer=Windowed())
     unbanded = [picture.clone() for picture in states(job, whole(job, [10, 50]))]
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)

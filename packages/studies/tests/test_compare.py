@@ -34,21 +34,15 @@ def sweep(folder: Path, *settings: str, **numbers: object) -> None:
         single_run(folder / str(k), setting, loss="mse", **numbers)
 
 
-def test_quality_at_a_time_is_the_best_so_far_and_time_to_a_quality_the_first():
+def test_quality_at_a_time_time_to_a_quality_and_curves_are_those_of_the_numbers():
     assert [quality_at(CURVE, t) for t in (1, 1.5, 2, 3, 4, 5)] == pytest.approx([10, 15, 20, 20, 20, 30])
     assert quality_at(CURVE, 0.9) is quality_at(CURVE, 5.1) is None
     assert [time_to(CURVE, p) for p in (9.9, 10, 15, 20, 25, 30)] == pytest.approx([1, 1, 1.5, 2, 4.5, 5])
     assert time_to(CURVE, 30.1) is None
-
-
-def test_curves_are_read_in_order_and_a_run_without_one_is_passed_over():
     for noted in (None, [], [[1.0, 20.0]], [[1, None], [2, 3]], "x", [["a", 1], [2, 3]], [1, 2, 3]):
         assert curve_from(noted) is None
     seconds, psnr = curve_from([[2, 25.0], [1, 20.0], [3, None]])
     assert (seconds.tolist(), psnr.tolist()) == ([1.0, 2.0], [20.0, 25.0])
-
-
-def test_a_run_that_has_ended_keeps_its_picture_in_the_mean_and_the_lead():
     curves = (([0.0, 1.0], [10.0, 20.0]), ([0.5, 2.0], [20.0, 30.0]))
     times, psnr = mean_curve([(np.array(times), np.array(psnr)) for times, psnr in curves])
     assert times.tolist() == [0.5, 1.0, 2.0]

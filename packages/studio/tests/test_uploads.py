@@ -89,14 +89,11 @@ def test_files_of_any_name_are_kept_below_the_folder_of_the_studio(tmp_path, nam
     assert words[:2] == ["brushexp", f"image={kept.name}"]
 
 
-def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace(uploads, tmp_path):
+def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace_and_a_full_disk_is_told(uploads, tmp_path, monkeypatch):
     for head in (b"Content-Length: 99999999999", b"Transfer-Encoding: chunked", b"Content-Length: -5"):
         with socket.create_connection(uploads.split("/")[2].split(":")) as connection:
             connection.sendall(b"POST /photos HTTP/1.1\r\nHost: localhost\r\n" + head + b"\r\n\r\nff\r\nabc")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_a_full_disk_is_told(uploads, monkeypatch):
     full = OSError(errno.ENOSPC, "No space left on device")
     with monkeypatch.context() as patched:
         patched.setattr("brushexp_studio.server.NamedTemporaryFile", Mock(side_effect=full))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from brushexp_studio import task as studio_task
 from omegaconf import OmegaConf
+from refusals import refuses
 
 from brushexp.errors import UserError
 
@@ -98,5 +99,4 @@ def test_a_folder_that_cannot_keep_paintings_is_refused_before_there_are_any(tmp
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     for module in ("nicegui", "brushexp_studio.server"):
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(UserError, match=r"pip install 'brushexp\[studio\]'"):
-        studio_task.run(OmegaConf.create(), tmp_path, 0.0)
+    refuses(r"pip install 'brushexp\[studio\]'", studio_task.run, OmegaConf.create(), tmp_path, 0.0)

@@ -21,6 +21,7 @@ from brushexp_style.imitation import (
 )
 from brushexp_style.style import KERNELS, VARIANCE_OFFSET, Style
 from PIL import Image
+from refusals import refuses
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
@@ -158,10 +159,8 @@ def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
 
 
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"loss.style.image=nowhere\.jpg is not there"):
-        build_named("loss", "style", {"image": "nowhere.jpg"})
-    with pytest.raises(UserError, match="choose from stem"):
-        Style(taps=["relu1_1"])
+    refuses(r"loss.style.image=nowhere\.jpg is not there", build_named, "loss", "style", {"image": "nowhere.jpg"})
+    refuses("choose from stem", Style, taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
     with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 32 x 32; set style\.loss\.scale=1\.6 or"):
         small(PaintedView(*pictures(60, 80), NONE))
@@ -282,7 +281,7 @@ def test_transport_cost_agrees_with_moving_grains_one_by_one(n, m):
     assert_close(transport_cost(values, reference), torch.tensor(expected, dtype=torch.float64))
 
 
-def test_what_is_matched_is_what_is_analysed():
+def test_what_is_matched_is_what_is_analysed_and_zero_for_the_reference_itself():
     made = visible(25)
     table = measure_strokes(made, torch.arange(25), SIZE)
     pitch = pitch_of(made, SIZE)
@@ -290,6 +289,9 @@ def test_what_is_matched_is_what_is_analysed():
     for row, name in zip(measured, MATCHED, strict=True):
         value = torch.from_numpy(getattr(table, name))
         assert_close(row, (value / pitch + 0.1).log() if name in ("length", "width") else value, rtol=1e-4, atol=1e-4)
+    for made in (visible(64), combed(40)):
+        assert float(loss_like(made)(painting(made[torch.randperm(len(made))]))) < 1e-12
+    assert loss_like(combed(40))(painting(visible(40))).isfinite(), "equal strokes are no division by zero"
 
 
 def test_brushwork_does_not_depend_on_the_end_a_stroke_begins_at_nor_on_the_size_of_the_picture():
@@ -315,13 +317,7 @@ def test_strokes_that_cannot_be_seen_do_not_count():
     assert (some.end.grad[20:] != 0).any()
 
 
-def test_the_distance_is_zero_for_the_reference_itself():
-    for made in (visible(64), combed(40)):
-        assert float(loss_like(made)(painting(made[torch.randperm(len(made))]))) < 1e-12
-    assert loss_like(combed(40))(painting(visible(40))).isfinite(), "equal strokes are no division by zero"
-
-
-def test_the_distance_grows_with_what_is_changed():
+def test_the_distance_grows_with_what_is_changed_on_the_canvas_and_not_on_the_part_a_step_looks_at():
     made = visible(64)
     reference = brushwork_of(made, SIZE)
     longer = replace(made, start=2 * made.start, control=2 * made.control, end=2 * made.end)
@@ -329,9 +325,6 @@ def test_the_distance_grows_with_what_is_changed():
     for index, change in enumerate((longer, wider, bent, combed(64))):
         assert distances(change, SIZE, reference)[index] > 0.05, MATCHED[index]
     assert distances(made, (600, 900), reference)[0] > 1, "sizes are in pitches of the canvas"
-
-
-def test_the_canvas_counts_and_not_the_part_a_step_looks_at():
     made, loss = visible(50), loss_like(visible(40, seed=1))
     whole = painting(made)
     region = Region(10, 20, 16, 24)
@@ -415,15 +408,12 @@ def test_hardly_any_strokes_and_points_can_be_given_brushwork(n):
 
 def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     few = saved_painting(tmp_path / "few.h5", visible(MIN_STROKES - 1, dtype=torch.float32))
-    with pytest.raises(UserError, match=r"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of 30 strokes"):
-        load_brushwork(few)
-    with pytest.raises(UserError, match=r"there is no file .*, loss\.brushwork\.catalogue="):
-        BrushworkTransfer(catalogue=str(tmp_path / "none.h5"))
+    refuses(r"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of 30 strokes", load_brushwork, few)
+    refuses(r"there is no file .*, loss\.brushwork\.catalogue=", BrushworkTransfer, catalogue=str(tmp_path / "none.h5"))
     with pytest.raises(UserError, match=r"there is no file .*, style\.brushwork="):
         BrushworkTransfer("style.brushwork", catalogue=str(tmp_path / "none.h5"))
     (tmp_path / "text.h5").write_text("no catalogue")
-    with pytest.raises(UserError, match=r"text.h5: not an HDF5 file; .*style.brushwork="):
-        load_brushwork(tmp_path / "text.h5")
+    refuses(r"text.h5: not an HDF5 file; .*style.brushwork=", load_brushwork, tmp_path / "text.h5")
 
 
 def test_no_stroke_is_kept_for_later_where_steps_per_stroke_leave_no_time_to_add_it(config):

@@ -1,23 +1,33 @@
-"""Painters beside each other: means of the same pictures only, others' paintings, published figures that never mix."""
+"""Painters beside each other, in means of the same pictures; what differs from the thesis; halves of pictures."""
 
+import math
 import re
 
 import numpy as np
 import pytest
+import torch
 from browser import NARROW
+from brushexp_thesis import departures as departures_task
 from brushexp_thesis import leaderboard as task
+from brushexp_thesis.departures import THESIS, departures
+from brushexp_thesis.halves import BusyHalf, FlatHalf
 from brushexp_thesis.leaderboard import write_leaderboard_page, write_standings_plot
 from brushexp_thesis.published import read_published
 from brushexp_thesis.standings import entries_of, sections_of
 from brushexp_thesis.standings_tables import at_equal_seconds, by_picture, table_cells
+from omegaconf import OmegaConf
 from PIL import Image
 from program import ended
+from refusals import refuses
 from scipy import stats
 from sweeps import make_run, read_csv
 
 from brushexp.errors import UserError
+from brushexp.pages.run_page import list_settings
+from brushexp.plugins.metric.base import Comparison
 from brushexp.results.runs import gather
 from brushexp.system.files import write_picture, write_text
+from brushexp.system.reading import read_text, yaml_of
 from brushexp.tasks import paint
 
 PUBLISHED = """
@@ -149,8 +159,7 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
         ("painter: Theirs", "painter: '${oc.env:HOME}'", "refers to something else; write the value itself"),
     ):
         write_text(tmp_path / "wrong.yaml", PUBLISHED.replace(old, new, 1))
-        with pytest.raises(UserError, match=reason):
-            read_published(tmp_path / "wrong.yaml")
+        refuses(reason, read_published, tmp_path / "wrong.yaml")
 
 
 def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
@@ -192,8 +201,7 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
         ((f"add={theirs}", f"target={run}"), "has no picture x for add="),
         ((f"add={twins}", f"target={photos}"), "x.png and x.jpg are both of x; take one of them away"),
     ):
-        with pytest.raises(UserError, match=re.escape(reason)):
-            run_task(task, "task=leaderboard", *wrong)
+        refuses(re.escape(reason), run_task, task, "task=leaderboard", *wrong)
 
 
 def test_the_task_begins_from_the_command_line(tmp_path):
@@ -203,3 +211,60 @@ def test_the_task_begins_from_the_command_line(tmp_path):
         1,
         "brushexp: runs=none: there is no finished run in it; give the folder of a run or of a sweep\n",
     )
+
+
+ROWS = yaml_of(read_text(THESIS, ""), list)
+OF_THE_THESIS = {row["key"]: row["value"] for row in ROWS if row["value"] != []}
+
+
+def listed(cfg) -> dict[str, str]:
+    """Key -> what the run has instead."""
+    settings = list_settings(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
+    return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
+
+
+def test_a_run_that_follows_the_thesis_differs_only_where_no_setting_can():
+    typed = {key: value[0] if isinstance(value, list) else value for key, value in OF_THE_THESIS.items()}
+    texts = {key: "null" if value is None else str(value).lower() for key, value in typed.items()}
+    texts |= {"renderer": "inverse_vgg", "optimizer.name": "Adam", "optimizer.options.betas": "[0.9, 0.999]"}
+    assert texts["blend"] == "topk"
+    always = {row["key"] for row in ROWS if row["value"] == []}
+    assert {row["setting"] for row in departures(texts)} == always
+    one = next(row for row in departures(texts | {"optimizer.lr": "0.02"}) if row["setting"] == "optimizer.lr")
+    assert one == {"setting": "optimizer.lr", "thesis": "0.01", "this run": "0.02", "where": "6.3"}
+
+
+def test_the_experiment_has_few_and_every_row_names_what_a_run_can_have(config):
+    rows = listed(config("experiment=thesis"))
+    assert rows["steps_per_stroke"] == "50.0"
+    assert rows["loss.perceptual.backbone"] == "effl0"
+    frozen = {"optimizer.units.position", "optimizer.units.opacity", "order.until", "order.every", "init.jitter"}
+    assert not {*frozen, "renderer.project"} & rows.keys()
+    assert "steps_per_stroke" not in listed(config("experiment=thesis_full"))
+    assert listed(config("experiment=thesis", "order.until=0.5"))["order.until"] == "0.5"
+    cfg = config("experiment=thesis")
+    for row in ROWS:
+        assert row["key"].split(".")[0] in cfg, row
+        assert row["source"], row
+        assert "thesis" in row or row["value"] != [], row
+
+
+def test_the_task_lists_them_of_paintings(run_task, tmp_path):
+    run_task(paint, "image=coffee", "look=plain", "resolution=32", "strokes=12", "steps=2", "frames=0", "report=false")
+    result = run_task(departures_task, "task=departures", f"runs=[{tmp_path}]")
+    text = (tmp_path / "departures.md").read_text()
+    assert f"{result['departures']} settings differ." in text
+    assert "| loss.width | width | absent | 6.24 |" in text
+    (tmp_path / "catalogue.h5").unlink()
+    with pytest.raises(UserError, match="there is no finished painting; give folders of such with runs="):
+        run_task(departures_task, "task=departures", f"runs=[{tmp_path}]")
+
+
+def test_errors_count_in_the_half_in_which_they_are():
+    target = torch.full((3, 32, 48), 0.5)
+    target[:, :, 24:] += 0.4 * (torch.rand(3, 32, 24) - 0.5)
+    painting = target.clone()
+    painting[:, :, :16] += 0.1
+    flat, busy = FlatHalf()(Comparison(painting, target)), BusyHalf()(Comparison(painting, target))
+    assert flat == pytest.approx(-10 * math.log10(0.01 * 16 / 24), abs=1e-4)
+    assert busy == math.inf or busy > 80

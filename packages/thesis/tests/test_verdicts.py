@@ -16,6 +16,7 @@ from brushexp_thesis.study_records import Study, as_listed, studies_in
 from brushexp_thesis.verdicts import SHIPPED_PAINTINGS, study_rows
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from refusals import refuses
 from scipy.stats import bootstrap, t, ttest_1samp, wilcoxon
 from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
@@ -236,8 +237,7 @@ def test_an_incomplete_claim_is_explained(tmp_path):
         (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),
     ):
         (tmp_path / "claims.yaml").write_text(wrong)
-        with pytest.raises(UserError, match=message):
-            read_claims(tmp_path / "claims.yaml")
+        refuses(message, read_claims, tmp_path / "claims.yaml")
 
 
 @pytest.mark.parametrize(("typed", "command"), [
@@ -286,11 +286,9 @@ def test_an_unfinished_rerun_replaces_no_complete_study(tmp_path):
 
 def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("# {}\n1,2\n")
-    with pytest.raises(UserError, match="is no record of a study"):
-        studies_in([tmp_path], tmp_path)
+    refuses("is no record of a study", studies_in, [tmp_path], tmp_path)
     (tmp_path / "a.csv").write_text("option,picture\n")  # any other table is left alone
-    with pytest.raises(UserError, match="there is no sweep"):
-        studies_in([tmp_path], tmp_path)
+    refuses("there is no sweep", studies_in, [tmp_path], tmp_path)
 
 
 GAINS = [0.3, -0.1, 0.4, 0.25, 0.6, 0.15, -0.02, 0.33]

@@ -17,8 +17,8 @@ import yaml
 from brushexp_trackers.tensorboard import TensorBoard
 from brushexp_trackers.wandb import WeightsAndBiases, mode_of
 from films import pixels_of
+from refusals import refuses
 
-from brushexp.errors import UserError
 from brushexp.plugins.logger.base import Run
 from brushexp.system.files import write_picture
 
@@ -147,8 +147,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
 @pytest.mark.parametrize(("name", "tracker"), [("tensorboard", TensorBoard), ("wandb", WeightsAndBiases)])
 def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, tracker, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)  # for Python it is not there
-    with pytest.raises(UserError, match=rf"needs the package {name}; pip install 'brushexp\[{name}\]'"):
-        tracker()
+    refuses(rf"needs the package {name}; pip install 'brushexp\[{name}\]'", tracker)
 
 
 class FakeWandb:
@@ -211,8 +210,7 @@ def test_wandb_is_offline_unless_somebody_is_logged_in_or_says_otherwise(account
 
 def test_wandb_online_without_an_account_is_refused_before_the_work(account):
     account()
-    with pytest.raises(UserError, match="nobody is logged in to wandb; run wandb login, or choose"):
-        WeightsAndBiases(mode="online")
+    refuses("nobody is logged in to wandb; run wandb login, or choose", WeightsAndBiases, mode="online")
 
 
 @pytest.mark.parametrize(("status", "code"), [("completed", 0), ("interrupted", 130), ("failed", 1)])

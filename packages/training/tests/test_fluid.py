@@ -182,15 +182,12 @@ def test_flat_paint_shows_the_recorded_colour():
     assert off < 0.015, "light on the ridges changes it little"
 
 
-def test_bristles_leave_streaks():
+def test_bristles_leave_streaks_whose_brush_is_decided_by_the_number_of_the_stroke():
     """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
     across = alpha[:, 118:138].mean(1)
     rises = ((across[1:-1] > across[:-2] + 1e-3) & (across[1:-1] > across[2:] + 1e-3)).sum()
     assert rises >= 4
-
-
-def test_stroke_number_decides_the_brush():
     parameters = stroke((-0.5, 0), (0, 0.1), (0.5, 0)).expand(4, 10)
     same, other = (Fluid()(parameters, seed=seed).images for seed in (0, 1))
     images = Fluid(brushes=2)(parameters, seed=0).images
@@ -208,13 +205,10 @@ def test_every_setting_of_the_physics_matters(option):
     assert not torch.equal(Fluid(**{option: other.get(option, 3.0)})(parameters, seed=0).images, plain)
 
 
-def test_strokes_of_the_prior_stay_in_their_windows():
+def test_strokes_of_the_prior_stay_in_their_windows_and_a_fuller_load_covers_more():
     alpha = Fluid()(parameters_of(sample_prior(300, seed=1)), seed=0).images[:, 3]
     edge = torch.cat([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], 1)
     assert (edge.max(1).values > 0.1).float().mean() < 0.01
-
-
-def test_a_fuller_load_covers_more_with_any_number_of_bristles():
     parameters = parameters_of(sample_prior(4))
     for bristles in (100, 140, 200):
         little, much = (Fluid(window=32, bristles=bristles, load=load)(parameters, seed=0) for load in (0.1, 1.0))

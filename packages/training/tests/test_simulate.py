@@ -19,9 +19,9 @@ from brushexp_training.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, Stroke
 from brushexp_training.evaluation import GAP_PIXELS, stroke_sheet
 from brushexp_training.writer import BATCH_STROKES, shard_rows, simulate_set, to_rows
 from program import disturb_move
+from refusals import refuses
 from torch import Tensor
 
-from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.prior import parameters_of, sample_prior
@@ -162,8 +162,7 @@ def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
 def test_a_set_is_not_continued_with_other_settings(tmp_path, origin, seed, n, message):
     path = write(tmp_path / "strokes", n=300)
     before = contents(path)
-    with pytest.raises(UserError, match=message):
-        simulate_set(path, Spot(), origin, seed, n)
+    refuses(message, simulate_set, path, Spot(), origin, seed, n)
     assert contents(path) == before, "nothing was lost"
 
 
@@ -171,8 +170,7 @@ def test_only_one_run_makes_a_set_at_a_time(tmp_path):
     def again(*_: object, **__: object) -> Simulated:
         return simulate_set(tmp_path, Spot(), ORIGIN, 0, N)
 
-    with pytest.raises(UserError, match="is being made by another run"):
-        simulate_set(tmp_path, again, ORIGIN, 0, N)
+    refuses("is being made by another run", simulate_set, tmp_path, again, ORIGIN, 0, N)
     assert simulate_set(tmp_path, Spot(), ORIGIN, 0, 40) == 40
 
 
@@ -183,24 +181,21 @@ def test_a_full_disk_or_a_file_in_the_way_ends_in_one_clear_line_and_nothing_is_
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:
-        with pytest.raises(UserError, match=rf"cannot write {path}/.*with path="):
-            write(path, n=N)
+        refuses(rf"cannot write {path}/.*with path=", write, path, n=N)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert contents(path) == small
     assert contents(write(path, n=N)) == whole
     file = path / "000000000.h5"
     for place in (file, file / "a"):
-        with pytest.raises(UserError, match=r"cannot write .*; .*path="):
-            simulate_set(place, Spot(), ORIGIN, 0, N)
+        refuses(r"cannot write .*; .*path=", simulate_set, place, Spot(), ORIGIN, 0, N)
     assert contents(path) == whole
 
 
 def test_numbers_that_are_not_finite_are_refused_with_the_stroke_and_others_are_clipped():
     simulated = Spot()(torch.zeros(9, 10), seed=0)
     simulated.heights[7, 2, 3] = torch.nan
-    with pytest.raises(UserError, match="the engine drew stroke 107 with numbers that are not finite"):
-        to_rows(torch.zeros(9, 10), simulated, 100)
+    refuses("the engine drew stroke 107 with numbers that are not finite", to_rows, torch.zeros(9, 10), simulated, 100)
     images = torch.tensor([-1.0, 2.0, 0.5])[:, None, None, None].expand(3, 4, 6, 6)
     heights = torch.tensor([-1.0, 1e6, 0.5])[:, None, None].expand(3, 6, 6)
     rows = to_rows(torch.zeros(3, 10), Simulated(images, heights), 0)
@@ -347,8 +342,7 @@ def test_sets_that_do_not_fit_together_are_refused(large, tmp_path):
         ([small], None, "no stroke is for validation"),
         ([large], 0, "set limit to 1 or more"),
     ):
-        with pytest.raises(UserError, match=message):
-            StoredData(paths, limit=limit)
+        refuses(message, StoredData, paths, limit=limit)
 
 
 def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(config, monkeypatch):

@@ -24,6 +24,7 @@ from brushexp_training.renderer_module import Critic, RendererModule, RendererSe
 from brushexp_training.rules import check_brushes, check_ends
 from brushexp_training.tasks import train
 from lightning.pytorch.callbacks import Checkpoint
+from refusals import refuses
 from sweeps import read_csv
 from test_callbacks import Line
 from test_callbacks import fit as fit_line
@@ -292,8 +293,7 @@ def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
 
 def test_what_cannot_be_trained_is_refused_before_it_starts(config):
     for renderer, window, cure in ((Analytic(), SIDE, "try renderer=neural"), (Small(), 64, "set renderer.window=64")):
-        with pytest.raises(UserError, match=cure):
-            RendererModule(renderer, window, RendererSettings())
+        refuses(cure, RendererModule, renderer, window, RendererSettings())
     with pytest.raises(UserError, match=r"critic=true halves .* which 48 do not lead to; .*engine.window=64"):
         check(config("task=train", "critic=true", "engine.window=48", "renderer.window=48"))
     for brushes, message in ((8, None), (16, None), (1, None), (12, "set renderer.brushes=8")):
@@ -313,15 +313,12 @@ def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
     assert 0 < averaged.weight.item() < plain.weight.item()
 
 
-def test_the_critic_pulls_as_hard_as_its_weight_says():
+def test_the_critic_pulls_as_hard_as_its_weight_says_and_its_loss_is_rasgan_as_written():
     push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
     added = balance(push, pull, 0.25) - push
     torch.testing.assert_close(added.norm(), 0.25 * push.norm())
     torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
     assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
-
-
-def test_the_loss_is_rasgan_as_written():
     real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
     critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
     renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
@@ -453,8 +450,7 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 ])  # fmt: skip
 def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
     words = ["task=train", "minutes=null", "ema=0"]
-    with pytest.raises(UserError, match="set minutes=60"):
-        check_ends(config(*words))
+    refuses("set minutes=60", check_ends, config(*words))
     cfg, module = config(*words, *limit.split()), module_of()
     check_ends(cfg)
     fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])

@@ -21,6 +21,7 @@ from brushexp_tubes.sheets import PlanSheets
 from brushexp_tubes.table import StageOrder, Table
 from brushexp_tubes.task import build_constrained
 from omegaconf import OmegaConf
+from refusals import refuses
 from scenes import random_strokes, straight
 
 from brushexp.api.settings import settings_of
@@ -181,23 +182,16 @@ def test_one_tube_one_brush_one_stroke(tmp_path, monkeypatch, options):
     ({"tubes": "eigth"}, "is no file and no set"),
 ])  # fmt: skip
 def test_what_no_table_has_is_refused_in_words(words, message):
-    with pytest.raises(UserError, match=message):
-        settings_of("tubes", {"image": "chelsea", "resolution": 64, **words})
+    refuses(message, settings_of, "tubes", {"image": "chelsea", "resolution": 64, **words})
 
 
-def test_tubes_and_the_look_ask_for_the_task():
+def test_tubes_and_the_look_ask_for_the_task_and_a_set_that_is_not_there_is_refused():
     assert task_for("paint", {"tubes": "zorn"}) == task_for("paint", {"look": "tubes"}) == "tubes"
     assert task_for("paint", {"look": "oil"}) == "paint"
     assert "tubes" not in look_names()
     for words in ({"look": "tubes"}, {"tubes": "zorn"}):
-        with pytest.raises(UserError, match="task=paint leaves this to task=tubes"):
-            settings_of("paint", {"image": "chelsea", **words})
-
-
-def test_equal_pictures_do_not_differ():
-    picture = torch.rand(3, 5, 6)
-    assert median_difference(picture, picture) == 0
-    assert median_difference(picture, 1 - picture) > 5
+        refuses("task=paint leaves this to task=tubes", settings_of, "paint", {"image": "chelsea", **words})
+    refuses("tubes=zurn is no file and no set; choose one of acrylics, eight, ", load_tubes, "zurn")
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -214,7 +208,7 @@ def test_mixtures_do_not_depend_on_how_much_is_mixed_and_stay_between_their_tube
     assert (lightness <= pure.max() + 0.5).all()
 
 
-def test_paints_make_what_painters_know():
+def test_paints_make_what_painters_know_white_is_white_and_every_mixture_is_listed_once():
     def mix(**parts: int) -> np.ndarray:
         names = [name.replace(" ", "_") for name in EIGHT.names]
         return EIGHT.mix(np.array([[parts.get(name, 0) for name in names]]))[0]
@@ -225,10 +219,13 @@ def test_paints_make_what_painters_know():
     assert np.hypot(*grey[1:]) < 5
     tint = to_lab(np.stack([mix(ultramarine_blue=1), mix(ultramarine_blue=1, titanium_white=8)]))
     assert tint[1, 0] > tint[0, 0] + 30
-
-
-def test_a_perfect_white_is_white_and_black_is_black():
     np.testing.assert_allclose(seen(np.array([[1.0] * 16, [0.0] * 16])), [[1] * 3, [0] * 3], atol=1e-6)
+    mixtures = all_mixtures(load_tubes("zorn"))
+    shares = mixtures.parts / mixtures.parts.sum(1, keepdims=True)
+    assert len(np.unique(shares.round(9), axis=0)) == len(mixtures)
+    assert ((mixtures.parts > 0).sum(1) <= 3).all()
+    assert mixtures.recipe(0) == "titanium white"
+    assert len(all_mixtures(replace_names(1))) == 1
 
 
 def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
@@ -252,22 +249,7 @@ def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
 ])  # fmt: skip
 def test_files_that_are_no_tubes_are_refused_in_words(tmp_path, text, message):
     (tmp_path / "own.csv").write_text(text)
-    with pytest.raises(UserError, match=message):
-        load_tubes(str(tmp_path / "own.csv"))
-
-
-def test_a_set_that_is_not_there_is_refused_with_those_that_are():
-    with pytest.raises(UserError, match="tubes=zurn is no file and no set; choose one of acrylics, eight, "):
-        load_tubes("zurn")
-
-
-def test_every_mixture_is_listed_once_with_whole_simple_parts():
-    mixtures = all_mixtures(load_tubes("zorn"))
-    shares = mixtures.parts / mixtures.parts.sum(1, keepdims=True)
-    assert len(np.unique(shares.round(9), axis=0)) == len(mixtures)
-    assert ((mixtures.parts > 0).sum(1) <= 3).all()
-    assert mixtures.recipe(0) == "titanium white"
-    assert len(all_mixtures(replace_names(1))) == 1
+    refuses(message, load_tubes, str(tmp_path / "own.csv"))
 
 
 def replace_names(count: int):
@@ -420,20 +402,15 @@ def test_a_painting_of_other_tasks_gets_its_table_afterwards():
     assert {stage.brush_mm for stage in plan.stages} == {60.0}
 
 
-def test_what_the_catalogue_says_of_its_table_is_checked():
-    with pytest.raises(UserError, match="width_cm=-3 is not above 0"):
-        recorded_plan(job_of(painted(3), **{**SETTINGS, "width_cm": -3.0}), {})
-    with pytest.raises(UserError, match=r"give to\.plan\.tubes=eight"):
-        recorded_plan(job_of(painted(3), **{**SETTINGS, "brushes": "broad"}), {})
-
-
-def test_too_many_pages_are_refused_before_they_are_drawn(tmp_path):
+def test_what_the_catalogue_says_of_its_table_is_checked_and_too_many_pages_are_refused(tmp_path):
+    refuses("width_cm=-3 is not above 0", recorded_plan, job_of(painted(3), **{**SETTINGS, "width_cm": -3.0}), {})
+    refuses(r"give to\.plan\.tubes=eight", recorded_plan, job_of(painted(3), **{**SETTINGS, "brushes": "broad"}), {})
     with pytest.raises(UserError, match=r"pages, more than 400; set to\.plan\.scale="):
         PlanSheets(scale=9.0, width_cm=60.0).write(job_of(painted(3), **SETTINGS), tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_the_difference_from_a_target_is_told(tmp_path):
+def test_the_difference_from_a_target_is_told_and_is_none_for_the_same(tmp_path):
     from skimage import io  # noqa: PLC0415
 
     plan, own = recorded_plan(job_of(painted(), **SETTINGS), {})
@@ -443,6 +420,9 @@ def test_the_difference_from_a_target_is_told(tmp_path):
     assert "CIEDE2000 0.0 " in PlanSheets(target=str(tmp_path / "same.png")).remarks(plan, own)[-1]
     with pytest.raises(UserError, match=r"give its target\.png"):
         PlanSheets(target=str(tmp_path / "other.png")).remarks(plan, own)
+    picture = torch.rand(3, 5, 6)
+    assert median_difference(picture, picture) == 0
+    assert median_difference(picture, 1 - picture) > 5
 
 
 def test_each_region_has_a_number_inside_it():
