@@ -133,14 +133,10 @@ def test_the_map_names_every_module_of_the_path(path):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_every_family_is_a_package_with_a_contract(family):
+def test_every_family_is_a_package_with_a_contract_whose_members_stand_in_files_of_their_names(family):
     folder = SOURCE / "plugins" / PACKAGES[family]
     assert (folder / "base.py").is_file()
     assert f"{family}=" in (folder / "__init__.py").read_text()
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
     shipped = [plugin for plugin in plugins(family) if plugin.cls.__module__.startswith("brushexp.")]
     assert [plugin.cls.__module__.rpartition(".")[2] for plugin in shipped] == [plugin.name for plugin in shipped]
 

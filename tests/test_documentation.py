@@ -69,14 +69,10 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_lines_of_text_are_short(page):
+def test_lines_of_text_are_short_and_files_of_the_program_that_a_page_names_exist(page):
     if page.name not in WRITTEN_BY_TASKS:
         text = [line for line in page.read_text().splitlines() if not line.startswith(("|", "    "))]
         assert not [line for line in text if len(line) > LONGEST_LINE]
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_files_of_the_program_that_a_page_names_exist(page):
     roots = [ROOT, ROOT / "src" / "brushexp", *(ROOT / "packages").glob("*/brushexp_*")]
     names = re.findall(r"(?<![\w/])([\w-]+/[\w./-]+\.(?:py|yaml))\b", page.read_text())
     own = [name for name in names if not name.startswith(("conf/", "plugins/"))]  # of the program, not of a user

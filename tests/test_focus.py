@@ -283,7 +283,7 @@ def paintings():
     return [brushexp.paint(portrait, abstraction=value, steps=4) for value in (0, 0.7, 1)]
 
 
-def test_strokes_become_fewer_the_picture_less_like_a_face_stays_one_and_what_is_typed_stays(paintings):
+def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leaves_faces_and_what_is_typed(paintings):
     counts = [len(painting.strokes) for painting in paintings]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] == pytest.approx(40 * counts[-1], rel=0.05)
@@ -292,9 +292,6 @@ def test_strokes_become_fewer_the_picture_less_like_a_face_stays_one_and_what_is
     assert faces(torch.from_numpy(paintings[1].image).float().movedim(-1, 0) / 255)
     painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
     assert len(painting.strokes) == 50
-
-
-def test_forms_become_flat_where_nobody_looks():
     picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
     attended = torch.zeros(40, 60)
     attended[:, 30:] = 1

@@ -92,14 +92,10 @@ def test_accuracy_is_measured_in_the_same_pass(kind, blend):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_importance_is_what_the_error_grows_by_without_a_stroke(kind):
+def test_importance_is_what_the_error_grows_by_without_a_stroke_and_what_is_skipped_cannot_be_seen(kind):
     arguments = check_importance(KINDS[kind], TILED)
     for blend in (BLENDS["tiled in torch"], DENSE, TopK(k=4)):
         assert blend.importance(*arguments) is None, "a blend without a kernel leaves importance to others"
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_skipped_cannot_be_seen_and_threads_do_not_change_a_bit(kind):
     strokes, size, weight, results = random_strokes(200, (32, 32)), (32, 32), torch.randn(3, 32, 32), []
     check_skipping(KINDS[kind], Tiled, strokes, size)
     for threads in (1, 2):
@@ -110,7 +106,7 @@ def test_what_is_skipped_cannot_be_seen_and_threads_do_not_change_a_bit(kind):
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
 
 
-def test_the_gradient_of_strokes_with_shapes_is_that_of_finite_differences():
+def test_edges_of_any_width_agree_a_point_is_a_soft_disc_and_gradients_of_shapes_are_right():
     strokes = with_shapes(random_strokes(3, (7, 9), bend=0.1, width=(0.1, 0.3), dtype=torch.float64))
     names, numbers = zip(*leaves(strokes, torch.float64).items(), strict=True)
 
@@ -118,6 +114,11 @@ def test_the_gradient_of_strokes_with_shapes_is_that_of_finite_differences():
         return paint(KINDS["plain"], DENSE, Strokes(**dict(zip(names, numbers, strict=True))), (7, 9)).image
 
     assert torch.autograd.gradcheck(picture, numbers, atol=1e-5)
+    check_edges(TILED)
+    image = paint(Analytic(soft=1.0), Tiled(), straight((8, 8), (8, 8), width=6.0), (16, 16)).image[1]
+    y, x = torch.meshgrid(torch.arange(16) + 0.5, torch.arange(16) + 0.5, indexing="ij")
+    z = (3 - ((x - 8) ** 2 + (y - 8) ** 2).sqrt() + 0.5).clamp(0, 1)
+    torch.testing.assert_close(image, 0.5 * (1 - z * z * (3 - 2 * z)), atol=1e-5, rtol=0)
 
 
 def test_colours_drift_along_a_stroke_in_range_and_topk_keeps_the_uppermost_strokes_that_are_there():
@@ -141,14 +142,6 @@ def test_colours_drift_along_a_stroke_in_range_and_topk_keeps_the_uppermost_stro
 @pytest.mark.parametrize("name", DEGENERATE)
 def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(blend, kind, name):
     check_degenerate(KINDS[kind], BLENDS[blend], name)
-
-
-def test_edges_of_any_width_agree_and_a_point_is_a_disc_with_a_soft_edge():
-    check_edges(TILED)
-    image = paint(Analytic(soft=1.0), Tiled(), straight((8, 8), (8, 8), width=6.0), (16, 16)).image[1]
-    y, x = torch.meshgrid(torch.arange(16) + 0.5, torch.arange(16) + 0.5, indexing="ij")
-    z = (3 - ((x - 8) ** 2 + (y - 8) ** 2).sqrt() + 0.5).clamp(0, 1)
-    torch.testing.assert_close(image, 0.5 * (1 - z * z * (3 - 2 * z)), atol=1e-5, rtol=0)
 
 
 def test_fifty_thousand_strokes_on_one_spot_are_one_and_what_a_blend_cannot_do_is_refused():

@@ -125,7 +125,7 @@ def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
 
 
 @pytest.mark.parametrize("name", OF_STROKES)
-def test_half_precision_costs_what_its_rounded_strokes_cost(name):
+def test_half_precision_costs_what_its_rounded_strokes_cost_and_the_slope_is_that_of_the_value(name):
     """Only the strokes are rounded, not what is computed of them."""
     for dtype in (torch.bfloat16, torch.float16):
         rounded = visible(12).map(lambda value, to=dtype: value.to(to))
@@ -133,6 +133,16 @@ def test_half_precision_costs_what_its_rounded_strokes_cost(name):
         exact, _ = judged_strokes(built(name), rounded, torch.float64)
         assert value.dtype == torch.float32
         assert_close(value.double(), exact.double(), rtol=1e-4, atol=1e-6)
+    loss = built(name, **({"k": 4, "every": 10_000} if name == "direction" else {})).double()
+    strokes = random_strokes(7, (24, 40), dtype=torch.float64, width=(0.0, 0.5))
+    strokes = seen(strokes) if name == "brushwork" else strokes  # which leaves out what cannot be seen
+    nothing = torch.zeros(3, 24, 40, dtype=torch.float64)
+
+    def value(*inputs: Tensor) -> Tensor:
+        moved = replace(strokes, **dict(zip(FIELDS, inputs, strict=True)))
+        return loss(PaintedView(nothing, nothing, moved))
+
+    assert torch.autograd.gradcheck(value, [getattr(strokes, field).clone().requires_grad_() for field in FIELDS])
 
 
 SIZES = [(1, 1), (3, 5), (10, 10)]
@@ -223,20 +233,6 @@ def test_a_loss_has_the_slope_of_its_value(name, focused):
 
 
 FIELDS = ("scale", "start", "control", "end", "width")
-
-
-@pytest.mark.parametrize("name", OF_STROKES)
-def test_a_loss_of_strokes_has_the_slope_of_its_value(name):
-    loss = built(name, **({"k": 4, "every": 10_000} if name == "direction" else {})).double()
-    strokes = random_strokes(7, (24, 40), dtype=torch.float64, width=(0.0, 0.5))
-    strokes = seen(strokes) if name == "brushwork" else strokes  # which leaves out what cannot be seen
-    nothing = torch.zeros(3, 24, 40, dtype=torch.float64)
-
-    def value(*inputs: Tensor) -> Tensor:
-        moved = replace(strokes, **dict(zip(FIELDS, inputs, strict=True)))
-        return loss(PaintedView(nothing, nothing, moved))
-
-    assert torch.autograd.gradcheck(value, [getattr(strokes, field).clone().requires_grad_() for field in FIELDS])
 
 
 LIMITS = ["perceptual.jitter=4", "direction.k=0", "direction.every=0", "sinkhorn.side=0", "sinkhorn.epsilon=0.001"]

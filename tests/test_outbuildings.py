@@ -57,31 +57,9 @@ def top_of(name: str) -> str:
     return name.partition(".")[0]
 
 
-def test_the_core_imports_no_package():
-    assert not {f"{path}: {name}" for path, name in imports_in(ROOT / "src") if top_of(name) in MODULES}
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_imports_only_what_a_stranger_may(package):
-    for folder in (path for path in PACKAGES[package].iterdir() if path.name != "tests"):
-        for path, name in imports_in(folder):
-            place = f"{path}: {name}"
-            assert top_of(name) not in MODULES - SHARED - {folder.name}, place
-            if top_of(name) == "brushexp":
-                assert not name.startswith("brushexp.cli"), place
-                assert not any(part.startswith("_") for part in name.split(".")), place
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_tests_and_is_in_the_wheel(package):
-    assert list(PACKAGES[package].glob("tests/test_*.py"))
-    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    for folder in (path for path in PACKAGES[package].iterdir() if path.name != "tests"):
-        assert str(folder.relative_to(ROOT)) in wheel["packages"]
-
-
 @pytest.mark.slow
-def test_the_program_helps_and_paints_without_them(tmp_path):
+def test_the_core_imports_no_package_and_the_program_helps_and_paints_without_them(tmp_path):
+    assert not {f"{path}: {name}" for path, name in imports_in(ROOT / "src") if top_of(name) in MODULES}
     small = ["image=coffee", "look=even", "resolution=32", "strokes=12", "steps=2", "frames=0", "output=out"]
     code = ALONE.format(modules=MODULES, words=[["look=even", "--help"], small])
     environment = os.environ | {"BRUSHEXP_PLUGINS": ""}
@@ -93,6 +71,21 @@ def test_the_program_helps_and_paints_without_them(tmp_path):
     assert "Its keys and their values now" in found.stdout
     assert (tmp_path / "out" / "painting.png").is_file()
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_imports_only_what_a_stranger_may_has_tests_and_is_in_the_wheel(package):
+    for folder in (path for path in PACKAGES[package].iterdir() if path.name != "tests"):
+        for path, name in imports_in(folder):
+            place = f"{path}: {name}"
+            assert top_of(name) not in MODULES - SHARED - {folder.name}, place
+            if top_of(name) == "brushexp":
+                assert not name.startswith("brushexp.cli"), place
+                assert not any(part.startswith("_") for part in name.split(".")), place
+    assert list(PACKAGES[package].glob("tests/test_*.py"))
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    for folder in (path for path in PACKAGES[package].iterdir() if path.name != "tests"):
+        assert str(folder.relative_to(ROOT)) in wheel["packages"]
 
 
 pytestmark = pytest.mark.slow

@@ -299,15 +299,12 @@ def test_the_random_start_is_that_of_the_thesis(init):
     assert_close(strokes.width, torch.full((1200,), 0.03))
 
 
-def test_more_strokes_lie_where_the_picture_has_detail():
+def test_more_strokes_lie_where_the_picture_has_detail_and_layers_go_from_large_to_small_ones():
     target = torch.full((3, 60, 90), 0.5)
     target[:, :, 60:] = noise(60, 30)  # a third of the canvas
     inits = Slic(detail=0.0), Slic(), build_named("init", "scatter", {"detail": 0.7})
     even, *shares = (float((made(init, target, 150).position[:, 0] > 60).float().mean()) for init in inits)
     assert min(shares) > max(0.5, even)
-
-
-def test_layers_go_from_large_strokes_everywhere_to_small_ones_where_the_picture_has_detail():
     target = torch.full((3, 60, 90), 0.5)
     target[:, :, 60:] = noise(60, 30)
     strokes = made(InLayers(ratio=0.5, cover=0.5, jitter=0), target, 140)

@@ -40,7 +40,7 @@ def thick(n, size, **options):
 
 
 @pytest.mark.parametrize("name", RENDERERS)
-def test_heights_are_those_of_strokes_laid_one_after_another(name):
+def test_heights_are_those_of_strokes_laid_one_after_another_and_of_no_paint_where_there_is_none(name):
     size, strokes = (26, 39), thick(25, (26, 39))
     depth = torch.randperm(25).int()
     job = painted(strokes, size, renderer=RENDERERS[name], depth=depth)
@@ -59,6 +59,9 @@ def test_heights_are_those_of_strokes_laid_one_after_another(name):
     assert computed.dtype == np.float32
     assert computed.max() > 0
     np.testing.assert_allclose(computed, height.numpy(), atol=2e-4)
+    strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
+    strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
+    assert (painted(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
 
 
 @pytest.mark.parametrize("name", [plugin.name for plugin in plugins("renderer")])
@@ -71,13 +74,6 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
     assert height.min() >= 0
     thickest = 2 * float(half_width_of(strokes).max())
     assert height.max() <= FILM * math.sqrt(thickest * typical_width(strokes)) / CARRIED + 1e-4
-
-
-@pytest.mark.parametrize("name", RENDERERS)
-def test_transparent_strokes_and_strokes_without_width_add_nothing(name):
-    strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
-    strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
-    assert (painted(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
 
 
 def test_there_is_paint_where_the_stroke_is_pushed_aside_to_either_side_and_nowhere_else():
@@ -117,23 +113,13 @@ def lit_grey(value, height, azimuth, elevation, gloss=0.0):
     return shade_picture(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 
 
-def test_a_flat_canvas_keeps_its_colours():
+def test_a_flat_canvas_keeps_its_colours_and_slopes_shine_that_face_the_lamp():
     color, normals = np.random.default_rng(0).random((3, 7, 11)), normals_of(np.full((7, 11), 3.0, np.float32))
     for light in (Light(315, 45), Light(0, 90), Light(123.4, 0.5), Light(-700, 17)):
         for gloss in (0.0, 1.0):
             np.testing.assert_allclose(
                 shade_picture(color.astype(np.float32), normals, replace(light, gloss=gloss)), color, atol=1e-6
             )
-
-
-@pytest.mark.parametrize(
-    ("azimuth", "right", "up"), [(0, 0, 1), (90, 1, 0), (180, 0, -1), (315, -(0.5**0.5), 0.5**0.5)]
-)
-def test_directions_are_clockwise_from_the_top(azimuth, right, up):
-    np.testing.assert_allclose(Light(azimuth, 45).direction, np.array([right, up, 1]) * math.sqrt(0.5), atol=1e-6)
-
-
-def test_light_from_the_left_brightens_slopes_that_face_left_and_gloss_what_mirrors_the_lamp():
     ridge = np.tile(np.float32([0, 0, 1, 2, 2, 1, 0, 0]), (5, 1))  # rises to the right: faces left, in columns 1 to 3
     lit = lit_grey(0.5, ridge, 270, 30)[2]
     assert lit[2] > 0.5 > lit[5]
@@ -143,6 +129,13 @@ def test_light_from_the_left_brightens_slopes_that_face_left_and_gloss_what_mirr
     matt, wet = (lit_grey(0.2, slope, 270, 45, gloss)[1, 2] for gloss in (0.0, 1.0))
     assert wet > matt + 0.3
     assert lit_grey(0.2, slope, 90, 45, 1.0)[1, 2] < 0.2
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "right", "up"), [(0, 0, 1), (90, 1, 0), (180, 0, -1), (315, -(0.5**0.5), 0.5**0.5)]
+)
+def test_directions_are_clockwise_from_the_top(azimuth, right, up):
+    np.testing.assert_allclose(Light(azimuth, 45).direction, np.array([right, up, 1]) * math.sqrt(0.5), atol=1e-6)
 
 
 def test_normals_are_those_of_the_plane_have_unit_length_and_can_be_had_row_by_row():

@@ -67,16 +67,13 @@ def test_a_file_without_later_fields_is_one_of_before_them(version, missing, tmp
         assert_same(read, saved)
 
 
-def test_strokes_keep_their_brushes_in_files_and_an_older_file_has_those_of_its_rows(tmp_path, stored):
+def test_strokes_keep_their_brushes_in_files_and_the_config_is_text_and_runs_nothing(tmp_path, stored):
     saved, brushes = catalogue(3), [5, 0, 2**31 - 1]
     save_catalogue(tmp_path / "a.h5", replace(saved, strokes=replace(saved.strokes, brush=torch.tensor(brushes))))
     assert load_catalogue(tmp_path / "a.h5").strokes.brush.tolist() == brushes
     with h5py.File(stored, "a") as file:
         del file["brush"]
     assert load_catalogue(stored).strokes.brush.tolist() == list(range(len(catalogue().strokes)))
-
-
-def test_the_config_is_text_and_runs_nothing(tmp_path):
     mark = tmp_path / "mark"
     config = f"a: !!python/object/apply:os.mkdir ['{mark}']\n_target_: os.mkdir\npath: {mark}\n"
     save_catalogue(tmp_path / "a.h5", replace(catalogue(), config=config))
@@ -110,10 +107,13 @@ def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
         refuses("alpha is", parse, re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
 
 
-def test_a_path_to_no_catalogue_and_an_unreadable_file_are_explained(tmp_path, stored, monkeypatch):
+def test_a_path_to_no_catalogue_is_explained(tmp_path):
     assert "there is no file" in refused(tmp_path / "a.h5")
     assert f"there is no file {tmp_path / 'catalogue.h5'}" in refused(tmp_path), "a folder stands for its catalogue"
     assert "not a brushexp catalogue" in refused_if_foreign(tmp_path / "a.h5", refused)
+
+
+def test_an_unreadable_file_is_explained(stored, monkeypatch):
     monkeypatch.setattr(Path, "open", Mock(side_effect=PermissionError(13, "Permission denied")))
     assert "Permission denied" in refused(stored)
 

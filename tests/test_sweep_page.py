@@ -197,13 +197,18 @@ def test_long_names_of_pictures_do_not_widen_the_page(opened, tmp_path):
     assert narrow.page.locator(".nav a[href='#runs']").is_visible(), "a page of many paintings is long"
 
 
-def test_many_settings_have_one_column(tmp_path):
+def test_many_settings_have_one_column_and_links_lead_from_where_the_page_is(tmp_path):
     for k in range(4):
         chosen = {f"axis{n}": str(k // 2 + n) for n in range(5)} | {"seed": str(k % 2)}
         make_run(tmp_path, chosen, psnr=20.0 + k, seconds=1.0)
     html = page_of(tmp_path).read_text()
     assert '<td role="cell" class="settings"><code>axis0=0</code>' in html
     assert "<td>axis0=1 axis1=2 axis2=3 axis3=4 axis4=5</td>" in html  # of the means
+    make_sweep(tmp_path / "sweep?")
+    (tmp_path / "comparison").mkdir()
+    html = sweep_page(tmp_path / "comparison", gather([tmp_path / "sweep?"], tmp_path / "comparison"))
+    assert '<a href="../sweep%3F/2/report.html">' in html
+    assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
 
 
 def test_settings_are_compared_on_one_picture_and_an_album_begins_with_its_paintings(tmp_path):
@@ -234,14 +239,6 @@ def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_picture
     html = page_of(tmp_path / "0").read_text()
     assert 'id="plots"' not in html
     assert [row["error"] for row in data_in(html)["rows"]] == ["no"]
-
-
-def test_links_lead_from_where_the_page_is(tmp_path):
-    make_sweep(tmp_path / "sweep?")
-    (tmp_path / "comparison").mkdir()
-    html = sweep_page(tmp_path / "comparison", gather([tmp_path / "sweep?"], tmp_path / "comparison"))
-    assert '<a href="../sweep%3F/2/report.html">' in html
-    assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
 
 
 def test_pictures_are_encoded_once(tmp_path):

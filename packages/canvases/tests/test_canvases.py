@@ -35,7 +35,7 @@ SIZES = [(1, 1), (40, 40), (41, 40), (100, 70), (7, 300), (256, 256)]
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_tiles_cover_a_canvas_once_and_windows_of_a_round_do_not_overlap(size: tuple[int, int]) -> None:
+def test_tiles_cover_a_canvas_once_wait_for_earlier_rounds_only_and_windows_of_one_do_not_overlap(size):
     grid = Grid(size, side=40, margin=20)
     covered = np.zeros(size, int)
     for tile in grid.tiles():
@@ -50,10 +50,6 @@ def test_tiles_cover_a_canvas_once_and_windows_of_a_round_do_not_overlap(size: t
             window = grid.window(tile)
             seen[window.top : window.top + window.height, window.left : window.left + window.width] += 1
         assert seen.max() <= 1
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_a_tile_waits_for_earlier_rounds_only(size: tuple[int, int]) -> None:
     grid = Grid(size, side=40, margin=8)
     for tile in grid.tiles():
         assert all(other.round < tile.round for other in grid.before(tile))
@@ -61,7 +57,7 @@ def test_a_tile_waits_for_earlier_rounds_only(size: tuple[int, int]) -> None:
         assert {tile} == set(grid.tiles_in(grid.region(tile)))
 
 
-def test_strokes_are_the_same_after_they_were_stored() -> None:
+def test_one_small_tile_is_a_canvas_whose_strokes_are_the_same_after_they_were_stored(tmp_path):
     strokes, depth = sample_prior(7), torch.rand(7)
     again, depth_again = unpacked(packed(strokes, depth))
     assert packed(strokes, depth).shape == (7, NUMBERS)
@@ -70,6 +66,11 @@ def test_strokes_are_the_same_after_they_were_stored() -> None:
     for name, value in strokes.items():
         assert torch.equal(getattr(again, name), value.float())
     assert len(unpacked(packed(sample_prior(0), torch.empty(0)))[0]) == 0
+    Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
+    store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
+    assert store.grid.shape == (1, 1)
+    assert np.isnan(store.errors()["seams"])
+    assert json.loads((tmp_path / "small.zarr" / "zarr.json").read_text())["attributes"]["size"] == [3, 5]
 
 
 @pytest.fixture(scope="module")
@@ -186,14 +187,6 @@ def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path:
     found = store.read("height", everything)[0].astype(float)
     assert height.std() > 0.05
     assert np.abs(found - (255 * height / (THICK * 48**0.5)).clip(0, 255)).mean() < 6  # widths are those near a tile
-
-
-def test_one_small_tile_is_a_canvas(tmp_path: Path) -> None:
-    Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
-    store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
-    assert store.grid.shape == (1, 1)
-    assert np.isnan(store.errors()["seams"])
-    assert json.loads((tmp_path / "small.zarr" / "zarr.json").read_text())["attributes"]["size"] == [3, 5]
 
 
 HAS_SLURM = pytest.mark.skipif(find_spec("dask_jobqueue") is None, reason="needs the extra slurm")

@@ -115,7 +115,7 @@ def test_it_learns_in_a_few_hundred_steps_and_valid_strokes_cost_almost_nothing(
     assert values[1] > 20 * values[0]
 
 
-def test_a_checkpoint_brings_the_same_loss_back(trained):
+def test_a_checkpoint_brings_the_same_loss_back_and_others_are_refused(trained, tmp_path):
     module, path, figures = trained
     loss = Discriminated(checkpoint=str(path))
     assert not any(parameter.requires_grad for parameter in loss.parameters())
@@ -127,9 +127,6 @@ def test_a_checkpoint_brings_the_same_loss_back(trained):
     assert recipe["hash"] == figures["discriminator_hash"]
     assert recipe["figures"]["auc"] == figures["auc"]
     assert recipe["training"]["steps"] == 500
-
-
-def test_other_checkpoints_are_refused(trained, tmp_path):
     for checkpoint, message in (
         (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
         ("yours", r"yours does not come with the program \(there are: discriminator\)"),

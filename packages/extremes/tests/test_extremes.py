@@ -95,7 +95,7 @@ def test_strokes_of_16_bits_are_drawn_in_float32_and_not_optimised(dtype):
     assert "value.float()" in result.note
 
 
-def test_strokes_that_a_precision_cannot_hold_are_refused():
+def test_strokes_that_a_precision_cannot_hold_are_refused_and_a_number_says_what_is_out_of_bounds():
     far = SCENES["1e6 px off the canvas"].strokes(4)
     assert drawable(far.map(lambda value: value.half())).position.abs().max() == FARTHEST
     with pytest.raises(UserError, match=r"scale is .*inf.*make them in float32"):
@@ -103,6 +103,10 @@ def test_strokes_that_a_precision_cannot_hold_are_refused():
     refuses("int64; convert them", drawable, far.map(lambda value: value.long()))
     assert drawable(far) is far
     refuses("small steps are lost", Catalogue, random_strokes(2, SMALL).map(lambda value: value.bfloat16()), {})
+    cell = {"verdict": EXACT, "dtype": "float32", "picture": 2e-5, "gradient": 0.5}
+    assert number_of(cell) == "2e-5"
+    assert number_of(cell | {"verdict": DEGRADED}) == "g 5e-1"
+    assert number_of(cell | {"picture": None}) == ""
 
 
 def test_verdicts_are_what_they_say():
@@ -154,10 +158,3 @@ def test_the_task_writes_every_cell_and_ends_with_an_error_if_one_is_broken(run_
     monkeypatch.setitem(SCENES, "target 0", Scene(lambda strokes: {"color": 9 * strokes.color}))
     with pytest.raises(UserError, match=r"1 of 2 cells are broken, the first is target 0 \(one picture, renderer="):
         run_task(task, *words, "blends=[tiled]", "scenes=[target 0]", "dtypes=[float32]")
-
-
-def test_a_number_says_what_is_out_of_bounds():
-    cell = {"verdict": EXACT, "dtype": "float32", "picture": 2e-5, "gradient": 0.5}
-    assert number_of(cell) == "2e-5"
-    assert number_of(cell | {"verdict": DEGRADED}) == "g 5e-1"
-    assert number_of(cell | {"picture": None}) == ""

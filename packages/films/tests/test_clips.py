@@ -199,15 +199,14 @@ def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_
     assert not is_moving(path)
 
 
-def test_tracks_that_are_left_out_are_told(tmp_path, caplog):
+def test_tracks_that_are_left_out_a_picture_that_is_a_film_and_a_missing_library_are_told(
+    tmp_path, caplog, monkeypatch
+):
     source = with_sound(tmp_path / "two.mkv", [0, 40], 0, tracks=2)
     film = encoded(tmp_path / "film.mp4", scene(2))
     add_sound(film, source)
     assert "further tracks are left out (1 of sound)" in caplog.text
     assert len(decoded(film)[0]) == 2
-
-
-def test_a_film_is_told_where_a_picture_is_wanted_and_says_what_to_install_without_its_library(tmp_path, monkeypatch):
     path = encoded(tmp_path / "clip.mp4", scene(1))
     refuses(r"clip.mp4 is a film; a picture is wanted here", load_picture, str(path), 16, key="style")
     path = encoded(tmp_path / "clip.mp4", scene(1))

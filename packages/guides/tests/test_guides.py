@@ -74,7 +74,7 @@ def test_lines_have_any_color_and_another_size_on_white_or_nothing(tmp_path, col
         assert lines.doubled[0, 29:31, 8:36].min() > 0.99
 
 
-def test_a_painting_follows_its_guides_and_a_picture_without_lines_is_refused(run_task, tmp_path):
+def test_a_painting_follows_guides_which_ask_for_the_task_and_a_picture_without_lines_is_refused(run_task, tmp_path):
     for name, pixels in (("lines", drawn()), ("white", drawn((255, 255, 255))), ("black", 0 * drawn())):
         io.imsave(tmp_path / f"{name}.png", pixels, check_contrast=False)
     io.imsave(tmp_path / "bands.png", (255 * BANDS).byte().permute(1, 2, 0).numpy())
@@ -88,7 +88,4 @@ def test_a_painting_follows_its_guides_and_a_picture_without_lines_is_refused(ru
     for name, message in (("white", "white or transparent all over"), ("black", "no white or transparent ground")):
         refuses(f"guides=.*{name}.png .*{message}", run_task, task, *words, f"guides={tmp_path}/{name}.png")
     refuses(r"guides= is missing; add guides=lines\.png", run_task, task, *words)
-
-
-def test_guides_ask_for_the_task():
     assert task_for("paint", {"guides": "lines.png"}) == "guided"

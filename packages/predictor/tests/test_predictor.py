@@ -404,7 +404,7 @@ def test_intervals_are_read_as_written_and_refused_for_other_weights(tmp_path):
         refuses(r"a\.json", conformal.read_scalings, path, {}, kinds)
 
 
-def test_one_key_makes_analyse_sample_a_picture(tmp_path):
+def test_one_key_makes_analyse_sample_a_picture_and_python_has_the_same_face(tmp_path, checkpoint):
     Image.new("RGB", (64, 64)).save(tmp_path / "a.png")
     picture = str(tmp_path / "a.png")
     assert task_for("analyse", {"image": picture, "samples": "3"}) == "sample"
@@ -413,6 +413,14 @@ def test_one_key_makes_analyse_sample_a_picture(tmp_path):
         words = expand_arguments(["analyse", image, "samples=3"])
         assert {"task=sample", "samples=3"} <= {*words}
         assert any(word.startswith("image=") for word in words)
+    brushwork = sample_brushwork(torch.rand(3, 30, 40), samples=2, strokes=5, checkpoint=checkpoint)
+    assert [len(sample.strokes) for sample in brushwork.samples] == [5, 5]
+    assert brushwork.strokes["direction"].value.shape == brushwork.places.shape[:2]
+    assert not brushwork.is_calibrated
+    known = np.isfinite(brushwork.strokes["width"].value)
+    half = certainty_of(brushwork, "width")
+    assert (half[known] >= 1).all()
+    assert np.isnan(half[~known]).all()
 
 
 def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_task, checkpoint, caplog):
@@ -435,14 +443,3 @@ def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_
     with Image.open(tmp_path / "brushwork.png") as sheet:
         assert np.asarray(sheet).std() > 5
     refuses("another temperature", run_task, sample_task, "task=sample", *options, *picture, "temperature=2")
-
-
-def test_python_has_the_same_face_and_says_nothing_of_empty_places(checkpoint):
-    brushwork = sample_brushwork(torch.rand(3, 30, 40), samples=2, strokes=5, checkpoint=checkpoint)
-    assert [len(sample.strokes) for sample in brushwork.samples] == [5, 5]
-    assert brushwork.strokes["direction"].value.shape == brushwork.places.shape[:2]
-    assert not brushwork.is_calibrated
-    known = np.isfinite(brushwork.strokes["width"].value)
-    half = certainty_of(brushwork, "width")
-    assert (half[known] >= 1).all()
-    assert np.isnan(half[~known]).all()

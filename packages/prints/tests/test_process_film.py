@@ -40,13 +40,21 @@ def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
     return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 
-def test_under_a_lamp_every_state_is_the_lit_painting_of_its_strokes():
+def test_in_the_light_and_in_another_colour_space_every_state_is_the_painting_of_its_strokes_in_bands_too(monkeypatch):
     job = replace(painted(renderer=build_named("renderer", "textured", {}).eval()), light=Light(depth=2.0))
     bare, half, last = (to_bytes(state) for state in states(job, whole(job, [0, 17, 40])))
     assert np.abs(last.astype(int) - job.picture()).max() <= 1
     assert np.abs(last.astype(int) - replace(job, light=Light()).picture()).max() > 8
     assert (bare == bare[0, 0]).all()
     assert np.abs(half.astype(int) - last).max() > 8
+    job = replace(painted(), space=build_named("color", "pigment", {}))
+    *_, last = states(job, whole(job, [0, 40]))
+    torch.testing.assert_close(last, torch.cat([band for _, band in job.bands()], dim=1), atol=2e-3, rtol=0)
+    job = painted(50, (200, 40), renderer=Windowed())
+    unbanded = [picture.clone() for picture in states(job, whole(job, [10, 50]))]
+    monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)
+    for picture, expected in zip(states(job, whole(job, [10, 50])), unbanded, strict=True):
+        torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("renderer", "blend"), [
@@ -59,17 +67,6 @@ def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(rend
     for share, picture in zip(shares, states(job, shares), strict=True):
         torch.testing.assert_close(picture, painted_at_once(job, share), rtol=0, atol=2e-4)
     assert ("try blend=tiled" in caplog.text) == isinstance(blend, TopK)
-
-
-def test_in_another_colour_space_the_last_state_is_the_painting_which_is_drawn_in_bands_like_any_other(monkeypatch):
-    job = replace(painted(), space=build_named("color", "pigment", {}))
-    *_, last = states(job, whole(job, [0, 40]))
-    torch.testing.assert_close(last, torch.cat([band for _, band in job.bands()], dim=1), atol=2e-3, rtol=0)
-    job = painted(50, (200, 40), renderer=Windowed())
-    unbanded = [picture.clone() for picture in states(job, whole(job, [10, 50]))]
-    monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)
-    for picture, expected in zip(states(job, whole(job, [10, 50])), unbanded, strict=True):
-        torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
 
 
 def test_a_growing_stroke_is_a_part_of_it():

@@ -294,10 +294,17 @@ def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
 GAINS = [0.3, -0.1, 0.4, 0.25, 0.6, 0.15, -0.02, 0.33]
 
 
-def test_p_of_larger_than_zero_is_that_of_two_sided_tests():
+def test_p_is_that_of_two_sided_tests_certain_without_spread_and_multiplied_by_those_that_are_left():
     assert p_of_mean(GAINS, (0, math.inf)) == pytest.approx(ttest_1samp(GAINS, 0).pvalue)
     assert p_of_ranks(GAINS, (0, math.inf)) == pytest.approx(wilcoxon(GAINS).pvalue)
     assert p_of_mean(GAINS, (-math.inf, 0)) == p_of_ranks(GAINS, (-math.inf, 0)) == 1
+    for p_of in (p_of_mean, p_of_ranks):
+        assert p_of([0.0] * 6, (0, math.inf)) == 1
+    assert p_of_mean([0.0] * 6, (-0.1, 0.1)) == p_of_mean([0.3] * 6, (0, math.inf)) == 0
+    assert p_of_mean([0.3], (0, math.inf)) == 1
+    assert holm([0.04, 0.001, 0.03]) == pytest.approx([0.06, 0.003, 0.06])
+    assert holm([0.5, 0.9]) == [1, 1]
+    assert holm([]) == []
 
 
 @pytest.mark.parametrize("margin", [0.1, 0.4])
@@ -305,19 +312,6 @@ def test_p_of_equivalence_is_below_a_level_where_the_interval_is_within_the_marg
     p = p_of_mean(GAINS, (-margin, margin))
     low, high = ttest_1samp(GAINS, 0).confidence_interval(1 - p) if p < 1 else (-math.inf, math.inf)
     assert max(-low, high) == pytest.approx(margin) or (p == 1 and np.mean(GAINS) > margin)
-
-
-def test_gains_without_spread_or_of_zero_are_certain():
-    for p_of in (p_of_mean, p_of_ranks):
-        assert p_of([0.0] * 6, (0, math.inf)) == 1
-    assert p_of_mean([0.0] * 6, (-0.1, 0.1)) == p_of_mean([0.3] * 6, (0, math.inf)) == 0
-    assert p_of_mean([0.3], (0, math.inf)) == 1
-
-
-def test_holm_multiplies_by_those_that_are_left():
-    assert holm([0.04, 0.001, 0.03]) == pytest.approx([0.06, 0.003, 0.06])
-    assert holm([0.5, 0.9]) == [1, 1]
-    assert holm([]) == []
 
 
 def test_the_interval_of_a_median_is_that_of_percentiles():

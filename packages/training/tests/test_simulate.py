@@ -372,7 +372,7 @@ def test_the_origin_of_an_engine_is_all_of_its_options(config):
         assert json.loads(json.dumps(origin.engine_config)) == origin.engine_config
 
 
-def test_what_is_no_set_is_explained(tmp_path, stored):
+def test_what_is_no_set_and_parameters_out_of_range_are_explained(tmp_path, stored):
     assert "make one with brushexp task=simulate" in refused(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     assert "there is no set of strokes at" in refused(tmp_path / "empty")
@@ -381,6 +381,10 @@ def test_what_is_no_set_is_explained(tmp_path, stored):
     for share in (0.1, 0.5, 0.9, 0.999):
         path.write_bytes(stored.read_bytes()[: int(stored.stat().st_size * share)])
         assert "is damaged or cut short" in refused(path)
+    for value in (1.5, np.nan):
+        with h5py.File(stored, "a") as file:
+            file["params"][70, 3] = value
+        assert "params has numbers outside [-1, 1]" in refused(stored)
 
 
 def test_shards_that_are_not_a_whole_set_are_refused(large, tmp_path):
@@ -447,10 +451,3 @@ def test_a_missing_or_foreign_dataset_is_explained(stored, name):
     assert f"{name} has type float64" in replaced("none", shape=shape, dtype=np.float64)
     assert f"{name} has chunks None" in replaced("none", shape=shape, dtype=kind)
     assert f"{name} has only 7 of its chunks; it is not complete" in replaced("none", shape=shape, dtype=kind, **grows)
-
-
-def test_parameters_out_of_range_are_explained(stored):
-    for value in (1.5, np.nan):
-        with h5py.File(stored, "a") as file:
-            file["params"][70, 3] = value
-        assert "params has numbers outside [-1, 1]" in refused(stored)

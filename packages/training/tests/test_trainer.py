@@ -121,7 +121,7 @@ class StopAt(L.Callback):
             pl_module.stop, trainer.should_stop = INTERRUPTED, True
 
 
-def test_a_few_strokes_are_learned_and_validated():
+def test_a_few_strokes_are_learned_validated_and_counted_where_gradients_are_accumulated():
     module, data = module_of(RendererSettings(lr=0.01)), Strokes(8)
 
     @torch.no_grad()
@@ -135,6 +135,9 @@ def test_a_few_strokes_are_learned_and_validated():
     assert error() < 0.2 * before
     assert module.global_step == module.validated == 60
     assert set(module.figures) == {"l2", "psnr_alpha", "psnr_color"}
+    module = module_of()
+    fit(module, Strokes(20), max_epochs=2, accumulate_grad_batches=2)
+    assert (module.global_step, module.seen) == (4, 40)
 
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
@@ -193,12 +196,6 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
     assert module.trouble == f"step 3: {reason[wrong]}"
     for (name, weight), expected in zip(module.named_parameters(), before.parameters(), strict=True):
         assert name.startswith("critic") or torch.equal(weight, expected), name
-
-
-def test_strokes_are_counted_where_gradients_are_accumulated():
-    module = module_of()
-    fit(module, Strokes(20), max_epochs=2, accumulate_grad_batches=2)
-    assert (module.global_step, module.seen) == (4, 40)
 
 
 @pytest.mark.parametrize("validating", [False, True])
@@ -262,7 +259,9 @@ def test_a_training_ends_at_ctrl_c_and_goes_on_to_the_same_weights(tmp_path, ste
     assert 0 < spent < resumed.cpu_seconds
 
 
-def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
+def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_or_has_drawn_one_stroke_is_not(
+    monkeypatch, caplog
+):
     monkeypatch.setattr(renderer_module, "START_STEPS", 2)
     for dead in (True, False):
         module = module_of(RendererSettings())
@@ -280,9 +279,6 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
     never = renderer_module.FreshStart(Small, most=0)
     never.on_train_batch_end(None, module, None, strokes(8), 0)
     assert never.restarts == 0, "fresh_starts=0"
-
-
-def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
     monkeypatch.setattr(renderer_module, "START_STEPS", 2)
     restart = renderer_module.FreshStart(Small)
     for step, n in ((2, 1), (3, 8)):

@@ -258,7 +258,7 @@ def replace_names(count: int):
     )
 
 
-def test_chosen_mixtures_are_as_good_as_any_pair_where_all_can_be_tried():
+def test_chosen_mixtures_are_as_good_as_any_pair_and_more_of_them_are_nearer():
     few = all_mixtures(load_tubes("zorn"))[np.arange(0, 200, 9)]
     picture = few.color[[2, 7]].T.reshape(3, 1, 2).repeat(1, 4, 3)
     chosen = choose_mixtures(few, picture, 2)
@@ -267,9 +267,6 @@ def test_chosen_mixtures_are_as_good_as_any_pair_where_all_can_be_tried():
     every = differences(picture.flatten(1).T.double().numpy(), few.color.double().numpy()).mean(0)
     mine = differences(picture.flatten(1).T.double().numpy(), one.color.double().numpy()).mean()
     assert mine == pytest.approx(every.min(), abs=0.2)
-
-
-def test_more_mixtures_are_nearer_and_there_are_never_more_than_asked():
     picture = torch.rand(3, 20, 20, generator=torch.Generator().manual_seed(1))
     colors = picture.flatten(1).T.double().numpy()
     near = []
@@ -325,7 +322,7 @@ def painted(n: int = 40) -> Strokes:
     return own.mixed(own.sized(random_strokes(n, CANVAS)))
 
 
-def test_a_plan_has_every_stroke_once_in_stages_that_follow_each_other():
+def test_a_plan_has_every_stroke_once_in_stages_and_is_the_painting_where_its_brushes_never_run_dry():
     plan = planned(painted())
     assert sorted(plan.order.tolist()) == list(range(40))
     assert (plan.stage.diff() >= 0).all()
@@ -337,6 +334,12 @@ def test_a_plan_has_every_stroke_once_in_stages_that_follow_each_other():
         assert float(2 * half_width_of(rows)[0]) == pytest.approx(stage.brush_mm * 0.3, rel=1e-3)
     lengths = length_of(curve_of(plan.strokes)).sum() / 0.3 / 1000
     assert plan.metres == pytest.approx(float(lengths), rel=1e-5)
+    plan = planned(painted(), load=1000.0)
+    order = plan.stage.new_empty(40)
+    order[plan.order] = torch.arange(40)
+    job = plan.job
+    laid = replace(job, saved=replace(job.saved, depth=order.int()))
+    np.testing.assert_array_equal(plan.played().picture(), laid.picture())
 
 
 def test_brushes_are_dipped_at_every_stage_and_where_a_load_does_not_last():
@@ -350,15 +353,6 @@ def test_brushes_are_dipped_at_every_stage_and_where_a_load_does_not_last():
     assert len(early) > 3
     assert (plan.used[early - 1] + length[early - 1] + length[early] > load[early]).all()
     assert plan.dips == (plan.used == 0).sum()
-
-
-def test_a_plan_whose_brushes_never_run_dry_is_the_painting_to_the_bit():
-    plan = planned(painted(), load=1000.0)
-    order = plan.stage.new_empty(40)
-    order[plan.order] = torch.arange(40)
-    job = plan.job
-    laid = replace(job, saved=replace(job.saved, depth=order.int()))
-    np.testing.assert_array_equal(plan.played().picture(), laid.picture())
 
 
 def test_a_long_stroke_runs_dry_towards_its_end():
@@ -393,16 +387,13 @@ def test_the_sheets_are_a_pdf_and_the_table_has_the_strokes(tmp_path, n):
         )
 
 
-def test_a_painting_of_other_tasks_gets_its_table_afterwards():
+def test_a_painting_of_other_tasks_gets_its_table_afterwards_and_one_of_its_own_is_checked(tmp_path):
     job = job_of(random_strokes(30, CANVAS))
     plan, own = recorded_plan(job, {"tubes": "primaries", "mixtures": 3, "brushes": [60.0]})
     assert not own
     assert len(plan.table.mixtures) <= 3
     assert plan.table.mixtures.tubes == load_tubes("primaries").names
     assert {stage.brush_mm for stage in plan.stages} == {60.0}
-
-
-def test_what_the_catalogue_says_of_its_table_is_checked_and_too_many_pages_are_refused(tmp_path):
     refuses("width_cm=-3 is not above 0", recorded_plan, job_of(painted(3), **{**SETTINGS, "width_cm": -3.0}), {})
     refuses(r"give to\.plan\.tubes=eight", recorded_plan, job_of(painted(3), **{**SETTINGS, "brushes": "broad"}), {})
     with pytest.raises(UserError, match=r"pages, more than 400; set to\.plan\.scale="):
