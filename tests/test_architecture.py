@@ -70,7 +70,7 @@ def test_no_imports_go_in_circles_within_a_package(package):
     TopologicalSorter({name: taken & graph.keys() for name, taken in graph.items()}).prepare()
 
 
-def test_layers_of_the_design_are_those_of_the_imports():
+def test_layers_of_the_design_are_those_of_the_imports_and_the_tutorial_says_what_a_plugin_may_import():
     table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("\n## ")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head
     order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
@@ -80,6 +80,9 @@ def test_layers_of_the_design_are_those_of_the_imports():
     } == set(order)  # fmt: skip
     for place, name in enumerate(order):
         assert graph.get(name, set()) - {"conf"} <= set(order[:place]), name
+    text = (ROOT / "docs" / "tutorial.md").read_text()
+    for package in sorted(LIBRARIES | TOOLS):
+        assert f"`brushexp.{package}`" in text, package
 
 
 def twice(found: dict[str, set[str]]) -> set[str]:
@@ -114,12 +117,6 @@ def test_plugins_know_libraries_and_contracts_only(path):
         package = module.partition(".")[0]
         own = module.startswith(f"plugins.{path.parent.name}.")
         assert package in LIBRARIES | TOOLS or module in contracts or own, f"{module}: pass it what it needs instead"
-
-
-def test_the_tutorial_says_what_a_plugin_may_import():
-    text = (ROOT / "docs" / "tutorial.md").read_text()
-    for package in sorted(LIBRARIES | TOOLS):
-        assert f"`brushexp.{package}`" in text, package
 
 
 @pytest.mark.parametrize("path", [painting, brushexp_training], ids=lambda path: path.__name__)
@@ -165,7 +162,7 @@ load.read_picture = spy
 """
 
 
-def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path):
+def test_few_modules_stand_between_a_word_and_the_picture_that_it_names_and_help_loads_nothing_slow(tmp_path):
     io.imsave(tmp_path / "photo.png", data.chelsea()[::8, ::8])
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "spy.py").write_text(SPY)
@@ -173,9 +170,6 @@ def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path
     (line,) = (line for line in found.stdout.splitlines() if line.startswith("brushexp"))
     assert line.split()[-1] == "brushexp.pictures.load"
     assert len(line.split()) <= 8, line
-
-
-def test_help_loads_plugins_and_nothing_slow():
     command = [sys.executable, "-X", "importtime", "-m", "brushexp", "--help"]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     loaded = {line.rpartition("|")[2].strip() for line in found.stderr.splitlines()}

@@ -131,7 +131,7 @@ def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
 
 
-def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
+def test_coarse_steps_look_at_the_smaller_picture_leave_strokes_in_place_and_know_their_error():
     painter, seen = painter_of(Fixed(), steps=20, coarse=0.5), []
     loop = take(painter, 0)
     painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
@@ -141,9 +141,6 @@ def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
         assert math.isfinite(painter.picture.error)
     assert [each.image.shape[1:] for each in seen] == [(20, 28)] * 10 + [SIZE] * 10
     assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
-
-
-def test_coarse_steps_leave_the_strokes_in_place_and_their_error_is_that_of_what_they_saw_enlarged():
     target = torch.nn.functional.interpolate(torch.rand(1, 3, 5, 7), SIZE, mode="bicubic")[0].clamp(0, 1)
     coarse, full = (painted(Fixed(), steps=100, coarse=share, target=target) for share in (0.5, 0.0))
     assert psnr_of(coarse.picture.error) == pytest.approx(psnr_of(full.picture.error), abs=1.5)

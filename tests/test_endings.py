@@ -67,7 +67,7 @@ def resumed(config, tmp_path, monkeypatch):
     return go_on
 
 
-def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
+def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_began_with_alone(resumed, tmp_path):
     photo = tmp_path / "photo (1).png"
     Image.new("RGB", (40, 30), "navy").save(photo)
     restored = resumed(begun=[f"image='{photo}'", "steps=900"])
@@ -75,19 +75,6 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
     refuses("drop steps=9", resumed, "steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
     refuses("is not the file that the run began with", resumed)
-
-
-@pytest.mark.parametrize(("holds", "message"), [
-    ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
-    ("metrics.json", "this run has ended, and nothing is left to go on with"),
-    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
-])  # fmt: skip
-def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
-    (tmp_path / holds).touch()
-    refuses(re.escape(f"resume={tmp_path}: {message}"), INTERRUPTED_RUN.check, "resume", str(tmp_path))
-
-
-def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_path):
     place = tmp_path / "set"
 
     def simulate(n: int, seed: int = 0) -> None:
@@ -101,6 +88,16 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_
         simulate(n, seed)
         now = f"set has {n} strokes of seed {seed} now, and the run began with 40 strokes of seed 0; put"
         refuses(now, resumed, task="train")
+
+
+@pytest.mark.parametrize(("holds", "message"), [
+    ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
+    ("metrics.json", "this run has ended, and nothing is left to go on with"),
+    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
+])  # fmt: skip
+def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
+    (tmp_path / holds).touch()
+    refuses(re.escape(f"resume={tmp_path}: {message}"), INTERRUPTED_RUN.check, "resume", str(tmp_path))
 
 
 @pytest.mark.parametrize(

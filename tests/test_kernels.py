@@ -210,7 +210,27 @@ def apply(values):
         values[k] = part(values[k])
 
 
-def test_parts_make_kernels_of_their_own_which_other_processes_find_again():
+@function
+def mix(begin, end, values, sums):
+    for i in range(begin, end):
+        own, total = np.empty(64, np.float32), np.float32(0)
+        for k in range(64):
+            own[k] = values[i, k] * np.float32(0.37)
+        for k in range(64):
+            x = values[i, k]
+            total += ((x * np.float32(1.1) + np.float32(0.3)) * x + own[k]) * x / (np.float32(1) + abs(x))
+        sums[i] = total
+
+
+def test_parts_make_kernels_of_their_own_which_other_processes_find_again_and_load(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    values = np.random.default_rng(0).standard_normal((99, 64)).astype(np.float32)
+    first, second = np.empty(99, np.float32), np.empty(99, np.float32)
+    for sums in (first, second):  # a second object knows nothing of the first, as another process
+        again = Compiled(mix.function, {})
+        share(again, 99, values, sums)
+        assert len(again.dispatcher.stats.cache_hits if sums is second else again.dispatcher.stats.cache_misses) == 1
+    assert first.tobytes() == second.tobytes()
     values, names = np.ones(3), set()
     for choice in (twice, thrice, twice):
         chosen = apply.having(part=choice)
@@ -224,29 +244,6 @@ def test_parts_make_kernels_of_their_own_which_other_processes_find_again():
         exec(text, scope)
     names = {function(scope["listed"]).dispatcher.py_func.__qualname__ for scope in scopes}
     assert len(names) == 1, "its code lies elsewhere in memory each time"
-
-
-@function
-def mix(begin, end, values, sums):
-    for i in range(begin, end):
-        own, total = np.empty(64, np.float32), np.float32(0)
-        for k in range(64):
-            own[k] = values[i, k] * np.float32(0.37)
-        for k in range(64):
-            x = values[i, k]
-            total += ((x * np.float32(1.1) + np.float32(0.3)) * x + own[k]) * x / (np.float32(1) + abs(x))
-        sums[i] = total
-
-
-def test_the_process_that_compiles_runs_what_others_load(tmp_path, monkeypatch):
-    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
-    values = np.random.default_rng(0).standard_normal((99, 64)).astype(np.float32)
-    first, second = np.empty(99, np.float32), np.empty(99, np.float32)
-    for sums in (first, second):  # a second object knows nothing of the first, as another process
-        again = Compiled(mix.function, {})
-        share(again, 99, values, sums)
-        assert len(again.dispatcher.stats.cache_hits if sums is second else again.dispatcher.stats.cache_misses) == 1
-    assert first.tobytes() == second.tobytes()
 
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
@@ -433,7 +430,7 @@ def test_distilled_strokes_look_like_those_of_the_engine():
     assert height.amax((1, 2)).min() > 0.9
 
 
-def test_a_texture_is_read_where_the_stroke_is_and_a_loop_follows_itself_and_the_end_follows_it():
+def test_a_texture_is_read_where_the_stroke_is_its_loop_follows_itself_and_one_too_short_is_refused():
     parameters = torch.zeros(1, 10)
     parameters[0, 0], parameters[0, 4], parameters[0, 6] = -STRETCH, STRETCH, 1.0
     opacity = unroll_stroke(window_pictures(Analytic(soft=0.1), parameters, 256)[0, 3:], 0.2, 24, 66)[0]
@@ -447,9 +444,6 @@ def test_a_texture_is_read_where_the_stroke_is_and_a_loop_follows_itself_and_the
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])
     torch.testing.assert_close(result[..., 56:], texels[..., 56:])
-
-
-def test_textures_too_short_for_their_ends_are_refused():
     with pytest.raises(UserError, match=r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"):
         Textured(rows=128, columns=64, checkpoint=None)
     pictures = window_pictures(

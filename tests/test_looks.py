@@ -51,7 +51,7 @@ def mine(tmp_path):
     offer([SHIPPED])
 
 
-def test_a_look_of_ones_own_is_one_file_and_sweeps_over_looks_or_their_losses_compose(mine, tmp_path):
+def test_a_look_of_ones_own_is_one_file_what_is_typed_wins_and_the_rest_stays(mine, tmp_path):
     cfg = mine()
     check(cfg)
     values = cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight
@@ -62,6 +62,14 @@ def test_a_look_of_ones_own_is_one_file_and_sweeps_over_looks_or_their_losses_co
     assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
     assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
     assert plugin_of(jobs[0].renderer).name == "textured"
+    before = mine()
+    for typed, same, changed in TYPED:
+        after = mine(typed)
+        check(after, typed.split())
+        for key in same.split():
+            assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
+        for key, value in changed.items():
+            assert OmegaConf.select(after, key) == value
 
 
 TYPED = [  # what is typed beside a look, what stays as it was, and what does not
@@ -73,17 +81,6 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
     ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
     ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
 ]  # fmt: skip
-
-
-def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine):
-    before = mine()
-    for typed, same, changed in TYPED:
-        after = mine(typed)
-        check(after, typed.split())
-        for key in same.split():
-            assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
-        for key, value in changed.items():
-            assert OmegaConf.select(after, key) == value
 
 
 @pytest.mark.parametrize(("text", "message"), [

@@ -127,7 +127,7 @@ def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
         assert all(value.grad is None or value.grad.isfinite().all() for _, value in made.items())
 
 
-def test_known_shapes_have_known_measures():
+def test_known_shapes_have_known_measures_from_either_end_and_in_any_window():
     curve = torch.tensor([
         [[0, 0], [3, 4], [6, 8]], [[0, 0], [5, 1e4], [10, 0]], [[0, 0], [10, 0], [0, 0]], [[4, 4], [4, 4], [4, 4]],
     ], dtype=torch.float64)  # fmt: skip
@@ -142,9 +142,6 @@ def test_known_shapes_have_known_measures():
     near = torch.tensor([[0, 1, 2], [1, 2, 1]])
     assert_close(ruler.mean_direction(measured, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
     assert ruler.mean_direction(measured, near[:, :0]).tolist() == [[0, 0], [0, 0]]
-
-
-def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window():
     made = random_strokes(50, SIZE, dtype=torch.float64)
     wider = {name: getattr(made, name) / 2 for name in ("start", "control", "end", "width")}
     for other in (replace(made, start=made.end, end=made.start), replace(made, scale=2 * made.scale, **wider)):
@@ -183,13 +180,26 @@ def test_no_point_of_the_curve_is_nearer(bend):
     assert excess[-1] < 0.5, "near the tip of a fold a point may be given to the other leg, which is nearly as near"
 
 
-def test_the_nearest_parameter_has_the_gradient_of_finite_differences():
+def test_the_distance_is_found_wherever_it_is_within_reach_with_the_gradient_of_finite_differences():
     dot = torch.zeros(1, 3, 2, requires_grad=True)
     closest_parameter(dot, torch.ones(1, 2)).sum().backward()
     assert dot.grad.isfinite().all()
     curve, point = random_curves(4, 3.0), torch.rand(4, 2, dtype=torch.float64) * 30
     inputs = (curve.requires_grad_(), point.requires_grad_())
     assert torch.autograd.gradcheck(closest_parameter, inputs, eps=1e-7, atol=1e-4)
+    curve, reach, corners = random_tiles(1000)
+    found, recalled = np.empty((2, len(curve), AREA), F)
+    share(search, len(curve), curve.reshape(-1, 6), reach, corners, found, recalled)
+    y, x = np.divmod(np.arange(AREA), TILE)
+    pixels = torch.from_numpy(corners[:, None] + np.stack([x, y], axis=1) + 0.5).double()
+    curves = torch.from_numpy(curve).double()[:, None]
+    exact = (point_at(curves, closest_parameter(curves, pixels)) - pixels).norm(dim=-1)
+    within = exact <= torch.from_numpy(reach)[:, None]
+    assert within.float().mean() > 0.3
+    for t in (found, recalled):
+        distance = (point_at(curves, torch.from_numpy(t).double()) - pixels).norm(dim=-1)
+        assert (distance - exact)[within].max() < 1e-3
+        assert (distance - exact).min() > -1e-3, "nothing comes nearer than it is"
 
 
 @function
@@ -218,22 +228,6 @@ def random_tiles(n):
     place = point_at(torch.from_numpy(curve), torch.from_numpy(t)).numpy()
     place += reach[:, None] * generator.uniform(0, 1, (n, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return curve.astype(F), reach.astype(F), (place // TILE * TILE).astype(F)
-
-
-def test_the_distance_is_found_wherever_it_is_within_reach():
-    curve, reach, corners = random_tiles(1000)
-    found, recalled = np.empty((2, len(curve), AREA), F)
-    share(search, len(curve), curve.reshape(-1, 6), reach, corners, found, recalled)
-    y, x = np.divmod(np.arange(AREA), TILE)
-    pixels = torch.from_numpy(corners[:, None] + np.stack([x, y], axis=1) + 0.5).double()
-    curves = torch.from_numpy(curve).double()[:, None]
-    exact = (point_at(curves, closest_parameter(curves, pixels)) - pixels).norm(dim=-1)
-    within = exact <= torch.from_numpy(reach)[:, None]
-    assert within.float().mean() > 0.3
-    for t in (found, recalled):
-        distance = (point_at(curves, torch.from_numpy(t).double()) - pixels).norm(dim=-1)
-        assert (distance - exact)[within].max() < 1e-3
-        assert (distance - exact).min() > -1e-3, "nothing comes nearer than it is"
 
 
 A, B = np.random.default_rng(0).integers(0, 256, (2, 40, 33, 3), dtype=np.uint8)

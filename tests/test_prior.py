@@ -150,7 +150,7 @@ def test_strokes_that_fit_into_some_window_stay_where_they_are_and_valid_ones_ke
     assert_close(new.opacity, odd.opacity)
 
 
-def test_any_stroke_becomes_valid_near_where_it_was():
+def test_any_stroke_becomes_valid_near_where_it_was_and_a_point_the_shortest_valid_stroke():
     for bend in (0.0, 0.3, 3.0):
         strokes = random_strokes(300, (80, 120), bend=bend, width=(0.0, 1.0))
         new = rewindow(strokes)
@@ -159,6 +159,17 @@ def test_any_stroke_becomes_valid_near_where_it_was():
         assert (change < 2e-3).float().mean() > 0.98, "but for hairpins there should be nothing change to clamp"
         middle, before = curve_of(new).mean(1), curve_of(strokes).mean(1)
         assert (middle - before).norm(dim=1).max() < 0.5 * strokes.scale.max()
+    strokes = strokes_of(torch.zeros(3, 10))
+    strokes = replace(strokes, end=torch.tensor([[0.0, 0.0], [0.01, 0.0], [0.0, 0.5]]))
+    clamped = clamp_to_prior(strokes)
+    length = (clamped.end - clamped.start).norm(dim=1)
+    assert_close(length, torch.tensor([SHORTEST_CHORD, SHORTEST_CHORD, 0.5]))
+    assert_close(clamped.start[:2] + clamped.end[:2], strokes.start[:2] + strokes.end[:2])
+    assert_close(clamp_to_prior(clamped).end, clamped.end)
+    new = rewindow(straight((8, 8), (8, 8), width=0.0))
+    check_strokes(new)
+    assert in_pixels(clamp_to_prior(new))[0, 6] < 0.1
+    assert len(rewindow(Strokes.none())) == 0
 
 
 SHAPES = {"a disc": ((20, 20), (20, 20), 9.0), "short": ((20, 20), (25, 22), 12.0), "thin": ((5, 20), (105, 20), 1.5)}
@@ -177,20 +188,6 @@ def test_a_stroke_that_fits_into_no_window_keeps_its_area(kind):
     assert area(new) == pytest.approx(area(stroke), rel=0.03)
     assert_close(curve_of(new)[0].mean(0), curve_of(stroke)[0].mean(0))
     assert not torch.allclose(in_pixels(new), in_pixels(stroke), atol=0.1)
-
-
-def test_a_point_becomes_the_shortest_valid_stroke():
-    strokes = strokes_of(torch.zeros(3, 10))
-    strokes = replace(strokes, end=torch.tensor([[0.0, 0.0], [0.01, 0.0], [0.0, 0.5]]))
-    clamped = clamp_to_prior(strokes)
-    length = (clamped.end - clamped.start).norm(dim=1)
-    assert_close(length, torch.tensor([SHORTEST_CHORD, SHORTEST_CHORD, 0.5]))
-    assert_close(clamped.start[:2] + clamped.end[:2], strokes.start[:2] + strokes.end[:2])
-    assert_close(clamp_to_prior(clamped).end, clamped.end)
-    new = rewindow(straight((8, 8), (8, 8), width=0.0))
-    check_strokes(new)
-    assert in_pixels(clamp_to_prior(new))[0, 6] < 0.1
-    assert len(rewindow(Strokes.none())) == 0
 
 
 OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as the preset has it

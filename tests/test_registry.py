@@ -51,8 +51,7 @@ def test_a_taken_name_and_an_unknown_family_are_refused():
     class Mse:
         def __init__(self, *, weight: float = 1.0) -> None: ...
 
-    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.mse"):
-        register("loss", "mse")(Mse)
+    refuses(r"loss=mse is taken by brushexp\.plugins\.loss\.mse", register("loss", "mse"), Mse)
     refuses("unknown plugin family 'losses'; choose one of painter, palette, init, ", register, "losses", "x")
 
 
@@ -209,7 +208,9 @@ def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, message):
         loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")
 
 
-def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(loaded, tmp_path):
+def test_a_plugin_that_fails_is_told_in_a_painting_and_where_one_goes_on_with_the_traceback_in_the_log(
+    loaded, tmp_path, run_task
+):
     loaded(broken_loss("trips"), "trips")
     works = {"trips": build_named("loss", "mse", {})}  # as it did when the run began
     fit(painter_of(n=4, steps=4, losses=works), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
@@ -217,9 +218,6 @@ def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(l
     trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({"task": "paint"}), tmp_path)])
     with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), naming_plugins(plugins()):
         runs_trainer.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
-
-
-def test_a_painting_tells_of_the_plugin_and_its_log_has_the_traceback(loaded, run_task, tmp_path):
     loaded(broken_loss("falls"), "falls")
     handler = logging.FileHandler(tmp_path / "run.log")
     logging.getLogger().addHandler(handler)

@@ -226,7 +226,7 @@ def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
     refuses(r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]", Catalogue, strokes, UNITS)
 
 
-def test_strokes_of_a_loop_of_ones_own_are_brought_back_where_they_are():
+def test_strokes_of_a_loop_are_brought_back_or_replaced_in_place_whatever_their_units():
     strokes = random_strokes(3, (20, 30)).map(lambda value: value.requires_grad_())
     with torch.no_grad():
         strokes.color[0] = torch.tensor([-0.5, 0.25, 1.5])
@@ -238,6 +238,12 @@ def test_strokes_of_a_loop_of_ones_own_are_brought_back_where_they_are():
     assert leaf.is_leaf
     assert leaf[0].tolist() == [0.0, 0.25, 1.0]
     assert (strokes.opacity[1].item(), strokes.width[2].item()) == (0.0, 0.0)
+    units = UNITS | {"width": 0.0, "color": 0.3}
+    catalogue, new = Catalogue(random_strokes(6, (30, 40)), units), random_strokes(6, (30, 40), seed=9)
+    held = {name: parameter for name, parameter in catalogue.named_parameters()}
+    catalogue.replace(new)
+    assert_equal(catalogue(), new)
+    assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())
 
 
 def test_strokes_that_stay_keep_their_optimiser_state():
@@ -265,12 +271,3 @@ def test_strokes_that_stay_keep_their_optimiser_state():
     catalogue().start.sum().backward()
     optimizer.step()  # the optimiser moves the new parameters
     assert not torch.equal(catalogue().start[4:], new.start)
-
-
-def test_strokes_are_replaced_in_place_whatever_their_units():
-    units = UNITS | {"width": 0.0, "color": 0.3}
-    catalogue, new = Catalogue(random_strokes(6, (30, 40)), units), random_strokes(6, (30, 40), seed=9)
-    held = {name: parameter for name, parameter in catalogue.named_parameters()}
-    catalogue.replace(new)
-    assert_equal(catalogue(), new)
-    assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())

@@ -45,7 +45,7 @@ def test_both_films_show_the_pictures_and_are_as_long_as_their_ticks(tmp_path, r
     assert min(durations) >= 20  # below that players take their time
 
 
-def test_pictures_that_stay_for_different_times_are_as_long_together_for_every_reader(tmp_path):
+def test_pictures_that_stay_are_as_long_together_for_every_reader_take_no_room_and_do_not_flicker(tmp_path):
     av, stays = pytest.importorskip("av"), [400, 40, 40, 720, 40, 500]
     with filming(tmp_path / "film", "mp4", (40, 60), Fraction(1000), usual=Fraction(25)) as film:
         for seed, ticks in enumerate(stays):
@@ -54,9 +54,6 @@ def test_pictures_that_stay_for_different_times_are_as_long_together_for_every_r
         assert container.duration == sum(stays) * 1000
         lengths = [packet.duration * packet.time_base for packet in container.demux(video=0) if packet.pts is not None]
     assert [round(1000 * length) for length in lengths] == stays
-
-
-def test_what_stays_the_same_takes_no_room_and_does_not_flicker(tmp_path):
     still = smooth(0, 60, 60)
     moving = [still.copy() for _ in range(10)]
     for k, picture in enumerate(moving):

@@ -102,7 +102,7 @@ def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     assert all(len(values) == 0 for values in columns(measured(Strokes.none())).values())
 
 
-def test_parallel_strokes_cohere_and_crossed_ones_do_not():
+def test_parallel_strokes_cohere_crossed_ones_do_not_and_neighbours_agree_with_the_obvious_loop():
     one = measured(combed(80))
     for name, value in {"coherence": 1, "deviation": 0, "aligned": 10, "homogeneity": 1}.items():
         assert one[name] == pytest.approx(value, abs=1e-3), name
@@ -114,9 +114,6 @@ def test_parallel_strokes_cohere_and_crossed_ones_do_not():
     assert crossed.coherence == pytest.approx(0, abs=1e-6)
     assert crossed.deviation == pytest.approx(math.sqrt(0.5))
     assert crossed.aligned.tolist() == [0, 0]
-
-
-def test_neighbours_agree_with_the_obvious_loop():
     made = random_strokes(70, SIZE)
     one = measured(made, radius=15)
     gaps = cdist(np.stack([one.x, one.y], 1), np.stack([one.x, one.y], 1))

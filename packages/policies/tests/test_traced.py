@@ -63,19 +63,7 @@ def with_arc(size=(64, 96), radius=26.0, width=6.0):
     return target
 
 
-def test_a_stroke_gains_what_it_promised():
-    noise = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
-    target = torch.nn.functional.interpolate(noise, (64, 96), mode="bicubic")[0].clamp(0, 1)
-    strokes, gain = traced_strokes(missing(target, budget=150), 12, 0.0)
-    before = squared_error(Strokes.none(), target)
-    truth = torch.tensor([before - squared_error(strokes[k : k + 1], target) for k in range(len(strokes))])
-    assert len(strokes) == 12
-    assert gain.tolist() == sorted(gain.tolist(), reverse=True)
-    assert float((truth / gain).median()) == pytest.approx(1, abs=0.2)
-    assert ((truth / gain - 1).abs() < 0.6).all(), "also of lines that one curve does not quite follow"
-
-
-def test_a_line_follows_an_arc_and_has_its_colour_and_width():
+def test_a_line_follows_an_arc_has_its_colour_and_width_and_gains_what_it_promised():
     target = with_arc()
     strokes, gain = traced_strokes(missing(target), 1, 0.0)
     check_strokes(strokes)
@@ -87,15 +75,15 @@ def test_a_line_follows_an_arc_and_has_its_colour_and_width():
     assert float(length_of(curve)) > 3 * float(2 * half_width_of(strokes)) > 9
     assert strokes.color[0].tolist() == pytest.approx([0.9, 0.1, 0.2], abs=0.06)
     assert float(gain) > 0.1 * squared_error(Strokes.none(), target)
-
-
-def test_the_focus_counts_and_what_gains_too_little_is_left():
-    focus = torch.full(SIZE, 0.1)
-    focus[:, 30:] = 3.7
-    strokes, gain = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, 0.0)
-    assert (strokes.position[:, 0] >= 28).all()
-    few, _ = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, float(gain.max()) * 9)
-    assert len(few) == 0
+    noise = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
+    target = torch.nn.functional.interpolate(noise, (64, 96), mode="bicubic")[0].clamp(0, 1)
+    strokes, gain = traced_strokes(missing(target, budget=150), 12, 0.0)
+    before = squared_error(Strokes.none(), target)
+    truth = torch.tensor([before - squared_error(strokes[k : k + 1], target) for k in range(len(strokes))])
+    assert len(strokes) == 12
+    assert gain.tolist() == sorted(gain.tolist(), reverse=True)
+    assert float((truth / gain).median()) == pytest.approx(1, abs=0.2)
+    assert ((truth / gain - 1).abs() < 0.6).all(), "also of lines that one curve does not quite follow"
 
 
 @pytest.mark.parametrize("n", [0, 3])
@@ -108,7 +96,7 @@ def test_lines_of_any_picture_can_be_drawn(size, n):
     assert (strokes.position > -24).all()
 
 
-def test_strokes_go_only_for_those_that_outweigh_them():
+def test_strokes_go_only_for_those_that_outweigh_them_and_what_gains_too_little_is_left():
     target = picture()
     dear, cheap = torch.full((40,), 1e6), torch.full((40,), 1e-3)
     assert Traced().revise(state_of(40, target=target, scores=dear, budget=40)) is None
@@ -120,6 +108,12 @@ def test_strokes_go_only_for_those_that_outweigh_them():
     assert 0 < len(gone) == len(update.new)
     assert gone == [0, 1, 2][: len(gone)]
     assert Traced().revise(state_of(error=0.001)) is None, "a good painting needs no more strokes"
+    focus = torch.full(SIZE, 0.1)
+    focus[:, 30:] = 3.7
+    strokes, gain = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, 0.0)
+    assert (strokes.position[:, 0] >= 28).all()
+    few, _ = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, float(gain.max()) * 9)
+    assert len(few) == 0
 
 
 def test_lines_cover_as_strokes_do_and_traced_ones_paint_better_than_adaptive_ones():
@@ -265,8 +259,7 @@ def test_millimetres_are_those_of_the_painting_and_what_is_no_size_or_has_no_str
     refuses(r"smallest=2mm is above largest=\.5mm", Sizes, smallest="2mm", largest=".5mm")
     words = ["chelsea", "callbacks=sizes", "callbacks.sizes.smallest=3cm"]
     refuses(r"smallest=3cm is no size; .*=2mm", check, config(*words), words)
-    with pytest.raises(UserError, match="painter=gradient"):
-        Sizes().open(Path()).setup(None, torch.nn.Linear(1, 1), "fit")
+    refuses("painter=gradient", Sizes().open(Path()).setup, None, torch.nn.Linear(1, 1), "fit")
 
 
 def test_other_limits_bind_too_and_strokes_within_bounds_stay_to_the_bit(tmp_path):

@@ -27,7 +27,6 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.features import base as features
 from brushexp.painting.components import build_components, build_losses, first_strokes
 from brushexp.pictures.color import recolor
 from brushexp.pictures.load import load_picture
@@ -109,7 +108,7 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
     """But for what the network sees beyond its context, part after part on a canvas that changes below them."""
-    monkeypatch.setattr(features, "TILE_PIXELS", 64)
+    monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
     picture = image.clone()
@@ -148,7 +147,7 @@ def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():
 
 
 def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
-    monkeypatch.setattr(features, "TILE_PIXELS", 64)
+    monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 64)
     image, target = pictures(300, 310)
     loss, seen = Style(), []
     loss.network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].shape[-2:]))
@@ -229,7 +228,7 @@ def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, 
 
 
 def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
-    monkeypatch.setattr(features, "TILE_PIXELS", 32)
+    monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 32)
     image, target = pictures()
     loss = Style(kernel="linear")
     before = loss(PaintedView(image, target, NONE))
@@ -294,16 +293,13 @@ def test_what_is_matched_is_what_is_analysed_and_zero_for_the_reference_itself()
     assert loss_like(combed(40))(painting(visible(40))).isfinite(), "equal strokes are no division by zero"
 
 
-def test_brushwork_does_not_depend_on_the_end_a_stroke_begins_at_nor_on_the_size_of_the_picture():
+def test_brushwork_depends_neither_on_ends_nor_on_size_nor_on_strokes_that_cannot_be_seen():
     made = visible(50)
     first, turned = brushwork_of(made, SIZE), replace(made, start=made.end, end=made.start)
     for other in (brushwork_of(turned, SIZE), brushwork_of(made.moved(3.0), (180, 270))):
         for name in ("length", "width", "bend", "measures"):
             assert_close(getattr(other, name), getattr(first, name), rtol=1e-3, atol=1e-3)
         assert_close((2 * other.deviation).cos(), (2 * first.deviation).cos(), rtol=1e-3, atol=1e-3)
-
-
-def test_strokes_that_cannot_be_seen_do_not_count():
     made = visible(60)
     faint = replace(made, opacity=torch.where(torch.arange(60) < 20, 0.01, made.opacity))
     thin = replace(made, width=torch.where(torch.arange(60) < 20, 0.0, made.width))
@@ -370,7 +366,7 @@ def test_directions_follow_the_picture_and_deviate_as_in_the_reference():
     assert_close((2 * turned).cos().sort().values, (2 * reference.deviation).cos().sort().values, atol=1e-3, rtol=0)
 
 
-def test_large_strokes_go_where_strokes_were_large():
+def test_large_strokes_go_where_strokes_were_large_and_all_bend_with_the_flow():
     before = combed(300, dtype=torch.float32)
     large = torch.arange(300) < 100
     before = replace(before, width=torch.where(large, 0.4, 0.1))
@@ -378,9 +374,6 @@ def test_large_strokes_go_where_strokes_were_large():
     area = after.width * length_of(curve_of(after))
     assert area[large].min() > 0.5 * area[~large].max()
     assert area[large].mean() > 2 * area[~large].mean()
-
-
-def test_strokes_bend_with_the_flow():
     generator = torch.Generator().manual_seed(1)
     angle = 2 * math.pi * torch.rand(400, generator=generator)
     radius = 15 + 30 * torch.rand(400, generator=generator)
@@ -416,14 +409,7 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     refuses(r"text.h5: not an HDF5 file; .*style.brushwork=", load_brushwork, tmp_path / "text.h5")
 
 
-def test_no_stroke_is_kept_for_later_where_steps_per_stroke_leave_no_time_to_add_it(config):
-    target = torch.rand(3, 32, 32)
-    for steps, first in ((2, 60), (500, 42)):
-        cfg = config("density=adaptive", "strokes=60", f"steps_per_stroke={steps}")
-        assert len(first_strokes(cfg, target, build(cfg.density), None)[0]) == first
-
-
-def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):
+def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss_and_none_is_kept_that_has_no_time(config, tmp_path):
     path = saved_painting(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
     cfg = config("strokes=60", f"style.brushwork={path}")
     target = torch.rand(3, 40, 56)
@@ -434,3 +420,7 @@ def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_p
     before, after = (float(losses["brushwork"](painting(made, (40, 56)))) for made in (plain, drawn))
     assert after < 0.3 * before
     assert torch.equal(plain.position, drawn.position)
+    target = torch.rand(3, 32, 32)
+    for steps, first in ((2, 60), (500, 42)):
+        cfg = config("density=adaptive", "strokes=60", f"steps_per_stroke={steps}")
+        assert len(first_strokes(cfg, target, build(cfg.density), None)[0]) == first

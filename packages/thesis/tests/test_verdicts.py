@@ -294,7 +294,7 @@ def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
 GAINS = [0.3, -0.1, 0.4, 0.25, 0.6, 0.15, -0.02, 0.33]
 
 
-def test_p_is_that_of_two_sided_tests_certain_without_spread_and_multiplied_by_those_that_are_left():
+def test_p_and_intervals_are_those_of_scipy_certain_without_spread_and_multiplied_by_those_that_are_left():
     assert p_of_mean(GAINS, (0, math.inf)) == pytest.approx(ttest_1samp(GAINS, 0).pvalue)
     assert p_of_ranks(GAINS, (0, math.inf)) == pytest.approx(wilcoxon(GAINS).pvalue)
     assert p_of_mean(GAINS, (-math.inf, 0)) == p_of_ranks(GAINS, (-math.inf, 0)) == 1
@@ -305,6 +305,12 @@ def test_p_is_that_of_two_sided_tests_certain_without_spread_and_multiplied_by_t
     assert holm([0.04, 0.001, 0.03]) == pytest.approx([0.06, 0.003, 0.06])
     assert holm([0.5, 0.9]) == [1, 1]
     assert holm([]) == []
+    gains = np.random.default_rng(1).normal(size=201).tolist()
+    middle, low, high = median_of(gains, 0.95)
+    expected = bootstrap((gains,), np.median, method="percentile", n_resamples=9999).confidence_interval
+    assert middle == np.median(gains)
+    assert (low, high) == pytest.approx((expected.low, expected.high), abs=0.05)
+    assert median_of(gains, 0.95) == (middle, low, high)
 
 
 @pytest.mark.parametrize("margin", [0.1, 0.4])
@@ -312,15 +318,6 @@ def test_p_of_equivalence_is_below_a_level_where_the_interval_is_within_the_marg
     p = p_of_mean(GAINS, (-margin, margin))
     low, high = ttest_1samp(GAINS, 0).confidence_interval(1 - p) if p < 1 else (-math.inf, math.inf)
     assert max(-low, high) == pytest.approx(margin) or (p == 1 and np.mean(GAINS) > margin)
-
-
-def test_the_interval_of_a_median_is_that_of_percentiles():
-    gains = np.random.default_rng(1).normal(size=201).tolist()
-    middle, low, high = median_of(gains, 0.95)
-    expected = bootstrap((gains,), np.median, method="percentile", n_resamples=9999).confidence_interval
-    assert middle == np.median(gains)
-    assert (low, high) == pytest.approx((expected.low, expected.high), abs=0.05)
-    assert median_of(gains, 0.95) == (middle, low, high)
 
 
 def test_settings_have_the_words_and_the_order_of_the_study():

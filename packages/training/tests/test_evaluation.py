@@ -106,7 +106,7 @@ def test_fine_detail_is_what_the_mean_of_five_by_five_pixels_lacks(shape):
         torch.testing.assert_close(fine_detail(planes.float()), (planes - mean).float(), atol=1e-6, rtol=0)
 
 
-def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
+def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_without_light_have_none():
     parameters = parameters_of(sample_prior(40))
     truth = torch.rand(40, 4, 32, 32)
     smooth = truth.clone()
@@ -119,9 +119,6 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
         assert figures == pytest.approx(expected | {"bristles_thin": share, "bristles_thick": share}, abs=1e-6)
     parts = [bristle_sums(half[k::2], truth[k::2], parameters[k::2]) for k in range(2)]
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
-
-
-def test_strokes_without_light_have_no_share_of_it():
     parameters = parameters_of(sample_prior(40))
     truth = build_named("engine", "disc", {})(parameters, seed=0).images
     truth = (255 * truth).round() / 255  # as sets keep it
@@ -317,15 +314,12 @@ def test_pictures_of_the_compiled_parts_are_those_of_eager_code(training):
     torch.testing.assert_close(canvas, over, atol=1e-2, rtol=0)
 
 
-def test_training_moves_every_weight():
+def test_training_moves_every_weight_and_the_number_of_a_stroke_decides_its_brush_wherever_it_stands():
     renderer = lively().requires_grad_(True).train()
     window_pictures(renderer, parameters(9), 64).square().mean().backward()
     for name, weight in renderer.named_parameters():
         assert bool(weight.grad.isfinite().all()), name
         assert bool((weight.grad != 0).any()), name
-
-
-def test_the_number_of_a_stroke_decides_its_brush_wherever_it_stands_and_in_a_window_of_any_size():
     renderer, shapes = lively(), parameters(1).repeat(4, 1)
     pictures = window_pictures(renderer, shapes, 64, torch.tensor([0, 1, 2, 3]))
     assert torch.equal(pictures[0], pictures[3])

@@ -161,7 +161,7 @@ def test_advection_agrees_with_cell_by_cell():
             np.testing.assert_allclose(new.reshape(4, side, side)[:, y, x], expected, atol=2e-5)
 
 
-def test_flat_paint_shows_the_recorded_colour():
+def test_flat_paint_shows_the_recorded_colour_and_bristles_streaks_of_the_brush_of_a_stroke():
     parameters = parameters_of(sample_prior(100, seed=3))
     images = Fluid(relief=0.0)(parameters, seed=0).images
     color = 0.5 * (parameters[:, 7:] + 1)
@@ -169,9 +169,6 @@ def test_flat_paint_shows_the_recorded_colour():
     images = Fluid()(parameters, seed=0).images
     off = ((images[:, :3] - color[:, :, None, None]).abs().mean(1) * images[:, 3]).sum() / images[:, 3].sum()
     assert off < 0.015, "light on the ridges changes it little"
-
-
-def test_bristles_leave_streaks_whose_brush_is_decided_by_the_number_of_the_stroke():
     """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
     across = alpha[:, 118:138].mean(1)

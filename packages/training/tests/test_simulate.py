@@ -306,7 +306,7 @@ def test_a_loader_goes_on_where_it_was(large, last):
     assert all(torch.equal(*pair) for pair in zip(going_on, numbers[last + 1 :], strict=False))
 
 
-def test_limit_takes_the_first_training_strokes_and_held_out_ones_come_in_order(large):
+def test_several_sets_are_read_as_one_and_limit_takes_the_first_training_strokes(large, tmp_path):
     data = StoredData([large], batch_size=10, limit=50)
     assert sorted(numbers_of(data.train_dataloader()).tolist()) == split_of(MANY, Split.TRAINING)[:50].tolist()
     for loader, split in ((data.val_dataloader(), Split.VALIDATION), (data.test_dataloader(), Split.TEST)):
@@ -315,9 +315,6 @@ def test_limit_takes_the_first_training_strokes_and_held_out_ones_come_in_order(
     assert [data.count(Split.TEST, most) for most in (None, 20, 80)] == [64, 20, 64]
     assert [len(batch.number) for batch in data.first(Split.TEST, 15)] == [10, 5]
     assert torch.equal(data.first_batch(Split.TEST, 15).number, torch.arange(15))
-
-
-def test_several_sets_are_read_as_one_and_the_rows_of_a_batch_belong_together(large, tmp_path):
     data = StoredData([large, write(tmp_path / "other", n=400, seed=1)], batch_size=50)
     for split, loader in ((Split.TRAINING, data.train_dataloader()), (Split.TEST, data.test_dataloader())):
         expected = set()
@@ -345,7 +342,9 @@ def test_sets_that_do_not_fit_together_are_refused(large, tmp_path):
         refuses(message, StoredData, paths, limit=limit)
 
 
-def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(config, monkeypatch):
+def test_an_engine_simulates_no_stroke_twice_in_batches_of_any_size_and_its_origin_is_all_of_its_options(
+    config, monkeypatch
+):
     monkeypatch.setattr(datamodule, "EPOCH_STEPS", 4)
 
     def data(batch_size: int) -> SimulatedData:
@@ -361,9 +360,6 @@ def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(con
     assert next(iter(eight.val_dataloader())).images is held_out[0][0].images, "they are simulated once"
     few, many = (torch.cat([batch.images for batch in data(size).train_dataloader()]) for size in (4, 8))
     torch.testing.assert_close(few, many[:16])
-
-
-def test_the_origin_of_an_engine_is_all_of_its_options(config):
     for plugin in plugins("engine"):
         node = config("task=simulate", f"engine={plugin.name}").engine
         origin = origin_of(node, Spot())

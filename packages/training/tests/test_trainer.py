@@ -222,7 +222,7 @@ def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
     assert module.figures == figures
 
 
-def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
+def test_the_critic_pulls_as_hard_as_its_weight_says_by_rasgan_with_the_same_schedule_on_a_faster_scale(config):
     module = module_of(RendererSettings(critic=True, critic_width=2))
     trainer = fit(module, None, max_epochs=2)
     own, critic = trainer.optimizers[0].param_groups[0]["lr"], module.critic_optimizer.param_groups[0]["lr"]
@@ -230,6 +230,16 @@ def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
     cfg = config("task=train")
     assert cfg.critic_lr == pytest.approx(4 * cfg.lr)
     assert renderer_settings(cfg) == RendererSettings()
+    push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
+    added = balance(push, pull, 0.25) - push
+    torch.testing.assert_close(added.norm(), 0.25 * push.norm())
+    torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
+    assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
+    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
+    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
+    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
+    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
+    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
 
 
 # Four steps an epoch: Ctrl-C in the middle of the first one, right after one, and at the end of one; one step an epoch.
@@ -307,19 +317,6 @@ def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
     fit_line(tmp_path, plain)
     fit_line(tmp_path, averaged, callbacks=[MovingAverage(0.9)])
     assert 0 < averaged.weight.item() < plain.weight.item()
-
-
-def test_the_critic_pulls_as_hard_as_its_weight_says_and_its_loss_is_rasgan_as_written():
-    push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
-    added = balance(push, pull, 0.25) - push
-    torch.testing.assert_close(added.norm(), 0.25 * push.norm())
-    torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
-    assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
-    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
-    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
-    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
-    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
-    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16, torch.float16])
@@ -408,7 +405,15 @@ def test_a_network_that_draws_all_strokes_alike_is_not_said_to_paint(trained, mo
     assert "paint with it" not in caplog.text
 
 
-def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):
+def test_training_goes_on_from_a_checkpoint_and_weights_are_on_disk_before_they_are_judged(
+    trained, tmp_path, monkeypatch
+):
+    first = trained("epochs=1", "renderer=dual", "fid=0")
+    again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
+    assert again["renderer_hash"] == first["renderer_hash"]
+    assert (again["steps"], again["seconds"]) == (0, 0)
+    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
+
     def evaluate(*_):
         raise RuntimeError("no memory")
 
@@ -417,14 +422,6 @@ def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypat
         trained("epochs=0", "fid=0", *TINY)
     path = tmp_path / "neural.safetensors"
     build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
-
-
-def test_training_goes_on_from_a_checkpoint_and_zero_epochs_only_measure(trained, tmp_path):
-    first = trained("epochs=1", "renderer=dual", "fid=0")
-    again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
-    assert again["renderer_hash"] == first["renderer_hash"]
-    assert (again["steps"], again["seconds"]) == (0, 0)
-    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
 
 
 def test_a_set_is_simulated_once_and_kept(config, tmp_path):
