@@ -82,8 +82,7 @@ def test_samples_keep_the_constraints():
     check_strokes(strokes)
     for points in (strokes.start, strokes.control, strokes.end):
         assert points.abs().max() <= INSET + 1e-6
-    assert strokes.width.min() >= WIDTH[0] - 1e-7
-    assert strokes.width.max() <= WIDTH[1] + 1e-7
+    assert WIDTH[0] - 1e-7 <= strokes.width.min() <= strokes.width.max() <= WIDTH[1] + 1e-7
     length = 0.5 * (strokes.start - strokes.end).norm(dim=1) / INSET  # in window sides, before they were shrunk
     assert (length >= 2 * strokes.width - 1e-6).all()
     assert length.min() < 2 * WIDTH[0] * 1.5  # the constraint bites

@@ -220,8 +220,7 @@ def test_json_is_strict_keeps_letters_and_survives_odd_file_names(tmp_path):
 def test_rounding_to_bytes_clips_and_rounds_halves_up_and_every_byte_is_written(tmp_path):
     values = torch.tensor([-1.0, 0.0, 0.5 / 255, 0.499 / 255, 127.5 / 255, 1.0, 2.0, math.nan, math.inf, -math.inf])
     pixels = to_bytes(values.expand(3, 1, -1))
-    assert pixels.dtype == np.uint8
-    assert pixels.shape == (1, 10, 3)
+    assert (pixels.dtype, pixels.shape) == (np.uint8, (1, 10, 3))
     assert pixels[0, :, 0].tolist() == [0, 0, 1, 0, 128, 255, 255, 0, 255, 0]
     for dtype in (torch.float16, torch.bfloat16, torch.float64):
         assert (to_bytes(torch.full((3, 2, 5), 0.5, dtype=dtype)) == 128).all()

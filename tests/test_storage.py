@@ -43,8 +43,7 @@ def test_parameters_are_stored_as_numbers_and_the_file_says_what_it_holds(tmp_pa
     assert not read.strokes.color.requires_grad
     with h5py.File(stored) as file:
         assert set(file) == {*FIELDS, "brush", "depth"}
-        assert file.attrs["format"] == b"brushexp catalogue"
-        assert file.attrs["format_version"] == 4
+        assert (file.attrs["format"], file.attrs["format_version"]) == (b"brushexp catalogue", 4)
         for name, field in FIELDS.items():
             assert file[name].dtype == np.float32
             assert file[name].attrs["unit"].decode() == field.unit

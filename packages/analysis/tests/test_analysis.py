@@ -88,8 +88,7 @@ def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
 
 def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     one = measured(Strokes.join(straight((20, 20), (20, 20), width=4), straight((22, 20), (30, 20))))
-    assert one.length[0] == 0
-    assert one.curvature[0] == 0
+    assert (one.length[0], one.curvature[0]) == (0, 0)
     assert one.area[0] == pytest.approx(math.pi * 4)
     assert np.isnan([one.straightness[0], one.orientation[0]]).all()
     assert one.coherence[0] == pytest.approx(1)  # of the one direction there is
@@ -306,8 +305,7 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, m
         save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
     paths = [str(tmp_path / name / "catalogue.h5") for name in "ab"]
     result = run_task(analyse, "task=analyse", f"catalogue={paths[0]}", f"against={paths[1]}", "radius=20")
-    assert result["status"] == "completed"
-    assert result["n_strokes"] == 40
+    assert (result["status"], result["n_strokes"]) == ("completed", 40)
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
         "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png", "metrics.json",
     }  # fmt: skip

@@ -487,8 +487,7 @@ def test_an_interrupted_run_recommends_nothing_that_there_is_not(run, tmp_path, 
 
 def test_a_run_leaves_a_table_and_renderers_that_paint_and_train(run, run_task, tmp_path):
     metrics = run("ratios=[0,0.5]")
-    assert metrics["status"] == "completed"
-    assert metrics["n"] == 8
+    assert (metrics["status"], metrics["n"]) == ("completed", 8)
     rows = json.loads((tmp_path / "metrics.json").read_text())["pruned"]
     assert [float(row["ratio"]) for row in read_csv(tmp_path / "pruning.csv")] == [0, 0.5]
     assert len((tmp_path / "pruning.md").read_text().splitlines()) == 4

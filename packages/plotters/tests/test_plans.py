@@ -53,8 +53,7 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
     lines, down, place = [], False, 0j
     tool = 0 if "M6" in text else 1  # which a plan of one pen begins with
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
-    assert blocks[:2] == ["G21", "G90"]
-    assert blocks[-1] == "M2"
+    assert (blocks[:2], blocks[-1]) == (["G21", "G90"], "M2")
     for block in blocks:
         if block.startswith("M6 T"):
             assert not down, "tools are changed with the pen up"

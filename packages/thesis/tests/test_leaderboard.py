@@ -236,8 +236,7 @@ def test_a_run_that_follows_the_thesis_differs_only_where_no_setting_can():
 
 def test_the_experiment_has_few_and_every_row_names_what_a_run_can_have(config):
     rows = listed(config("experiment=thesis"))
-    assert rows["steps_per_stroke"] == "50.0"
-    assert rows["loss.perceptual.backbone"] == "effl0"
+    assert (rows["steps_per_stroke"], rows["loss.perceptual.backbone"]) == ("50.0", "effl0")
     frozen = {"optimizer.units.position", "optimizer.units.opacity", "order.until", "order.every", "init.jitter"}
     assert not {*frozen, "renderer.project"} & rows.keys()
     assert "steps_per_stroke" not in listed(config("experiment=thesis_full"))

@@ -121,8 +121,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert (run.project, run.run_group, run.display_name, list(run.tags)) == ("brushexp", "my sweep", "0", ["a", "b"])
     assert run.notes == f"look=plain image={tracked.folder}/picture.png steps=20 frames=12 threads=1 report=False"
     config = {item.key: json.loads(item.value_json) for item in run.config.update}
-    assert config["renderer"]["soft"] == 1.5
-    assert config["steps"] == 20
+    assert (config["renderer"]["soft"], config["steps"]) == (1.5, 20)
     rows = [
         {".".join(item.nested_key): json.loads(item.value_json) for item in record.history.item}
         for record in result

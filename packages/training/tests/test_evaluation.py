@@ -155,8 +155,7 @@ def test_inception_comes_from_a_file(tmp_path):
     measure = inception_distance(scripted(tmp_path / "i.pt", 2048), CPU)
     images = torch.rand(4, 4, 8, 9)
     measure.add(images, images)
-    assert measure.fid.real_features_sum.shape == (2048,)
-    assert measure.name == "inception"
+    assert (measure.fid.real_features_sum.shape, measure.name) == ((2048,), "inception")
     (tmp_path / "text.pt").write_text("hello")
     scripted(tmp_path / "small.pt", 7)
     for name, message in (
