@@ -350,7 +350,7 @@ class Foo(Exporter):
 """
 
 
-def test_an_exporter_in_one_file_leaves_nothing_after_overwriting(tmp_path):
+def test_an_exporter_leaves_nothing_after_overwriting_and_one_that_is_stopped_says_what_it_has(tmp_path):
     save_catalogue(tmp_path / "c.h5", PLAIN)
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "foo.py").write_text(EXPORTER)
@@ -361,6 +361,14 @@ def test_an_exporter_in_one_file_leaves_nothing_after_overwriting(tmp_path):
         written = {name for name in files_in(tmp_path / "b") if not name.startswith(".hydra")}
         assert written == names | {"metrics.json", "run.log"}
     assert not (tmp_path / "b" / "parts").exists()
+    save_catalogue(tmp_path / "some.h5", catalogue())
+    words = ["task=export", "catalogue=some.h5", "to=[svg,json]", "output=x"]
+    code, output = ended(tmp_path, *words, kill=("strokes.svg", 1, True), sent=signal.SIGTERM)
+    assert code == 128 + signal.SIGTERM
+    assert output == "note: interrupted; x has strokes.svg; to begin anew, type the same and: output=x\n"
+    code, output = ended(tmp_path, *words)
+    assert code == 0, output
+    assert (tmp_path / "x" / "strokes.json").is_file()
 
 
 def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch):
@@ -463,14 +471,3 @@ def test_what_is_finished_is_named_and_what_to_type(files, task, said, tmp_path,
         for name in files:
             (folder.parent / name).touch()
     assert how_to_go_on(folder.parent, task).replace("'", "").startswith(said)
-
-
-def test_an_export_says_what_it_has_and_is_begun_anew(tmp_path):
-    save_catalogue(tmp_path / "some.h5", catalogue())
-    words = ["task=export", "catalogue=some.h5", "to=[svg,json]", "output=x"]
-    code, output = ended(tmp_path, *words, kill=("strokes.svg", 1, True), sent=signal.SIGTERM)
-    assert code == 128 + signal.SIGTERM
-    assert output == "note: interrupted; x has strokes.svg; to begin anew, type the same and: output=x\n"
-    code, output = ended(tmp_path, *words)
-    assert code == 0, output
-    assert (tmp_path / "x" / "strokes.json").is_file()

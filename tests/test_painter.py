@@ -48,7 +48,7 @@ def painter_of(*stages: Stage, n: int = 20) -> StrokeOptimizer:
     return some_painter(*stages, strokes=random_strokes(n, SIZE), size=SIZE, blend=Tiled())
 
 
-def test_stages_follow_from_the_steps():
+def test_stages_follow_from_the_steps_and_what_a_run_leaves_is_drawn_by_the_last_renderer():
     analytic, windowed = Analytic(), Windowed()
     painter = painter_of(Stage("analytic", analytic, 4), Stage("windowed", windowed, 3))
     assert painter.schedule.steps == 7
@@ -61,6 +61,13 @@ def test_stages_follow_from_the_steps():
     assert (painter.visits == 1).all(), "and so does the optimiser"
     take(painter, 2, loop)
     assert (painter.schedule.stage, painter.schedule.step, painter.progress) == (1, 7, 1)
+    painter = painter_of(Stage("analytic", Analytic(), 10), Stage("windowed", Windowed(), 0))
+    take(painter, 3)
+    before = curve_of(painter.strokes()).mean(1)
+    painter.hand_over()
+    assert isinstance(painter.renderer, Windowed)
+    assert painter.schedule.step == painter.schedule.steps == 3
+    assert (curve_of(painter.strokes()).mean(1) - before).norm(dim=1).mean() < 1
 
 
 def test_a_patch_renderer_never_sees_what_it_cannot_draw(caplog):
@@ -80,16 +87,6 @@ def test_a_patch_renderer_never_sees_what_it_cannot_draw(caplog):
     assert 0 < int(line.split("; ")[1].split()[0]) <= 20
     painter_of(Stage("windowed", Windowed(), 5))
     assert "step 0: switching" in caplog.text, "without a warm-up, too"
-
-
-def test_what_a_run_leaves_is_drawn_by_the_last_renderer():
-    painter = painter_of(Stage("analytic", Analytic(), 10), Stage("windowed", Windowed(), 0))
-    take(painter, 3)
-    before = curve_of(painter.strokes()).mean(1)
-    painter.hand_over()
-    assert isinstance(painter.renderer, Windowed)
-    assert painter.schedule.step == painter.schedule.steps == 3
-    assert (curve_of(painter.strokes()).mean(1) - before).norm(dim=1).mean() < 1
 
 
 def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_are_many(monkeypatch):

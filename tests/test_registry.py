@@ -47,12 +47,22 @@ def clean(monkeypatch):
 
 
 @pytest.mark.usefixtures("clean", "hydra_restore_singletons")  # Hydra ships the second one
-def test_a_taken_name_and_an_unknown_family_are_refused():
+@pytest.mark.usefixtures("clean", "hydra_restore_singletons")
+def test_plugins_in_folders_of_the_environment_are_found_and_a_taken_name_and_an_unknown_family_refused(
+    tmp_path, monkeypatch
+):
     class Mse:
         def __init__(self, *, weight: float = 1.0) -> None: ...
 
     refuses(r"loss=mse is taken by brushexp\.plugins\.loss\.mse", register("loss", "mse"), Mse)
     refuses("unknown plugin family 'losses'; choose one of painter, palette, init, ", register, "losses", "x")
+    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
+    (tmp_path / "_helper.py").write_text("this is no plugin")
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+    assert "upside" in load_plugins(ROOT / "plugins")
+    plugin = next(p for p in plugins("order") if p.name == "upside")
+    assert plugin.summary == "Upside down."
+    assert build_named("order", "upside", {"every": 5}).every == 5
 
 
 def test_options_are_typed_run_time_arguments_are_none_and_defaults_are_not_shared(config):
@@ -80,17 +90,6 @@ def test_only_registered_classes_are_built_those_of_earlier_versions_too_and_opt
     assert type(build(node)) is Strays
     with pytest.raises(UserError, match="is not a registered plugin"):
         build(OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Other"}))
-
-
-@pytest.mark.usefixtures("clean", "hydra_restore_singletons")
-def test_plugins_in_folders_of_the_environment_are_found(tmp_path, monkeypatch):
-    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
-    (tmp_path / "_helper.py").write_text("this is no plugin")
-    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
-    assert "upside" in load_plugins(ROOT / "plugins")
-    plugin = next(p for p in plugins("order") if p.name == "upside")
-    assert plugin.summary == "Upside down."
-    assert build_named("order", "upside", {"every": 5}).every == 5
 
 
 @pytest.mark.parametrize(("name", "text", "message"), [

@@ -129,7 +129,7 @@ def test_the_parts_are_those_of_one_picture_which_looks_like_the_target_and_the_
     assert told["exact"]
 
 
-def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture: Path, tmp_path: Path) -> None:
+def test_a_canvas_goes_on_with_its_settings_and_a_tile_that_was_not_finished_to_the_same_bits(picture, tmp_path, done):
     store, canvas = painted(picture, tmp_path / "c.zarr")
     tile = Tile(1, 1)
     before = packed(*store.strokes_of([tile]))
@@ -138,6 +138,12 @@ def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture:
     assert not store.is_painted(tile)
     paint_tile(canvas, tile)
     np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
+    store, _ = done
+    check_same(store, config_of(picture, store.path, workers=2))
+    refuses("begun with steps=4, and now steps=5", check_same, store, config_of(picture, store.path, steps=5))
+    assert "workers" not in settings_that_count(config_of(picture, store.path))
+    (tmp_path / "x.zarr").mkdir()
+    refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
 
 
 def test_what_is_painted_is_not_painted_again_and_has_the_same_bits_in_any_order_within_a_round(
@@ -153,15 +159,6 @@ def test_what_is_painted_is_not_painted_again_and_has_the_same_bits_in_any_order
     other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
     for name in ("strokes", "count", "squares", "painting/0"):
         np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
-
-
-def test_a_canvas_goes_on_with_its_settings_and_a_folder_that_is_none_is_refused(done, picture, tmp_path):
-    store, _ = done
-    check_same(store, config_of(picture, store.path, workers=2))
-    refuses("begun with steps=4, and now steps=5", check_same, store, config_of(picture, store.path, steps=5))
-    assert "workers" not in settings_that_count(config_of(picture, store.path))
-    (tmp_path / "x.zarr").mkdir()
-    refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,7 @@ def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
     assert figures["hinge_corrupted"] > 50
 
 
-def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
+def test_the_task_leaves_a_discriminator_with_defaults_and_numbers_of_its_own(config, run_task, tmp_path):
     cfg = config("task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
     assert cfg == config("task=train_discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
     assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)
@@ -158,9 +158,6 @@ def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_r
     for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
         with pytest.raises((CompactHydraException, UserError)):
             check(config("task=train", "model=discriminator", word))
-
-
-def test_the_task_leaves_a_discriminator_with_its_numbers(run_task, tmp_path):
     metrics = run_task(task, "task=train", "model=discriminator", "seed=7", "trainer.max_steps=50", "batch_size=16")
     assert (metrics["status"], metrics["steps"]) == ("completed", 50)
     path = tmp_path / "discriminator.safetensors"

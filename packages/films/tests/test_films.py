@@ -168,7 +168,9 @@ def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, word
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
 
 
-def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):
+def test_a_film_can_be_stopped_before_it_says_how_long_it_is_and_a_picture_without_error_hides_no_other(
+    run_task, tmp_path, monkeypatch
+):
     def at_once(stop, message):
         stop()
         yield
@@ -179,6 +181,11 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
         run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
+    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
+    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    for psnr, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
+        film = SimpleNamespace(psnr=psnr, seconds=[], device="cpu", **others)
+        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(tmp_path):
@@ -188,14 +195,6 @@ def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(tmp_
     assert (code, output) == (130, "note: interrupted; continue with: brushexp task=film resume=x\n")
     assert ended(tmp_path, "task=film", "resume=x")[0] == 0
     assert len(decoded(tmp_path / "x" / "film.mp4")[0]) == 2
-
-
-def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
-    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
-    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
-    for psnr, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
-        film = SimpleNamespace(psnr=psnr, seconds=[], device="cpu", **others)
-        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_was_killed_goes_on_to_the_same_strokes_although_one_picture_is_damaged(tmp_path):

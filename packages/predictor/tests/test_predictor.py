@@ -140,7 +140,7 @@ def test_colors_are_those_of_least_squares() -> None:
     torch.testing.assert_close(found[seen].double(), exact[seen], rtol=0, atol=5e-3)
 
 
-def test_more_rounds_of_colors_are_never_worse_and_strokes_go_where_the_focus_is():
+def test_more_rounds_are_never_worse_strokes_go_where_the_focus_is_and_temperature_makes_others():
     target = load_picture("astronaut", 96)
     errors = [psnr(drawn(Predicted(color_rounds=k)(target, 150, torch.Generator()), target), target) for k in (0, 1, 4)]
     assert errors == sorted(errors)
@@ -149,9 +149,6 @@ def test_more_rounds_of_colors_are_never_worse_and_strokes_go_where_the_focus_is
     focus[:, :32] = 50
     strokes = Predicted()(target, 200, torch.Generator(), focus / focus.mean())
     assert (strokes.position[:, 0] < 32).float().mean() > 0.6
-
-
-def test_temperature_makes_others_of_each_seed_and_the_same_of_one() -> None:
     target = load_picture("coffee", 96)
     warm = Predicted(temperature=1.0)
     one, again, other = (warm(target, 100, torch.Generator().manual_seed(seed)) for seed in (0, 0, 1))
@@ -177,7 +174,7 @@ def subjects() -> Subjects:
     return Subjects([load_picture("coffee", 160), load_picture("chelsea", 120)], 0)
 
 
-def test_pictures_are_decided_by_seed_and_number_and_batches_go_on_where_they_were_left(subjects):
+def test_pictures_to_learn_from_are_decided_by_seed_and_number_and_batches_go_on_where_they_were_left(subjects):
     pictures = [subjects(number, 48) for number in range(6)]
     for number, picture in enumerate(pictures):
         assert picture.shape == (3, 48, 48)
@@ -191,6 +188,7 @@ def test_pictures_are_decided_by_seed_and_number_and_batches_go_on_where_they_we
     again = next(later)
     assert again.levels == batches[2].levels
     assert all(map(torch.equal, again.targets, batches[2].targets))
+    assert {"coins", "retina"} <= set(load_subjects(None))
 
 
 @pytest.mark.slow
@@ -236,10 +234,6 @@ def test_the_task_writes_weights_that_paint(run_task: Callable[..., dict[str, ob
     options = {"look": "plain", "init": "predicted", "init.checkpoint": str(tmp_path / "plain.safetensors")}
     painting = brushexp.paint(np.full((24, 24, 3), 99, np.uint8), strokes=9, steps=0, **options)
     assert len(painting.strokes) == 9
-
-
-def test_samples_are_there_to_learn_from() -> None:
-    assert {"coins", "retina"} <= set(load_subjects(None))
 
 
 SIZE = (40, 60)

@@ -172,7 +172,7 @@ def moments(picture: Tensor) -> tuple[Tensor, Tensor]:
     return colors.mean(1), torch.cov(colors, correction=0)
 
 
-def test_recolouring_takes_over_mean_and_covariance():
+def test_recolouring_takes_over_mean_and_covariance_also_of_the_target_if_asked(tmp_path):
     """Of muted colours, which no clipping changes."""
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
@@ -182,6 +182,12 @@ def test_recolouring_takes_over_mean_and_covariance():
     for ours, expected in zip(moments(result), moments(like), strict=True):
         assert_close(ours, expected, rtol=1e-3, atol=1e-6)
     assert_close(recolor(picture, picture), picture, rtol=0, atol=1e-6)
+    style, (_, target) = saved(tmp_path, torch.rand(3, 50, 100)), pictures(80, 120)
+    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
+        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
+    picture = Style(image=style, colors="content").picture(0.5 * target)
+    assert_close(picture, recolor(load_picture(style, 120), 0.5 * target))
+    assert_close(moments(picture)[0], moments(0.5 * target)[0], rtol=0.02, atol=0)
 
 
 @pytest.mark.parametrize("even", [0.0, 0.4, 1.0])
@@ -196,15 +202,6 @@ def test_recolouring_even_pictures_is_finite(even):
     assert recolor(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
 
 
-def test_the_style_picture_follows_the_canvas_and_its_colours_the_target_if_asked(tmp_path):
-    style, (_, target) = saved(tmp_path, torch.rand(3, 50, 100)), pictures(80, 120)
-    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
-        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
-    picture = Style(image=style, colors="content").picture(0.5 * target)
-    assert_close(picture, recolor(load_picture(style, 120), 0.5 * target))
-    assert_close(moments(picture)[0], moments(0.5 * target)[0], rtol=0.02, atol=0)
-
-
 @pytest.mark.parametrize("content", [0, 0.25])
 def test_the_style_is_added_and_the_others_are_weakened(config, content):
     settings = ["style.image=coffee", "style.colors=content", "style.loss.kernel=meanstd", f"style.content={content}"]
@@ -215,7 +212,9 @@ def test_the_style_is_added_and_the_others_are_weakened(config, content):
     assert list(build_losses(config())) == ["mse", "curvature"]
 
 
-def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, tmp_path):
+def test_a_picture_is_painted_in_the_style_and_colours_of_another_and_measured_by_every_kernel(
+    run_task, tmp_path, monkeypatch
+):
     settings = ["style=coffee", "resolution=110", "strokes=60", "steps=8", "threads=1", "frames=0", "report=false"]
     metrics = run_task(paint, *settings)
     style, photo = load_picture("coffee", 110), load_picture("astronaut", 110)
@@ -224,9 +223,6 @@ def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, 
     assert_close(target, recolor(photo, style), rtol=0, atol=0.003)
     assert "loss/style" in (tmp_path / "curves" / "metrics.csv").read_text()
     assert {key for key in metrics if key.startswith("style_")} == {f"style_{kernel}" for kernel in KERNELS}
-
-
-def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
     monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 32)
     image, target = pictures()
     loss = Style(kernel="linear")

@@ -207,9 +207,15 @@ def test_wandb_is_offline_unless_somebody_is_logged_in_or_says_otherwise(account
     assert mode_of("disabled") == "disabled"
 
 
-def test_wandb_online_without_an_account_is_refused_before_the_work(account):
+def test_wandb_without_an_account_is_refused_before_the_work_and_offline_when_it_cannot_be_reached(
+    account, tmp_path, caplog
+):
     account()
     refuses("nobody is logged in to wandb; run wandb login, or choose", WeightsAndBiases, mode="online")
+    fake = account(api_key="x")
+    WeightsAndBiases().open(Run(tmp_path))
+    assert fake.begun["mode"] == "offline"
+    assert "wandb cannot be reached, so this run is kept offline: no network" in caplog.text
 
 
 @pytest.mark.parametrize(("status", "code"), [("completed", 0), ("interrupted", 130), ("failed", 1)])
@@ -222,10 +228,3 @@ def test_wandb_is_finished_however_the_run_ends(account, status, code, tmp_path)
     with pytest.raises(AttributeError, match="log"):
         tracker.finish(Run(tmp_path, status=status, pictures={"target": tmp_path / "target.png"}))
     assert fake.exit_codes == [code]
-
-
-def test_wandb_goes_offline_when_it_cannot_be_reached(account, tmp_path, caplog):
-    fake = account(api_key="x")
-    WeightsAndBiases().open(Run(tmp_path))
-    assert fake.begun["mode"] == "offline"
-    assert "wandb cannot be reached, so this run is kept offline: no network" in caplog.text

@@ -141,7 +141,7 @@ def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):
     assert simulate_set(path, Spot(), ORIGIN, 0, N) == 0
 
 
-def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
+def test_what_killed_runs_leave_behind_does_no_harm_and_only_one_run_makes_a_set_at_a_time(tmp_path, whole, caplog):
     path = write(tmp_path / "strokes", n=N)
     (path / ".brushexp-abcd.h5").write_bytes(b"half")
     files = sorted(path.glob("0*.h5"))
@@ -149,6 +149,12 @@ def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
     files[2].unlink()
     assert contents(write(path, n=N)) == whole
     assert "it is made again" in caplog.text
+
+    def again(*_: object, **__: object) -> Simulated:
+        return simulate_set(tmp_path, Spot(), ORIGIN, 0, N)
+
+    refuses("is being made by another run", simulate_set, tmp_path, again, ORIGIN, 0, N)
+    assert simulate_set(tmp_path, Spot(), ORIGIN, 0, 40) == 40
 
 
 @pytest.mark.parametrize(("origin", "seed", "n", "message"), [
@@ -164,14 +170,6 @@ def test_a_set_is_not_continued_with_other_settings(tmp_path, origin, seed, n, m
     before = contents(path)
     refuses(message, simulate_set, path, Spot(), origin, seed, n)
     assert contents(path) == before, "nothing was lost"
-
-
-def test_only_one_run_makes_a_set_at_a_time(tmp_path):
-    def again(*_: object, **__: object) -> Simulated:
-        return simulate_set(tmp_path, Spot(), ORIGIN, 0, N)
-
-    refuses("is being made by another run", simulate_set, tmp_path, again, ORIGIN, 0, N)
-    assert simulate_set(tmp_path, Spot(), ORIGIN, 0, 40) == 40
 
 
 @pytest.mark.parametrize("room", [2000, 30_000])
@@ -383,7 +381,7 @@ def test_what_is_no_set_and_parameters_out_of_range_are_explained(tmp_path, stor
         assert "params has numbers outside [-1, 1]" in refused(stored)
 
 
-def test_shards_that_are_not_a_whole_set_are_refused(large, tmp_path):
+def test_no_wrong_byte_goes_unnoticed_and_shards_that_are_not_a_whole_set_are_refused(large, tmp_path, stored):
     files = sorted(large.glob("0*.h5"))
     for name, chosen in (("gap", [files[0], files[2]]), ("end", files[1:])):
         (tmp_path / name).mkdir()
@@ -394,9 +392,6 @@ def test_shards_that_are_not_a_whole_set_are_refused(large, tmp_path):
     other = sorted(write(tmp_path / "other", seed=5).glob("0*.h5"))
     other[1].write_bytes(files[1].read_bytes())
     assert "is of another set than" in refused(tmp_path / "other")
-
-
-def test_no_wrong_byte_goes_unnoticed(stored):
     whole = read_all(stored)
 
     def unchanged() -> None:
