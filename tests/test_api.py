@@ -232,7 +232,7 @@ def test_a_renderer_or_a_preset_of_one_is_trained_and_paints(tmp_path, quickly_m
     monkeypatch.chdir(tmp_path)
     how = {"engine": "disc", "simulate": None, "epochs": 0, "fid": 0, "minutes": None, "device": "cpu"}
     how |= {"renderer.width": 2, "renderer.widest": 2}
-    trained = brushexp.train_renderer("run", renderer="neural_thesis", **how)
+    trained = brushexp.train_renderer("preset", renderer="neural_thesis", **how)
     assert type(trained).__name__ == "InverseVGG"
 
 

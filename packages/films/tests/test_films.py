@@ -6,6 +6,7 @@ import logging
 import math
 import os
 import signal
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
@@ -171,6 +172,7 @@ def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, word
 def test_a_film_can_be_stopped_before_it_says_how_long_it_is_and_a_picture_without_error_hides_no_other(
     run_task, tmp_path, monkeypatch
 ):
+    @contextmanager
     def at_once(stop, message):
         stop()
         yield
