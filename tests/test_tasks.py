@@ -267,6 +267,14 @@ class Own(Grid):
 COUNT = """locks = sum(os.path.realpath(file).endswith("lock") for file in Path("/proc/self/fd").iterdir())
         with open("counts.txt", "a") as file:
             print(locks, gc.get_freeze_count(), file=file)"""
+DEAF = """try:
+            open("first", "x").close()
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            Path("deaf").touch()
+        except FileExistsError:
+            while not Path("deaf").exists():
+                pass
+            os.kill(os.getpid(), signal.SIGKILL)"""
 
 
 @pytest.fixture
@@ -287,7 +295,7 @@ def test_a_finished_job_leaves_no_open_file_and_nothing_that_is_never_freed(tmp_
 
 
 @pytest.mark.skipif(launcher() != "processes", reason="another launcher here")
-def test_a_process_that_is_killed_ends_its_sweep_which_goes_on_later(tmp_path, own_init):
+def test_a_process_that_is_killed_or_hears_no_signal_ends_its_sweep_which_goes_on_later(tmp_path, own_init):
     own_init("os.kill(os.getpid(), signal.SIGKILL)")
     words = ("-m", "init=grid,own", "jobs=2", "output=s", "image=chelsea", "resolution=16", *QUICK)
     code, output = ended(tmp_path, *words)
@@ -298,20 +306,6 @@ def test_a_process_that_is_killed_ends_its_sweep_which_goes_on_later(tmp_path, o
     code, output = ended(tmp_path, *words, "resume=sweep")
     assert code == 0, output
     assert {path.parent.name for path in (tmp_path / "s").glob("*/painting.png")} == {"0", "1"}
-
-
-DEAF = """try:
-            open("first", "x").close()
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            Path("deaf").touch()
-        except FileExistsError:
-            while not Path("deaf").exists():
-                pass
-            os.kill(os.getpid(), signal.SIGKILL)"""
-
-
-@pytest.mark.skipif(launcher() != "processes", reason="another launcher here")
-def test_a_job_that_hears_no_signal_does_not_keep_a_sweep_from_its_end(tmp_path, own_init):
     own_init(DEAF)
     code, output = ended(tmp_path, "-m", "init=own", "seed=0,1", "jobs=2", "image=chelsea", "resolution=16", *QUICK)
     assert code == 1

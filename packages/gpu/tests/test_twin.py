@@ -84,9 +84,13 @@ def test_it_agrees_on_random_scenes(kind, scene):
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_accuracy_and_importance(kind):
+def test_accuracy_and_importance_agree_also_in_pigment(kind):
     check_accuracy(KINDS[kind], TWIN)
     check_importance(KINDS[kind], TWIN)
+    space, strokes = build_named("color", "pigment", {}), random_strokes(12, (18, 27), bend=0.05)
+    blend, dense = Compositor(TWIN, space), Compositor(DENSE, space)
+    loose = {"slack": 5e-3, "exactness": 2e-3} if kind == "textured" else {"slack": 2e-3, "exactness": 5e-4}
+    assert_agree(KINDS[kind], blend, strokes, (18, 27), dense=dense, **loose)
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
@@ -102,20 +106,20 @@ def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_it_agrees_in_pigment(kind):
-    space, strokes = build_named("color", "pigment", {}), random_strokes(12, (18, 27), bend=0.05)
-    blend, dense = Compositor(TWIN, space), Compositor(DENSE, space)
-    loose = {"slack": 5e-3, "exactness": 2e-3} if kind == "textured" else {"slack": 2e-3, "exactness": 5e-4}
-    assert_agree(KINDS[kind], blend, strokes, (18, 27), dense=dense, **loose)
-
-
-@pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_a_pile_of_several_chunks_behind_each_other(kind, monkeypatch):
+def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
     """The last stroke of a chunk is opaque, and what lies behind it in the next one has to be known all the same."""
     shorten_chunks(monkeypatch)
     pile = random_strokes(15, (8, 9), seed=3, bend=0.05, width=(0.3, 1.0))
     pile = replace(pile, opacity=torch.where(torch.arange(15) % 4 == 3, 1.0, 0.2 * pile.opacity))
     assert_agree(KINDS[kind], TWIN, pile, (8, 9), slack=3e-3, exactness=5e-4)
+    from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
+
+    strokes, size, results = random_strokes(5, (8, 17), bend=0.1), (8, 17), []
+    for tiles in (rasterization.TILES,) * 3 if CUDA else (rasterization.TILES, 1, 2):  # another shape is other code
+        monkeypatch.setattr(rasterization, "TILES", tiles)
+        image, gradient = paint_with_gradient(KINDS[kind], Twin(), strokes, size, torch.ones(3, *size))
+        results.append([image, *gradient.values()])
+    assert all(torch.equal(a, b) and torch.equal(a, c) for a, b, c in zip(*results, strict=True))
 
 
 def test_a_pile_longer_than_a_chunk_nothing_and_very_much():
@@ -130,18 +134,6 @@ def test_a_pile_longer_than_a_chunk_nothing_and_very_much():
     with pytest.raises(UserError, match=r"float32 on CUDA devices.*use blend\.kernel=auto"):
         paint(KINDS["plain"], TWIN, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
     refuses(r"plain and textured strokes only", paint, KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
-
-
-@pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_the_same_bits_each_time_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
-    from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
-
-    strokes, size, results = random_strokes(5, (8, 17), bend=0.1), (8, 17), []
-    for tiles in (rasterization.TILES,) * 3 if CUDA else (rasterization.TILES, 1, 2):  # another shape is other code
-        monkeypatch.setattr(rasterization, "TILES", tiles)
-        image, gradient = paint_with_gradient(KINDS[kind], Twin(), strokes, size, torch.ones(3, *size))
-        results.append([image, *gradient.values()])
-    assert all(torch.equal(a, b) and torch.equal(a, c) for a, b, c in zip(*results, strict=True))
 
 
 def test_lists_are_those_of_the_processor_and_hardly_more():

@@ -273,17 +273,13 @@ def test_vpype_does_not_silence_what_is_said_afterwards(tmp_path):
 
 
 @pytest.mark.parametrize("layers", [1, 3])
-def test_a_pen_that_is_held_is_not_taken_again(tmp_path, layers):
+def test_a_pen_that_is_held_is_not_taken_again_and_layers_begin_with_a_number_as_axidraw_wants(tmp_path, layers):
     job = job_of(random_strokes(40, SIZE, seed=4))
     for options in ({"pens": ["black"]}, {"pens": ["#101010", "white"]}, {"colors": 3}):
         machine = Gcode(layers=layers, hidden="skip", **options)
         plan, text = pen_plan(job, machine), machine.write(job, tmp_path)[0].read_text()
         tools = [tool for tool, _ in groupby(tool for _, tool, _ in plan.runs())]
         assert re.findall("^M6 T(.*)$", text, re.M) == [str(tool) for tool in tools if len(plan.tools) > 1]
-
-
-@pytest.mark.parametrize("layers", [1, 3])
-def test_layers_of_the_picture_begin_with_a_number_of_their_own_as_axidraw_wants(tmp_path, layers):
     plan = plan_by(job_of(random_strokes(80, SIZE, seed=4)), layers=layers, colors=3)
     names = re.findall('inkscape:label="([^"]*)"', plan.svg())
     numbers = [int(re.match("([0-9]+) - ", name)[1]) for name in names]

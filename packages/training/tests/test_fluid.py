@@ -169,7 +169,7 @@ def test_flat_paint_shows_the_recorded_colour_and_bristles_streaks_of_the_brush_
     images = Fluid()(parameters, seed=0).images
     off = ((images[:, :3] - color[:, :, None, None]).abs().mean(1) * images[:, 3]).sum() / images[:, 3].sum()
     assert off < 0.015, "light on the ridges changes it little"
-    """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
+    # Across the stroke the paint goes up and down more often than a smooth profile, which does it once.
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
     across = alpha[:, 118:138].mean(1)
     rises = ((across[1:-1] > across[:-2] + 1e-3) & (across[1:-1] > across[2:] + 1e-3)).sum()
