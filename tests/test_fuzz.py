@@ -36,9 +36,8 @@ from PIL import Image, ImageCms
 from refusals import refuses
 from safetensors.torch import save
 from sweeps import make_run
-from test_leaderboard import PUBLISHED
 from test_simulate import read_all, write
-from test_verdicts import CLAIMS
+from test_verdicts import CLAIMS, PUBLISHED
 from tifffile import imwrite
 
 from brushexp.config.check import check
