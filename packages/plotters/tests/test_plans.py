@@ -434,11 +434,11 @@ def test_the_report_says_how_much_is_painted_with_how_many_loads_and_where_the_w
 
 
 def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_small_is_refused(tmp_path):
-    lines, _ = read(Gcode, job_of(by_stages()), tmp_path)
-    assert [tool for tool, _ in groupby(tool for tool, _ in lines)] == [1, 2]
     with pytest.raises(UserError, match="has 2 places, and the painting 3 colours; give as many, or paint with fewer"):
         read(Gcode, job_of(by_stages()), tmp_path, wells="20x12:40x12:2x1")
     assert not list(tmp_path.iterdir())
+    lines, _ = read(Gcode, job_of(by_stages()), tmp_path)
+    assert [tool for tool, _ in groupby(tool for tool, _ in lines)] == [1, 2]
 
 
 @BOTH
