@@ -247,6 +247,7 @@ def test_parts_make_kernels_of_their_own_which_other_processes_find_again_and_lo
 
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
+AUTO = Tiled(opaque=0.0)  # which PyTorch draws as long as textures are trained
 BARE = BACKGROUND.view(3, 1, 1)
 
 
@@ -259,10 +260,10 @@ def test_strongly_bent_strokes_differ_at_hardly_any_pixel_and_thinner_ones_fade_
     for seed in range(5):
         strokes = random_strokes(20, size, seed=seed, bend=3.0)
         exact = image_of(DENSE, strokes.map(lambda v: v.double()), size)
-        wrong += float(((image_of(TILED, strokes, size) - exact).abs() > 1e-3).float().mean()) / 5
+        wrong += float(((image_of(AUTO, strokes, size) - exact).abs() > 1e-3).float().mean()) / 5
     assert wrong < 1e-3, "at a tie between two nearest points either may be taken"
     lines = [straight((4.2, 8.3), (30.1, 9.7), width=width) for width in (0.0, 0.05, 0.2, 0.8, 3.0)]
-    sums = [(image_of(TILED, line, (18, 34)) - BARE).abs().sum() for line in lines]
+    sums = [(image_of(AUTO, line, (18, 34)) - BARE).abs().sum() for line in lines]
     assert sums[0] == 0
     assert all(a < b for a, b in pairwise(sums))
 
@@ -316,12 +317,12 @@ def test_painting_shows_what_was_trained_to_the_eye_and_follows_the_weights():
     assert (trained - frozen)[:, 3].abs().max() < 0.1
     renderer, size = Textured(variants=2, checkpoint=None), (16, 19)
     stroke = straight((4, 8), (12, 9))
-    image_of(TILED, stroke, size, renderer).square().sum().backward()
+    image_of(AUTO, stroke, size, renderer).square().sum().backward()
     assert renderer.textures.grad.abs().sum() > 0
     refuses(r"use blend\.kernel=auto", image_of, Tiled(kernel="numba"), stroke, size, renderer)
-    before = image_of(TILED, stroke, size, renderer.requires_grad_(False))
+    before = image_of(AUTO, stroke, size, renderer.requires_grad_(False))
     renderer.textures[:, 0] = -20.0
-    after = image_of(TILED, stroke, size, renderer)
+    after = image_of(AUTO, stroke, size, renderer)
     assert not torch.equal(before, after)
     torch.testing.assert_close(after, BARE.expand(3, *size))
 
