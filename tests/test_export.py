@@ -167,11 +167,10 @@ def test_an_exporter_writes_an_extreme_painting_or_says_why_not(name, scene, tmp
     assert bool(why) is not bool(list((tmp_path / "a").iterdir())), "nothing is left of what could not be written"
 
 
-@pytest.mark.parametrize(
-    ("taper", "outlines", "least", "shaped"),
-    [(0.0, 1, 33, False), (0.0, 2, 38, False), (0.0, 4, 38, False), (0.7, 1, 33, False), (1.0, 2, 36, False),
-     (0.0, 1, 31, True), (0.5, 2, 35, True)],
-)  # fmt: skip
+@pytest.mark.parametrize(("taper", "outlines", "least", "shaped"), [
+    (0.0, 1, 33, False), (0.0, 2, 38, False), (0.0, 4, 38, False), (0.7, 1, 33, False), (1.0, 2, 36, False),
+    (0.0, 1, 31, True), (0.5, 2, 35, True),
+])  # fmt: skip
 def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least, shaped, tmp_path):
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3)
     strokes = with_shapes(strokes) if shaped else strokes

@@ -161,18 +161,15 @@ def test_what_is_painted_is_not_painted_again_and_has_the_same_bits_in_any_order
         np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"strokes": 100}, "pixels_per_stroke"),
-        ({"order": "accuracy"}, "order=accuracy"),
-        ({"margin": 40}, "margin=24"),
-        ({"painter": "greedy"}, "painter=greedy"),
-        ({"background": "transparent"}, "background"),
-        ({"look": "watercolour"}, "set paper=smooth"),
-        ({"image": "nowhere.tif"}, r"nowhere\.tif"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"strokes": 100}, "pixels_per_stroke"),
+    ({"order": "accuracy"}, "order=accuracy"),
+    ({"margin": 40}, "margin=24"),
+    ({"painter": "greedy"}, "painter=greedy"),
+    ({"background": "transparent"}, "background"),
+    ({"look": "watercolour"}, "set paper=smooth"),
+    ({"image": "nowhere.tif"}, r"nowhere\.tif"),
+])  # fmt: skip
 def test_what_a_canvas_cannot_do_is_refused(picture: Path, tmp_path: Path, options: dict, message: str) -> None:
     refuses(message, config_of, picture, tmp_path / "d.zarr", **options)
 

@@ -299,16 +299,13 @@ def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, capl
     assert ("minutes" in caplog.text) == (fewer is None)
 
 
-@pytest.mark.parametrize(
-    ("words", "typed"),
-    [
-        (("renderer=neural_thesis",), "task=train renderer=neural_thesis output=outputs/neural_thesis, then add "
-         "renderer.checkpoint=outputs/neural_thesis/inverse_vgg.safetensors"),
-        (("renderer=inverse_vgg", "renderer.checkpoint=null"), "task=train renderer=inverse_vgg output="),
-        (("renderer=neural", "renderer.checkpoint=null"), "task=train renderer=neural output="),
-        (("warm_up=dual",), "renderer=dual has no trained weights here"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "typed"), [
+    (("renderer=neural_thesis",), "task=train renderer=neural_thesis output=outputs/neural_thesis, then add "
+     "renderer.checkpoint=outputs/neural_thesis/inverse_vgg.safetensors"),
+    (("renderer=inverse_vgg", "renderer.checkpoint=null"), "task=train renderer=inverse_vgg output="),
+    (("renderer=neural", "renderer.checkpoint=null"), "task=train renderer=neural output="),
+    (("warm_up=dual",), "renderer=dual has no trained weights here"),
+])  # fmt: skip
 def test_nothing_is_painted_with_random_weights(config, words, typed):
     words = ("image=astronaut", "resolution=32", "strokes=9", *words)
     refuses(re.escape(typed), check, config(*words), words)

@@ -166,15 +166,12 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
         assert (tmp_path / file).is_file(), file
 
 
-@pytest.mark.parametrize(
-    ("style", "radii", "f_c", "opacity", "f_g", "lengths", "rgb", "hsv"),
-    [  # Hertzmann (1998), section 3
-        ("impressionist", (8, 4, 2), 1, 1, 1, (4, 16), 0, (0, 0, 0)),
-        ("expressionist", (8, 4, 2), 0.25, 0.7, 1, (10, 16), 0, (0, 0, 0.5)),
-        ("wash", (8, 4, 2), 1, 0.5, 1, (4, 16), 0.3, (0, 0, 0)),
-        ("pointillist", (4, 2), 1, 1, 0.5, (0, 0), 0, (0.3, 0, 1)),
-    ],
-)
+@pytest.mark.parametrize(("style", "radii", "f_c", "opacity", "f_g", "lengths", "rgb", "hsv"), [  # Hertzmann (1998)
+    ("impressionist", (8, 4, 2), 1, 1, 1, (4, 16), 0, (0, 0, 0)),
+    ("expressionist", (8, 4, 2), 0.25, 0.7, 1, (10, 16), 0, (0, 0, 0.5)),
+    ("wash", (8, 4, 2), 1, 0.5, 1, (4, 16), 0.3, (0, 0, 0)),
+    ("pointillist", (4, 2), 1, 1, 0.5, (0, 0), 0, (0.3, 0, 1)),
+])  # fmt: skip
 def test_presets_of_hertzmann_have_the_styles_of_the_paper(config, style, radii, f_c, opacity, f_g, lengths, rgb, hsv):
     painter = build(config(f"painter=hertzmann_{style}", "image=astronaut").painter)
     assert (tuple(painter.radii), painter.curvature, painter.opacity, painter.grid) == (radii, f_c, opacity, f_g)

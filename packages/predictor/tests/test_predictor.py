@@ -53,10 +53,9 @@ def drawn(strokes: Strokes, target: Tensor) -> Tensor:
     return draw(FORMS["plain"], strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
 
 
-@pytest.mark.parametrize(
-    ("size", "n"),
-    [((1, 1), 1), ((3, 2), 6), ((1, 300), 300), ((40, 56), 1), ((40, 56), 2), ((56, 40), 333), ((90, 9), 17)],
-)
+@pytest.mark.parametrize(("size", "n"), [
+    ((1, 1), 1), ((3, 2), 6), ((1, 300), 300), ((40, 56), 1), ((40, 56), 2), ((56, 40), 333), ((90, 9), 17),
+])  # fmt: skip
 def test_exactly_as_many_strokes_as_asked_are_laid_on_any_canvas(size: tuple[int, int], n: int) -> None:
     target = torch.rand(3, *size, generator=torch.Generator().manual_seed(0))
     strokes = Predicted()(target, n, torch.Generator())
