@@ -25,7 +25,6 @@ from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import folders_of
 from brushexp.config.publish import offer_presets, prepare
-from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
 
@@ -198,8 +197,8 @@ def test_a_preset_of_a_loss_is_one_of_that_name_typed_and_tuned_as_its_plugin_in
     assert composed(presets, "loss=mse_strong", "loss.mse_strong.weight=7").loss.mse_strong.weight == 7.0
     with pytest.raises(ConfigCompositionException):
         composed(presets, "loss=mse_strong", "loss.mse_strong.weight=much")
-    with pytest.raises(UserError, match=r"loss\.mse_strong\.weight=-1 is not at least 0"):
-        composed(presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
+    words = r"loss\.mse_strong\.weight=-1 is not at least 0"
+    refuses(words, composed, presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
     save_catalogue(tmp_path / "a.h5", catalogue())
     cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
     assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])

@@ -34,7 +34,6 @@ from brushexp.compat.compiled import Compiled, function, inline
 from brushexp.compositing.textures import Loop, sheets_of
 from brushexp.compositing.tile_lists import tile_lists
 from brushexp.compositing.windows import Windows
-from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer, window_pictures
@@ -445,8 +444,8 @@ def test_a_texture_is_read_where_the_stroke_is_its_loop_follows_itself_and_one_t
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])
     torch.testing.assert_close(result[..., 56:], texels[..., 56:])
-    with pytest.raises(UserError, match=r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"):
-        Textured(rows=128, columns=64, checkpoint=None)
+    words = r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"
+    refuses(words, Textured, rows=128, columns=64, checkpoint=None)
     pictures = window_pictures(
         Textured(variants=1, rows=128, columns=96, checkpoint=None), parameters_of(sample_prior(3)), 64
     )

@@ -21,6 +21,7 @@ from brushexp_networks.lpips_loss import Lpips
 from brushexp_style.imitation import brushwork_of
 from brushexp_style.style import KERNELS, Style
 from networks import saved, state_of, torchvision_features
+from refusals import refuses
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.distributions import MultivariateNormal, kl_divergence
@@ -28,7 +29,6 @@ from torch.testing import assert_close
 from torchmetrics.functional.image import lpips as published
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from brushexp.errors import UserError
 from brushexp.features.distance import bundled_distance, perceptual_distance
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
@@ -242,8 +242,8 @@ LIMITS += ["sinkhorn.epsilon=nan", "sinkhorn.iterations=0", "sinkhorn.floor=0", 
 @pytest.mark.parametrize("typed", [*LIMITS, "style.kernel=cubic", "style.colors=none"])
 def test_options_that_cannot_be_are_refused_before_work_starts(typed):
     (name, option), value = typed.partition("=")[0].split("."), yaml.safe_load(typed.partition("=")[2])
-    with pytest.raises(UserError, match=rf"loss\.{typed} is not .*; try loss\.{name}\.{option}="):
-        build_named("loss", name, {option: float("nan") if value == "nan" else value})
+    words = rf"loss\.{typed} is not .*; try loss\.{name}\.{option}="
+    refuses(words, build_named, "loss", name, {option: float("nan") if value == "nan" else value})
 
 
 NETWORKS = {"alexnet": "alex", "squeeze": "squeeze", "vgg16": "vgg"}  # and what torchmetrics calls them

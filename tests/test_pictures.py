@@ -18,8 +18,9 @@ import tifffile
 import torch
 from PIL import Image, ImageCms
 from refusals import refusal as refused
+from refusals import refuses
 
-from brushexp.errors import UserError, on_a_line
+from brushexp.errors import on_a_line
 from brushexp.pictures.decode import read_picture
 from brushexp.pictures.load import background_color, load_picture, samples
 
@@ -388,5 +389,4 @@ def test_a_background_is_a_name_or_a_number_or_the_mean_of_the_target():
     for spec, expected in {**levels, "mean": 255 * FLOATS.mean((0, 1))}.items():
         torch.testing.assert_close(255 * background_color(spec, TARGET), torch.tensor(expected, dtype=torch.float32))
     for spec in ("", "redd", "#ff800080", "#12345", "#gggggg", "ff8000", "#ff80001", "x" * 200):
-        with pytest.raises(UserError, match=r"use background=mean, transparent, '#rrggbb' or a name of CSS"):
-            background_color(spec, TARGET)
+        refuses(r"use background=mean, transparent, '#rrggbb' or a name of CSS", background_color, spec, TARGET)

@@ -22,7 +22,6 @@ from refusals import refusal, refuses
 from scenes import random_strokes
 
 from brushexp.compat.hidden_packages import hidden
-from brushexp.errors import UserError
 from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.runner import explaining_to_users
 from brushexp.strokes.storage import Saved, save_catalogue
@@ -192,8 +191,8 @@ def test_the_new_file_takes_the_place_of_the_old_one_unless_anything_fails(tmp_p
 
 
 def test_a_place_that_cannot_be_written_is_explained_and_a_very_long_name_is_no_obstacle(tmp_path):
-    with pytest.raises(UserError, match=r"cannot write .*metrics.json: No such file.*; mend that or .*output="):
-        write_json(tmp_path / "missing" / "metrics.json", {})
+    words = r"cannot write .*metrics.json: No such file.*; mend that or .*output="
+    refuses(words, write_json, tmp_path / "missing" / "metrics.json", {})
     file = write_old(tmp_path / "file")
     refuses(r"Not a directory; mend that or choose another folder with output=", write_json, file / "metrics.json", {})
     (tmp_path / "folder").mkdir()

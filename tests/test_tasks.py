@@ -22,7 +22,6 @@ from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, lau
 from brushexp.cli.program import expand_arguments
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import parse_value, verbatim
-from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import SUBFOLDER, override_value
@@ -359,8 +358,8 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     (own / "sealed.yaml").write_text(f"- conf/pictures/red.png: {digest_of(own / 'red.png')}\n- camera\n")
     assert pictures_named("sealed", folders) == ["conf/pictures/red.png", "camera"]  # from the current folder
     Image.new("RGB", (9, 17)).save(own / "red.png")
-    with pytest.raises(UserError, match=r"pictures=sealed: conf/pictures/red.png is not the file that .*SHA-256 is"):
-        pictures_named("sealed", folders)
+    words = r"pictures=sealed: conf/pictures/red.png is not the file that .*SHA-256 is"
+    refuses(words, pictures_named, "sealed", folders)
     (own / "empty.yaml").write_text("[]")
     for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
         refuses(message, pictures_named, wrong, folders)

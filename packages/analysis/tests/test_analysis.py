@@ -17,10 +17,10 @@ from brushexp_analysis.bits import BitsPerPixel, packed, quantised, restored
 from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp_analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
 from PIL import Image
+from refusals import refuses
 from scenes import random_strokes, straight, with_shapes
 from scipy.spatial.distance import cdist
 
-from brushexp.errors import UserError
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.base import pixel_centres
@@ -173,8 +173,8 @@ def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
 
 @pytest.mark.parametrize("strokes", [Strokes.none(), straight((10, 10), (20, 20), opacity=0.01)])
 def test_a_painting_of_nothing_is_refused(strokes):
-    with pytest.raises(UserError, match=r"against=x.h5: none of its \d strokes can be seen"):
-        analysis_of(saved(strokes), "x", "x.h5", option="against")
+    words = r"against=x.h5: none of its \d strokes can be seen"
+    refuses(words, analysis_of, saved(strokes), "x", "x.h5", option="against")
 
 
 @pytest.mark.parametrize("size", [(600, 900), (60, 90)])
@@ -316,8 +316,8 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, m
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
     assert numbers["measures"]["length"]["mean"] == pytest.approx(summary.statistics_of(one.values("length"))["mean"])
-    with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
-        run_task(analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
+    words = r"there is no file nowhere.h5; .* against="
+    refuses(words, run_task, analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
     for paths, names in (
         ("/x/sky/catalogue.h5 /y/sea.h5", ["sky", "sea"]),
         ("/x/a/catalogue.h5 /y/a/catalogue.h5", ["x/a", "y/a"]),

@@ -32,7 +32,6 @@ from torch.nn import functional
 
 from brushexp.compositing.windows import Windows
 from brushexp.config.check import check
-from brushexp.errors import UserError
 from brushexp.plugins.renderer import base
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
@@ -253,8 +252,8 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
     RENDERERS.save(path, "dual", renderer, {"options": {**options, "checkpoint": None}})
     again = build_named("renderer", "dual", {**options, "checkpoint": str(path)})
     assert weights_hash(again) == weights_hash(renderer) != ""
-    with pytest.raises(UserError, match=r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"):
-        build_named("renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
+    words = r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"
+    refuses(words, build_named, "renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
     refuses("is of renderer=dual, not of inverse_vgg", tiny, checkpoint=str(path))
     for other, typed in (({"dense": [16, 16]}, r"dense=\[16\]"), ({"tint": False}, "tint=true")):
         refuses(f"set renderer.{typed}", tiny, **{**OPTIONS, **other, "checkpoint": str(stored)})
@@ -425,8 +424,8 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
     with torch.no_grad():
         assert torch.equal(again.draw(batch().parameters), pruned.draw(batch().parameters))
     assert weights_hash(smallest(checkpoint=str(path), channels=pruned.widths)) == weights_hash(pruned)
-    with pytest.raises(UserError, match=r"was trained with renderer.channels=\[16, .*, not \[32, "):
-        smallest(checkpoint=str(path), channels=smallest().widths)
+    words = r"was trained with renderer.channels=\[16, .*, not \[32, "
+    refuses(words, smallest, checkpoint=str(path), channels=smallest().widths)
 
 
 @pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
@@ -465,8 +464,8 @@ def test_strokes_in_windows_of_another_size_are_refused(run, tmp_path):
     simulate_set(
         tmp_path / "small", build_named("engine", "disc", {"window": 32}), Origin("disc", {"window": 32}, 32), 0, 33
     )
-    with pytest.raises(UserError, match=r"renderer.window=64, but the strokes have 32 pixels"):
-        run("ratios=[0.5]", f"data={tmp_path / 'small'}", "other_data=true")
+    words = r"renderer.window=64, but the strokes have 32 pixels"
+    refuses(words, run, "ratios=[0.5]", f"data={tmp_path / 'small'}", "other_data=true")
 
 
 def test_an_interrupted_run_recommends_nothing_that_there_is_not(run, tmp_path, monkeypatch):

@@ -17,7 +17,6 @@ from refusals import refuses
 from torch.testing import assert_close
 
 from brushexp.config.check import check
-from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
 from brushexp.painting.components import standard_components
 from brushexp.painting.goals import goals_of
@@ -123,8 +122,8 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
     monkeypatch.setattr(OtherPainter, "draw_strokes", draw)
     painters = []
     note = LambdaCallback(on_train_start=lambda _, painter: painters.append(painter))
-    with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
-        fit_states(build_named("painter", name, QUICK.get(name, {})), note)
+    words = r"picture that is not finite|: \w+ is nan"
+    refuses(words, fit_states, build_named("painter", name, QUICK.get(name, {})), note)
     assert len(drawn) > 3
     check_strokes(painters[0].strokes())
     monkeypatch.undo()

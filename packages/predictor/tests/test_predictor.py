@@ -39,7 +39,6 @@ from torch import Tensor
 import brushexp
 from brushexp.cli.program import expand_arguments
 from brushexp.config.tasks import task_for
-from brushexp.errors import UserError
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes, check_strokes
@@ -387,8 +386,8 @@ def test_intervals_are_read_as_written_and_refused_for_other_weights(tmp_path):
     path, kinds = tmp_path / "a.json", {"strokes": ["length"], "paintings": ["width"]}
     conformal.write_scalings(path, scalings, {"hash": "abc"})
     assert conformal.read_scalings(path, {"hash": "abc"}, kinds) == scalings
-    with pytest.raises(UserError, match=r"another hash than xyz; fit them with task=calibrate"):
-        conformal.read_scalings(path, {"hash": "xyz"}, kinds)
+    words = r"another hash than xyz; fit them with task=calibrate"
+    refuses(words, conformal.read_scalings, path, {"hash": "xyz"}, kinds)
     refuses("lacks an interval", conformal.read_scalings, path, {}, {"strokes": ["width"], "paintings": []})
     data = json.loads(path.read_text())
     data["strokes"]["length"]["factor"] = None

@@ -23,10 +23,10 @@ from brushexp_studies.pareto import front, front_table, write_front
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from refusals import refuses
 from scipy.stats import ttest_rel
 from sweeps import collect, make_grid, make_run, note, read_csv, write_words
 
-from brushexp.errors import UserError
 from brushexp.results.anytime_curves import curve_from, leaders, mean_curve
 from brushexp.results.runs import frame_of, gather, shorten
 from brushexp.runs.sweep_report import renew
@@ -324,8 +324,8 @@ def test_sweeps_and_single_runs_are_gathered(tmp_path):
 @pytest.mark.parametrize(("name", "reason"), [("missing", "no such folder"), ("empty", "no finished run in it")])
 def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match=rf"runs=.*{name}: there is {reason}; give the folder of a run or of a sweep"):
-        gather([tmp_path / name], tmp_path)
+    words = rf"runs=.*{name}: there is {reason}; give the folder of a run or of a sweep"
+    refuses(words, gather, [tmp_path / name], tmp_path)
 
 
 @pytest.fixture
@@ -360,8 +360,8 @@ def test_other_and_unfinished_runs_are_left_out_and_nothing_to_compare_is_explai
     assert numbers["runs"] == 2
     assert "2 of 4 runs are left out" in caplog.text
     assert not {"anytime.md", "curves.png"} & {path.name for path in folder.iterdir()}
-    with pytest.raises(UserError, match=r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"):
-        compare(f"runs=[{tmp_path}/a/0,{tmp_path}/b]")
+    words = r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"
+    refuses(words, compare, f"runs=[{tmp_path}/a/0,{tmp_path}/b]")
 
 
 COSTS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=20)

@@ -26,7 +26,6 @@ from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.errors import UserError
 from brushexp.painting.components import build_components, build_losses, first_strokes
 from brushexp.pictures.color import recolor
 from brushexp.pictures.load import load_picture
@@ -161,8 +160,8 @@ def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
     refuses(r"loss.style.image=nowhere\.jpg is not there", build_named, "loss", "style", {"image": "nowhere.jpg"})
     refuses("choose from stem", Style, taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
-    with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 32 x 32; set style\.loss\.scale=1\.6 or"):
-        small(PaintedView(*pictures(60, 80), NONE))
+    words = r"80 x 20 pixels at the scale 1 .* 32 x 32; set style\.loss\.scale=1\.6 or"
+    refuses(words, small, PaintedView(*pictures(60, 80), NONE))
     enough = Style(image=small.image, scale=1.6)
     assert enough(PaintedView(*pictures(60, 80), NONE)).isfinite()
 
@@ -398,8 +397,8 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     few = saved_painting(tmp_path / "few.h5", visible(MIN_STROKES - 1, dtype=torch.float32))
     refuses(r"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of 30 strokes", load_brushwork, few)
     refuses(r"there is no file .*, loss\.brushwork\.catalogue=", BrushworkTransfer, catalogue=str(tmp_path / "none.h5"))
-    with pytest.raises(UserError, match=r"there is no file .*, style\.brushwork="):
-        BrushworkTransfer("style.brushwork", catalogue=str(tmp_path / "none.h5"))
+    words = r"there is no file .*, style\.brushwork="
+    refuses(words, BrushworkTransfer, "style.brushwork", catalogue=str(tmp_path / "none.h5"))
     (tmp_path / "text.h5").write_text("no catalogue")
     refuses(r"text.h5: not an HDF5 file; .*style.brushwork=", load_brushwork, tmp_path / "text.h5")
 

@@ -37,7 +37,6 @@ from sweeps import make_run, note, read_csv
 from test_paired import PICTURES, A, C, gap, make_study
 
 from brushexp.config.vocabulary import SHIPPED
-from brushexp.errors import UserError
 from brushexp.pages.run_page import list_settings
 from brushexp.plugins.metric.base import Comparison
 from brushexp.results.runs import gather
@@ -221,8 +220,8 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "| something else | 9 | brushexp experiment=other |" in text
     assert "## other" not in text
     assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
-    with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
-        run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
+    message = "there is no sweep of an experiment=; run one first"
+    refuses(message, run_task, verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 
 
 @pytest.mark.parametrize(("noted", "cost"), [
@@ -575,8 +574,8 @@ def test_the_task_lists_them_of_paintings(run_task, tmp_path):
     assert f"{result['departures']} settings differ." in text
     assert "| loss.width | width | absent | 6.24 |" in text
     (tmp_path / "catalogue.h5").unlink()
-    with pytest.raises(UserError, match="there is no finished painting; give folders of such with runs="):
-        run_task(departures_task, "task=departures", f"runs=[{tmp_path}]")
+    words = "there is no finished painting; give folders of such with runs="
+    refuses(words, run_task, departures_task, "task=departures", f"runs=[{tmp_path}]")
 
 
 def test_errors_count_in_the_half_in_which_they_are():
