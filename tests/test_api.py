@@ -191,7 +191,7 @@ def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(
         assert reason in message
 
 
-def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tmp_path):
+def test_a_painting_is_saved_beside_what_is_the_users_in_place_of_another_and_ends_its_film(tmp_path):
     lit, unlit = (brushexp.paint("chelsea", **SMALL, light={"depth": depth}, frames=2 * depth) for depth in (1, 0))
     for name in ("table.csv", "image.png"):
         (tmp_path / name).write_text("mine")
@@ -201,9 +201,6 @@ def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tm
     assert not {"flat.png", "timelapse.mp4"} & {path.name for path in tmp_path.iterdir()}
     brushexp.paint(small_cat(), **SMALL, output=tmp_path, overwrite=True)
     assert {(tmp_path / name).read_text() for name in ("table.csv", "image.png")} == {"mine"}
-
-
-def test_the_film_ends_with_the_painting_whenever_that_is():
     painting = brushexp.paint("chelsea", **SMALL | {"steps": 90, "psnr": 5}, frames=3, wet=1)
     frames = painting.finished.timelapse.frames
     assert 0 < painting.metrics["steps"] == max(frames) < 90

@@ -105,7 +105,12 @@ def test_places_of_any_picture_lie_on_it(size, n):
     check_strokes(new)
 
 
-def test_a_good_painting_needs_no_more_strokes_and_the_weakest_go_in_rounds_with_steps_between_them():
+def test_adaptive_paints_better_than_fixed_and_a_good_painting_needs_no_more_strokes():
+    target = picture((72, 96))
+    fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
+    assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
+    flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
+    assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
     refused = {0.0: Adaptive(), 0.001: Adaptive(), 0.01: Adaptive(psnr=35)}
     assert all(density.revise(state_of(error=error)) is None for error, density in refused.items())
     assert Adaptive(psnr=45).revise(state_of(error=0.01)) is not None
@@ -121,14 +126,6 @@ def test_a_good_painting_needs_no_more_strokes_and_the_weakest_go_in_rounds_with
     assert sum(density.revise(state_of(step=step, steps=40)) is not None for step in range(1, 41)) == 3
     for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
         assert (none.revise(state_of()), none.first(60, 500)) == (None, 60)
-
-
-def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
-    target = picture((72, 96))
-    fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
-    assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
-    flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
-    assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
 
 
 def test_coarse_steps_look_at_the_smaller_picture_leave_strokes_in_place_and_know_their_error():

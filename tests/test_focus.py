@@ -250,7 +250,7 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     assert seen[2].focus is not seen[3].focus
 
 
-def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
+def test_the_keys_make_weights_and_leave_the_map_and_the_focused_psnr_weighs_errors_by_it(config, run_task, tmp_path):
     a, b = (np.random.default_rng(i).integers(0, 256, (12, 17, 3), dtype=np.uint8) for i in (1, 2))
     focus = focus_weights(torch.rand(12, 17), 8)
     squares = ((a.astype(float) - b) / 255) ** 2
@@ -261,9 +261,6 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
     assert measure(metrics, a, a, focus=focus)["psnr_focus"] == math.inf
     assert "psnr_focus" not in measure(metrics, a, b)
     assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(result["psnr"], abs=1e-4)
-
-
-def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     target = load_picture("coffee", 64)
     assert compute_focus(config(), target) == (None, None)
     weights, attended = compute_focus(config("focus=auto", "focus_strength=4"), target)

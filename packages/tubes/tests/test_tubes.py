@@ -255,7 +255,7 @@ def replace_names(count: int):
     )
 
 
-def test_chosen_mixtures_are_as_good_as_any_pair_and_more_of_them_are_nearer():
+def test_chosen_mixtures_are_as_good_as_any_pair_more_are_nearer_and_tones_lie_between_those_of_the_paints():
     few = all_mixtures(load_tubes("zorn"))[np.arange(0, 200, 9)]
     picture = few.color[[2, 7]].T.reshape(3, 1, 2).repeat(1, 4, 3)
     chosen = choose_mixtures(few, picture, 2)
@@ -272,9 +272,6 @@ def test_chosen_mixtures_are_as_good_as_any_pair_and_more_of_them_are_nearer():
         assert 1 <= len(chosen) <= count
         near.append(differences(colors, chosen.color.double().numpy()).min(1).mean())
     assert near == sorted(near, reverse=True)
-
-
-def test_tones_of_a_picture_are_mapped_between_those_of_the_paints():
     mixtures = all_mixtures(EIGHT)
     picture = torch.tensor([0.0, 0.5, 1.0]).expand(3, 1, 3)
     lightness = to_lab(within_tones(picture, mixtures).flatten(1).T.double().numpy())[:, 0]
@@ -392,7 +389,14 @@ def test_a_painting_of_other_tasks_gets_its_table_afterwards_and_one_of_its_own_
     assert not list(tmp_path.iterdir())
 
 
-def test_the_difference_from_a_target_is_told_and_is_none_for_the_same(tmp_path):
+def test_each_region_has_a_number_inside_it_and_the_difference_from_a_target_is_told(tmp_path):
+    plan = planned(Strokes.join(straight((0.0, 30.0), (90.0, 30.0), width=60.0), painted(5)))
+    regions = numbered_regions(plan)
+    assert regions.shape == CANVAS
+    for number in np.unique(regions):
+        places = list(labels_of(regions == number))
+        assert places
+        assert all(regions[row, column] == number for row, column, _ in places)
     from skimage import io  # noqa: PLC0415
 
     plan, own = recorded_plan(job_of(painted(), **SETTINGS), {})
@@ -405,13 +409,3 @@ def test_the_difference_from_a_target_is_told_and_is_none_for_the_same(tmp_path)
     picture = torch.rand(3, 5, 6)
     assert median_difference(picture, picture) == 0
     assert median_difference(picture, 1 - picture) > 5
-
-
-def test_each_region_has_a_number_inside_it():
-    plan = planned(Strokes.join(straight((0.0, 30.0), (90.0, 30.0), width=60.0), painted(5)))
-    regions = numbered_regions(plan)
-    assert regions.shape == CANVAS
-    for number in np.unique(regions):
-        places = list(labels_of(regions == number))
-        assert places
-        assert all(regions[row, column] == number for row, column, _ in places)
