@@ -25,7 +25,7 @@ import brushexp
 import numpy as np
 import torch
 from brushexp_films.changes import Flicker
-from brushexp_films.clips import decode_pictures, open_clip
+from brushexp_films.clips import open_clip, timed_pictures
 from brushexp_films.schema import FRAMES
 from skimage import data, transform
 
@@ -64,9 +64,9 @@ def cut(count: int, side: int) -> list[np.ndarray]:
 def tell_pictures(folder: Path, clip: Path) -> None:
     """Print the PSNR of every picture of a painted film, in the colours of its strokes."""
     catalogues = sorted((folder / FRAMES).glob("*.h5"))
-    for path, target in zip(catalogues, decode_pictures(open_clip(clip)), strict=False):
+    for path, shown in zip(catalogues, timed_pictures(open_clip(clip)), strict=False):
         painted = export_job(load_catalogue(path)).bare().picture()
-        print(f"{path.stem}: {psnr_of(float(np.square(painted / 255.0 - target / 255.0).mean())):.1f} dB")
+        print(f"{path.stem}: {psnr_of(float(np.square(painted / 255.0 - shown.picture / 255.0).mean())):.1f} dB")
 
 
 def main() -> None:
@@ -100,13 +100,15 @@ def main() -> None:
             return
         carried = json.loads((folder / "metrics.json").read_text())
         flicker, psnr, seconds = Flicker(), [], []
-        for picture in islice(decode_pictures(clip), options.count):
+        for shown in islice(timed_pictures(clip), options.count):
             since = time.monotonic()
-            painting = brushexp.paint(picture, look=options.look, resolution=options.side, threads=options.threads)
+            painting = brushexp.paint(
+                shown.picture, look=options.look, resolution=options.side, threads=options.threads
+            )
             seconds.append(time.monotonic() - since)
             psnr.append(painting.metrics["psnr"])
-            shown = torch.from_numpy(np.moveaxis(painting.image, 2, 0) / np.float32(255))
-            flicker.add(shown, planes_of(picture, options.side))
+            image = torch.from_numpy(np.moveaxis(painting.image, 2, 0) / np.float32(255))
+            flicker.add(image, planes_of(shown.picture, options.side))
     print(f"{carried['n_frames']} pictures, {options.side} px, look={options.look}, {carried['n_strokes']} strokes\n")
     print("| | flicker | PSNR dB | seconds a picture |\n|---|---|---|---|")
     print(

@@ -14,11 +14,13 @@ from films import pixels_of
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
+from refusals import refuses
 from scenes import random_strokes
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.pictures.load import load_picture
+from brushexp.pictures.held import hold
+from brushexp.pictures.load import load_picture, samples
 from brushexp.plugins.blend.tiled import tell_slow
 from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import command_of
@@ -37,7 +39,7 @@ def small_cat() -> torch.Tensor:
     return (255 * load_picture("chelsea", 32)).round().byte()
 
 
-def test_importing_the_package_loads_nothing_slow():
+def test_importing_the_package_loads_nothing_slow_and_hydra_of_another_program_stays_as_it_is():
     code = "import sys, brushexp; dir(brushexp); assert not {'torch', 'hydra', 'numpy'} & {*sys.modules}"
     subprocess.run([sys.executable, "-c", code], check=True)
     others = {point.name for point in entry_points(group=brushexp.FUNCTIONS)}
@@ -45,6 +47,12 @@ def test_importing_the_package_loads_nothing_slow():
     assert {name for name in dir(brushexp) if getattr(brushexp, name)} == {*brushexp.__all__, *others}
     with pytest.raises(AttributeError, match="no attribute 'pain'"):
         brushexp.pain  # noqa: B018
+    with initialize(config_path=None, version_base="1.2"):
+        mine = GlobalHydra.instance().hydra
+        assert brushexp.paint("chelsea", **SMALL).metrics["steps"] == 4
+        refuses("nonsense is no key", brushexp.paint, "chelsea", nonsense=1)
+        assert GlobalHydra.instance().hydra is mine
+        assert compose(overrides=["+a=1"]) == {"a": 1}
 
 
 def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task, tmp_path, monkeypatch):
@@ -113,18 +121,7 @@ def test_a_painting_and_a_state_come_back_from_another_process(tmp_path):
     ("analyse", {"radius": -1}, "radius=-1 is not at least 0"),
 ])  # fmt: skip
 def test_functions_take_what_the_command_line_takes(name, options, words):
-    with pytest.raises(brushexp.UserError, match=words):
-        getattr(brushexp, name)("chelsea", **options)
-
-
-def test_hydra_of_another_program_stays_as_it_is():
-    with initialize(config_path=None, version_base="1.2"):
-        mine = GlobalHydra.instance().hydra
-        assert brushexp.paint("chelsea", **SMALL).metrics["steps"] == 4
-        with pytest.raises(brushexp.UserError):
-            brushexp.paint("chelsea", nonsense=1)
-        assert GlobalHydra.instance().hydra is mine
-        assert compose(overrides=["+a=1"]) == {"a": 1}
+    refuses(words, getattr(brushexp, name), "chelsea", **options)
 
 
 def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
@@ -137,8 +134,7 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     assert f"'image={run}/.hydra/image.tif'" in command_of(run)
     again = load_picture(str(run / ".hydra" / "image.tif"), None)
     assert_close(again, torch.from_numpy(picture).permute(2, 0, 1).float())
-    with pytest.raises(brushexp.UserError, match="holds a run already"):
-        brushexp.paint(picture, **SMALL, output=run)
+    refuses("holds a run already", brushexp.paint, picture, **SMALL, output=run)
     painting.save(tmp_path / "b")
     assert f" image={tmp_path}/b/.hydra/image.tif " in command_of(tmp_path / "b")
     assert not [held for held in run_folder._locks if str(run) in held.lock_file], "a refusal keeps nobody out"
@@ -152,11 +148,9 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert not np.array_equal(painting.render(light=False), painting.image)
     assert painting.render(100).shape == (round(100 * 21 / 32), 100, 3)
     assert [path.name for path in painting.export("svg", tmp_path / "new", digits=1)] == ["strokes.svg"]
-    with pytest.raises(brushexp.UserError, match="to=sgv is not among the plugins here"):
-        painting.export("sgv", tmp_path)
+    refuses("to=sgv is not among the plugins here", painting.export, "sgv", tmp_path)
     for size in (0, float("nan"), 10**9, (64, 32), "64"):
-        with pytest.raises(brushexp.UserError, match=r"size=.* is not 1 to 65536; try size=32"):
-            painting.render(size)
+        refuses(r"size=.* is not 1 to 65536; try size=32", painting.render, size)
     same = {"depth": painting.depth, "background": painting.background, "soft": 1.5}  # as in look=plain
     drawn = brushexp.render(painting.strokes, (21, 32), **same)
     assert np.abs(to_bytes(drawn).astype(int) - painting.render(light=False)).max() <= 1
@@ -197,7 +191,7 @@ def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(
         assert reason in message
 
 
-def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tmp_path):
+def test_a_painting_is_saved_beside_what_is_the_users_in_place_of_another_and_ends_its_film(tmp_path):
     lit, unlit = (brushexp.paint("chelsea", **SMALL, light={"depth": depth}, frames=2 * depth) for depth in (1, 0))
     for name in ("table.csv", "image.png"):
         (tmp_path / name).write_text("mine")
@@ -207,9 +201,6 @@ def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tm
     assert not {"flat.png", "timelapse.mp4"} & {path.name for path in tmp_path.iterdir()}
     brushexp.paint(small_cat(), **SMALL, output=tmp_path, overwrite=True)
     assert {(tmp_path / name).read_text() for name in ("table.csv", "image.png")} == {"mine"}
-
-
-def test_the_film_ends_with_the_painting_whenever_that_is():
     painting = brushexp.paint("chelsea", **SMALL | {"steps": 90, "psnr": 5}, frames=3, wet=1)
     frames = painting.finished.timelapse.frames
     assert 0 < painting.metrics["steps"] == max(frames) < 90
@@ -225,15 +216,7 @@ def quickly_measured(monkeypatch):
     monkeypatch.setattr("brushexp_training.stroke_data.HELD_OUT", 128)
 
 
-def test_a_preset_of_a_renderer_is_trained(tmp_path, monkeypatch, quickly_measured):
-    monkeypatch.chdir(tmp_path)
-    how = {"engine": "disc", "simulate": None, "epochs": 0, "fid": 0, "minutes": None, "device": "cpu"}
-    how |= {"renderer.width": 2, "renderer.widest": 2}
-    trained = brushexp.train_renderer("run", renderer="neural_thesis", **how)
-    assert type(trained).__name__ == "InverseVGG"
-
-
-def test_a_renderer_is_trained_and_paints(tmp_path, quickly_measured):
+def test_a_renderer_or_a_preset_of_one_is_trained_and_paints(tmp_path, quickly_measured, monkeypatch):
     tiny = {"renderer.width": 4, "renderer.dense": 16, "renderer.code": 2}
     how = {"engine": "disc", "simulate": 100, "sets": str(tmp_path), "epochs": 1, "batch_size": 32, "fid": 0, **tiny}
     trained = brushexp.train_renderer(tmp_path / "run", minutes=None, device="cpu", **how)
@@ -243,3 +226,114 @@ def test_a_renderer_is_trained_and_paints(tmp_path, quickly_measured):
     weights = {"renderer.checkpoint": str(tmp_path / "run" / "neural.safetensors"), **tiny}
     painting = brushexp.paint("chelsea", **SMALL, renderer="neural", warm_up=None, **weights)
     assert painting.metrics["n_strokes"] == SMALL["strokes"]
+    monkeypatch.chdir(tmp_path)
+    how = {"engine": "disc", "simulate": None, "epochs": 0, "fid": 0, "minutes": None, "device": "cpu"}
+    how |= {"renderer.width": 2, "renderer.widest": 2}
+    trained = brushexp.train_renderer("preset", renderer="neural_thesis", **how)
+    assert type(trained).__name__ == "InverseVGG"
+
+
+class OfAnotherLibrary:
+    """An array as those of JAX, h5py or xarray are."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+def kinds_of_picture() -> dict[str, object]:
+    pixels = load_picture("chelsea", 32)
+    eight_bit = (pixels * 255).round().byte()
+    array = eight_bit.permute(1, 2, 0).numpy()
+    Image.fromarray(array).save(file := io.BytesIO(), "PNG")
+    return {
+        "tensor": eight_bit,
+        "array": array,
+        "with alpha": np.dstack([array, np.full_like(array[..., 0], 255)]),
+        "blue first": array[..., ::-1].copy()[..., ::-1],
+        "batch": eight_bit[None],
+        "pillow": Image.fromarray(array),
+        "bytes": file.getvalue(),
+        "file": file,
+        "of another library": OfAnotherLibrary(array),
+        "floats": eight_bit.permute(1, 2, 0).numpy() / 255,
+        "float tensor": (eight_bit / 255).requires_grad_(),
+    }
+
+
+def test_a_picture_may_be_of_any_kind():
+    small = SMALL | {"resolution": None}
+    first, *others = (brushexp.paint(picture, **small) for picture in kinds_of_picture().values())
+    for other in others:
+        assert np.array_equal(other.target, first.target)
+        assert np.array_equal(other.image, first.image)
+    ramp = np.linspace(0, 1, 70 * 64).reshape(70, 64)
+    grey = brushexp.paint(ramp, **small, style=Image.fromarray(np.uint8(255 * ramp.T)))
+    assert grey.image.shape == (70, 64, 3)
+    assert "style_poly" in grey.metrics
+
+
+def test_transparent_pixels_lie_over_white_and_count_nothing_in_a_mask_and_true_is_bright():
+    color, alpha = np.full((4, 5, 3), 51, np.uint8), np.array([[0, 255, 255, 255, 102]] * 4, np.uint8)
+    rgba = np.dstack([color, alpha])
+    expected = {1.0: [255, 51, 51, 51, 173], 0.0: [0, 51, 51, 51, 20]}  # 51 * 0.4 and 0.6 of the backdrop
+    for backdrop, row in expected.items():
+        for picture in (rgba, rgba / 255, torch.from_numpy(rgba).permute(2, 0, 1), Image.fromarray(rgba)):
+            pixels = hold(picture).over[backdrop]
+            assert_close(pixels[0, :, 0] * (1 if pixels.dtype == np.uint8 else 255), np.array(row), atol=1, rtol=0,
+                         check_dtype=False)  # fmt: skip
+    premultiplied = Image.merge("LA", [Image.fromarray(color[..., 0]), Image.fromarray(alpha)]).convert("La")
+    np.testing.assert_allclose(hold(premultiplied).over[1.0][0, :, 0], expected[1.0], atol=1)
+    assert np.array_equal(hold(alpha > 102).over[1.0][0, :, 2], [0, 255, 255, 255, 0])
+
+
+def closed_picture() -> Image.Image:
+    with Image.open(samples()["chelsea"]) as picture:
+        return picture
+
+
+@pytest.mark.parametrize(("picture", "options", "words"), [
+    ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
+    ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
+    ("astronaut", {"resume": "x"}, "resume=x is no option here"),
+    ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
+    ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
+    ("nowhere.png", {}, "image=nowhere.png is not there"),
+    (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
+    (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give image / 255, floats from 0 to 1"),
+    (np.full((4, 4), 999, np.uint16), {}, "image is an array of uint16 from 999 to 999; give image / 65535"),
+    (np.eye(4, dtype=int), {}, r"image is an array of int64 from 0 to 1; give image.astype\(bool\), if it is a mask"),
+    (np.eye(4) * 2 - 1, {}, r"float64 from -1 to 1; give \(image \+ 1\) / 2, if it goes from -1 to 1"),
+    (np.full((4, 4), np.nan), {}, r"image is an array of float64 from nan to nan; give np.nan_to_num\(image\)"),
+    (np.ma.masked_less(np.eye(4), 1), {}, "image is a masked array; say what is seen"),
+    (np.array([["a"]]), {}, "image is an array of <U1; give"),
+    (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
+    (torch.rand(2, 5, 6), {}, "image is a tensor of shape"),
+    (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
+    (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse, .* or without numbers"),
+    (torch.zeros(3, 4, 5, dtype=torch.cfloat).conj(), {}, "image is a tensor that is sparse, quantized, complex"),
+    (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
+    (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
+    (torch.rand(5, 6, 3), {}, r"permute\(2, 0, 1\) puts the channels first"),
+    (np.zeros((3, 4, 6)), {}, r"transpose\(1, 2, 0\) puts the channels last"),
+    (b"no picture" * 1000, {}, "^image, 10000 bytes, is not a picture of a known format; .{1,60}$"),
+    (Image.new("I", (4, 4), 200), {}, r"32 bits up to 200, nearly black; give image.convert\('L'\)"),
+    ([[0.5, 0.5], [0.5, 0.5]], {}, r"a list of 2; for an array of numbers, give np.array\(image\)"),
+    (io.TextIOWrapper(io.BytesIO(b"\x89PNG")), {}, 'image is a file that was opened as text; open it with "rb"'),
+    (io.StringIO("x"), {}, 'image is a file that was opened as text; open it with "rb"'),
+    (["a.jpg", "b.jpg"], {}, "image takes one picture, and this is a list of 2; give one after the other"),
+    ("astronaut", {"style": [np.zeros((4, 4))] * 2}, "style takes one picture, .* list of 2; give one of them"),
+    ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
+    (closed_picture(), {}, "image is closed or damaged .*; give"),
+    ({}, {}, "image={} says nothing; leave it out"),
+    (
+        "astronaut",
+        {"focus": np.ones((3, 9))},
+        "focus=.* pixels, the picture 32 x 32; give one whose sides have the same ratio",
+    ),
+])  # fmt: skip
+def test_a_mistake_is_a_message_of_one_line(picture, options, words):
+    for call in (brushexp.paint, brushexp.iterate):  # at once, and not with the first state
+        refuses(words, call, picture, **SMALL | options)

@@ -70,7 +70,7 @@ def test_no_imports_go_in_circles_within_a_package(package):
     TopologicalSorter({name: taken & graph.keys() for name, taken in graph.items()}).prepare()
 
 
-def test_layers_of_the_design_are_those_of_the_imports():
+def test_layers_of_the_design_are_those_of_the_imports_and_the_tutorial_says_what_a_plugin_may_import():
     table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("\n## ")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head
     order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
@@ -80,13 +80,16 @@ def test_layers_of_the_design_are_those_of_the_imports():
     } == set(order)  # fmt: skip
     for place, name in enumerate(order):
         assert graph.get(name, set()) - {"conf"} <= set(order[:place]), name
+    text = (ROOT / "docs" / "tutorial.md").read_text()
+    for package in sorted(LIBRARIES | TOOLS):
+        assert f"`brushexp.{package}`" in text, package
 
 
 def twice(found: dict[str, set[str]]) -> set[str]:
     return {name for name, places in found.items() if len(places) > 1}
 
 
-def test_no_public_name_stands_twice():
+def test_no_public_name_stands_twice_and_no_task_imports_a_task():
     names: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
         place = str(path.relative_to(SOURCE))
@@ -95,9 +98,6 @@ def test_no_public_name_stands_twice():
             if public and (node.name, path.parent.name) != ("run", "tasks"):
                 names.setdefault(node.name, set()).add(place)
     assert not twice(names)
-
-
-def test_no_task_imports_a_task():
     for path in (SOURCE / "tasks").glob("*.py"):
         assert not {module for module in imports(path) if module.startswith("tasks")}, path.name
 
@@ -119,12 +119,6 @@ def test_plugins_know_libraries_and_contracts_only(path):
         assert package in LIBRARIES | TOOLS or module in contracts or own, f"{module}: pass it what it needs instead"
 
 
-def test_the_tutorial_says_what_a_plugin_may_import():
-    text = (ROOT / "docs" / "tutorial.md").read_text()
-    for package in sorted(LIBRARIES | TOOLS):
-        assert f"`brushexp.{package}`" in text, package
-
-
 @pytest.mark.parametrize("path", [painting, brushexp_training], ids=lambda path: path.__name__)
 def test_the_map_names_every_module_of_the_path(path):
     line = " ".join(path.__doc__.splitlines()[2:])
@@ -136,25 +130,18 @@ def test_the_map_names_every_module_of_the_path(path):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_every_family_is_a_package_with_a_contract(family):
+def test_every_family_is_a_package_with_a_contract_whose_members_stand_in_files_of_their_names(family):
     folder = SOURCE / "plugins" / PACKAGES[family]
     assert (folder / "base.py").is_file()
     assert f"{family}=" in (folder / "__init__.py").read_text()
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
     shipped = [plugin for plugin in plugins(family) if plugin.cls.__module__.startswith("brushexp.")]
     assert [plugin.cls.__module__.rpartition(".")[2] for plugin in shipped] == [plugin.name for plugin in shipped]
 
 
-def test_no_preset_has_the_name_of_a_plugin():
+def test_no_preset_has_the_name_of_a_plugin_and_every_module_of_tasks_is_that_of_a_task():
     for family in FAMILIES:
         presets = {path.stem for path in (SOURCE / "conf" / family).glob("*.yaml")}
         assert not presets & {plugin.name for plugin in plugins(family)}
-
-
-def test_every_module_of_tasks_is_that_of_a_task():
     modules = {task.module for task in TASKS.values() if task.module.startswith("brushexp.")}
     assert {f"brushexp.tasks.{path.stem}" for path in (SOURCE / "tasks").glob("*.py") if path.stem[0] != "_"} == modules
 
@@ -175,7 +162,7 @@ load.read_picture = spy
 """
 
 
-def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path):
+def test_few_modules_stand_between_a_word_and_the_picture_that_it_names_and_help_loads_nothing_slow(tmp_path):
     io.imsave(tmp_path / "photo.png", data.chelsea()[::8, ::8])
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "spy.py").write_text(SPY)
@@ -183,9 +170,6 @@ def test_few_modules_stand_between_a_word_and_the_picture_that_it_names(tmp_path
     (line,) = (line for line in found.stdout.splitlines() if line.startswith("brushexp"))
     assert line.split()[-1] == "brushexp.pictures.load"
     assert len(line.split()) <= 8, line
-
-
-def test_help_loads_plugins_and_nothing_slow():
     command = [sys.executable, "-X", "importtime", "-m", "brushexp", "--help"]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     loaded = {line.rpartition("|")[2].strip() for line in found.stderr.splitlines()}

@@ -105,7 +105,12 @@ def test_places_of_any_picture_lie_on_it(size, n):
     check_strokes(new)
 
 
-def test_a_good_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes():
+def test_adaptive_paints_better_than_fixed_and_a_good_painting_needs_no_more_strokes():
+    target = picture((72, 96))
+    fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
+    assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
+    flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
+    assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
     refused = {0.0: Adaptive(), 0.001: Adaptive(), 0.01: Adaptive(psnr=35)}
     assert all(density.revise(state_of(error=error)) is None for error, density in refused.items())
     assert Adaptive(psnr=45).revise(state_of(error=0.01)) is not None
@@ -114,17 +119,6 @@ def test_a_good_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes():
     update = Adaptive().revise(state_of(error=0.001, scores=scores))
     assert (~update.keep).nonzero().tolist() == [[5]]
     assert len(update.new) == 0
-
-
-def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
-    target = picture((72, 96))
-    fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
-    assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
-    flat = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
-    assert len(flat.catalogue) <= 35, "a flat picture ends with the strokes it began with"
-
-
-def test_the_weakest_go_in_rounds_with_steps_between_them():
     update = Adaptive(moved=0.25).revise(state_of(scores=torch.arange(40) + 1.0, budget=40))
     assert update.keep.tolist() == [False] * 10 + [True] * 30
     assert len(update.new) == 10
@@ -134,7 +128,7 @@ def test_the_weakest_go_in_rounds_with_steps_between_them():
         assert (none.revise(state_of()), none.first(60, 500)) == (None, 60)
 
 
-def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
+def test_coarse_steps_look_at_the_smaller_picture_leave_strokes_in_place_and_know_their_error():
     painter, seen = painter_of(Fixed(), steps=20, coarse=0.5), []
     loop = take(painter, 0)
     painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
@@ -144,9 +138,6 @@ def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
         assert math.isfinite(painter.picture.error)
     assert [each.image.shape[1:] for each in seen] == [(20, 28)] * 10 + [SIZE] * 10
     assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
-
-
-def test_coarse_steps_leave_the_strokes_in_place_and_their_error_is_that_of_what_they_saw_enlarged():
     target = torch.nn.functional.interpolate(torch.rand(1, 3, 5, 7), SIZE, mode="bicubic")[0].clamp(0, 1)
     coarse, full = (painted(Fixed(), steps=100, coarse=share, target=target) for share in (0.5, 0.0))
     assert psnr_of(coarse.picture.error) == pytest.approx(psnr_of(full.picture.error), abs=1.5)
@@ -194,9 +185,6 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     assert not policy.due(50, 60), "once"
     fresh.load_state_dict(policy.state_dict())
     assert not fresh.due(50, 60)
-
-
-def test_the_picture_is_asked_which_strays_it_would_miss():
     fixed, asked, blind = (
         painted(d, n=150) for d in (Fixed(), Strays(thin=2.5, missed=0.02), Strays(thin=2.5, missed=1))
     )

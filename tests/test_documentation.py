@@ -1,18 +1,32 @@
 """The documentation is true of the program: its commands compose, its files exist, its examples and notebook run."""
 
 import doctest
+import os
 import re
 import shlex
+import subprocess
+import sys
+import textwrap
 import tomllib
 from importlib import import_module
+from pathlib import Path
 
 import nbformat
 import pytest
+from catalogues import catalogue
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from program import ROOT
+from hydra.errors import ConfigCompositionException
+from program import ROOT, publish
+from refusals import refuses
 from typed import configured
 
 from brushexp.cli.program import expand_arguments
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import folders_of
+from brushexp.config.publish import offer_presets, prepare
+from brushexp.registry import MULTI_SELECT, build
+from brushexp.strokes.storage import save_catalogue
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
@@ -54,27 +68,20 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_lines_of_text_are_short(page):
+def test_lines_of_text_are_short_and_files_of_the_program_that_a_page_names_exist(page):
     if page.name not in WRITTEN_BY_TASKS:
         text = [line for line in page.read_text().splitlines() if not line.startswith(("|", "    "))]
         assert not [line for line in text if len(line) > LONGEST_LINE]
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_files_of_the_program_that_a_page_names_exist(page):
     roots = [ROOT, ROOT / "src" / "brushexp", *(ROOT / "packages").glob("*/brushexp_*")]
     names = re.findall(r"(?<![\w/])([\w-]+/[\w./-]+\.(?:py|yaml))\b", page.read_text())
     own = [name for name in names if not name.startswith(("conf/", "plugins/"))]  # of the program, not of a user
     assert not [name for name in own if not any((root / name).is_file() for root in roots)]
 
 
-def test_a_reason_is_given_for_every_dependency():
+def test_a_reason_and_the_version_that_was_tried_are_given_for_every_dependency():
     table = (ROOT / "docs" / "decisions" / "014-dependencies.md").read_text().partition("## Packages")[2]
     names = re.sub(r"\(.*?\)", "", "\n".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)[1:]))
     assert {name.strip() for name in re.split(r"[,\n]", names)} == PACKAGES
-
-
-def test_constraints_name_the_version_that_was_tried_of_every_dependency():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert {line.partition("==")[0] for line in lines if "==" in line} == PACKAGES
 
@@ -84,10 +91,11 @@ FOLDERS = [SOURCE, *ROOT.glob("packages/*")]
 MODULES = {path: folder for folder in FOLDERS for path in folder.rglob("*.py") if ">>> " in path.read_text()}
 
 
-def test_every_contract_has_an_example():
+def test_every_contract_has_an_example_and_the_loop_on_the_page_about_python_runs():
     contracts = [*SOURCE.glob("brushexp/plugins/*/base.py"), SOURCE / "brushexp/strokes/catalogue.py"]
     assert len(contracts) > 10
     assert not [path for path in contracts if path not in MODULES]
+    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -96,10 +104,6 @@ def test_examples_in_docstrings_run(path):
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
-
-
-def test_the_loop_on_the_page_about_python_runs():
-    assert doctest.testfile(str(ROOT / "docs/api.md"), module_relative=False).failed == 0
 
 
 @pytest.mark.slow
@@ -115,3 +119,98 @@ def test_the_notebook_runs(tmp_path):
     assert "30 of 30" in "".join(output["text"] for output in states)  # which comes in pieces
     assert "2])" in gradient[-1]["data"]["text/plain"]
     assert not [*tmp_path.iterdir()]
+
+
+TEXT = (ROOT / "docs" / "tutorial.md").read_text()
+BLOCKS = {
+    name: textwrap.dedent(block)
+    for block, name in re.findall(r"((?:^    # (\S+)\n)(?:^(?:    .*)?\n)+)", TEXT, re.MULTILINE)
+}
+NAMES = {Path(name).stem for name in BLOCKS if name.endswith(".py")}
+PACKAGE = ROOT / "examples" / "plugin-package"
+
+
+@pytest.mark.slow
+def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp_path):
+    assert {"calm", "raster", "marker", "glaze"} == NAMES
+    examples = [path.stem for path in (ROOT / "examples" / "plugins").glob("*.py")]
+    for name in NAMES:
+        (tmp_path / f"{name}.py").write_text(BLOCKS[f"plugins/{name}.py"])
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
+    command += ["-k", " or ".join([*NAMES, *examples, "dabs"]), "tests/test_plugins.py", str(PACKAGE)]
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    publish(tmp_path, project["name"], project["version"], project["entry-points"]["brushexp.plugins"])
+    path = [str(tmp_path), str(PACKAGE / "src"), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {
+        "BRUSHEXP_PLUGINS": f"{tmp_path}{os.pathsep}{ROOT / 'examples' / 'plugins'}",
+        "PYTHONPATH": os.pathsep.join(path),
+    }
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 56
+
+
+PRESETS = {
+    "loss/mse_strong": BLOCKS["conf/loss/mse_strong.yaml"],
+    "loss/stronger": "defaults: [mse_strong]\nweight: 3.0\n",
+    "loss/own_package": "# @package loss.own_package\ndefaults: [mse@_here_, _self_]\nweight: 4.0\n",
+    "loss/both": "defaults: [mse, l1, _self_]\nmse:\n  weight: 5.0\n",
+    "metric/likeness": "defaults: [ssim]\n",
+    "to/large": "defaults: [png]\n",
+    "logger/table": "defaults: [csv]\n",
+    "callbacks/rates": "defaults: [learning_rate_monitor]\n",
+}
+
+
+@pytest.fixture
+def presets(tmp_path, hydra_restore_singletons):
+    """Folder of configs with presets of families of which several can be chosen."""
+    for name, text in PRESETS.items():
+        path = tmp_path / "conf" / f"{name}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    prepare(tmp_path)
+    return folders_of(tmp_path)
+
+
+def composed(folders, *overrides):
+    cfg = compose.composed(overrides, folders)
+    check(cfg)
+    return cfg
+
+
+WEIGHTS = {
+    "[mse,mse_strong]": {"mse": 1.0, "mse_strong": 2.0},
+    "stronger": {"stronger": 3.0},
+    "own_package": {"own_package": 4.0},
+    "both": {"mse": 5.0, "l1": 1.0},
+}
+
+
+def test_a_preset_of_a_loss_is_one_of_that_name_typed_and_tuned_as_its_plugin_in_every_family_of_several(
+    presets, tmp_path
+):
+    for chosen, weights in WEIGHTS.items():
+        cfg = composed(presets, f"loss={chosen}")
+        assert {name: node.weight for name, node in cfg.loss.items()} == weights
+        assert all(build(node).weight == weights[name] for name, node in cfg.loss.items())
+    assert composed(presets, "loss=mse_strong", "loss.mse_strong.weight=7").loss.mse_strong.weight == 7.0
+    with pytest.raises(ConfigCompositionException):
+        composed(presets, "loss=mse_strong", "loss.mse_strong.weight=much")
+    words = r"loss\.mse_strong\.weight=-1 is not at least 0"
+    refuses(words, composed, presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
+    save_catalogue(tmp_path / "a.h5", catalogue())
+    cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
+    assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])
+    assert list(composed(presets, "task=export", "to=[large,svg]", f"catalogue={tmp_path}/a.h5").to) == ["large", "svg"]
+    assert {path.partition("/")[0] for path in PRESETS} == set(MULTI_SELECT)
+
+
+@pytest.mark.parametrize(("name", "text", "message"), [
+    ("mse", "defaults: [l1]\n", "has the name of the plugin loss=mse; give the file another name"),
+    ("odd", "defaults: [mse]\nwieght: 2.0\n", r"odd\.yaml does not fit loss=mse: .*wieght"),
+    ("odd", "defaults: [mse]\nweight: much\n", r"odd\.yaml does not fit loss=mse: .*much"),
+])  # fmt: skip
+def test_a_preset_that_fits_no_plugin_is_refused(tmp_path, name, text, message):
+    (tmp_path / f"{name}.yaml").write_text(text)
+    refuses(message, offer_presets, "loss", {name: tmp_path / f"{name}.yaml"})

@@ -17,11 +17,13 @@ import torch
 from brushexp_policies.patches import Patches
 from brushexp_training.dataset import Origin
 from brushexp_training.writer import simulate_set
+from catalogues import catalogue
 from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
 from program import ended, run
+from refusals import refuses
 from scenes import random_strokes
 
 from brushexp.bounds import INTERRUPTED_RUN
@@ -38,13 +40,14 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import has_finished
 from brushexp.runs import resume
+from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RECORD, interrupted_run
 from brushexp.runs.run_folder import take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
-from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
+from brushexp.system.run_files import CHECKPOINT, MANIFEST, METRICS_FILE, note_files, recorded
 from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint
 
@@ -64,30 +67,14 @@ def resumed(config, tmp_path, monkeypatch):
     return go_on
 
 
-def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
+def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_began_with_alone(resumed, tmp_path):
     photo = tmp_path / "photo (1).png"
     Image.new("RGB", (40, 30), "navy").save(photo)
     restored = resumed(begun=[f"image='{photo}'", "steps=900"])
     assert (restored.image, restored.steps) == (str(photo), 900)
-    with pytest.raises(UserError, match="drop steps=9"):
-        resumed("steps=9")
+    refuses("drop steps=9", resumed, "steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
-    with pytest.raises(UserError, match="is not the file that the run began with"):
-        resumed()
-
-
-@pytest.mark.parametrize(("holds", "message"), [
-    ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
-    ("metrics.json", "this run has ended, and nothing is left to go on with"),
-    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
-])  # fmt: skip
-def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
-    (tmp_path / holds).touch()
-    with pytest.raises(UserError, match=re.escape(f"resume={tmp_path}: {message}")):
-        INTERRUPTED_RUN.check("resume", str(tmp_path))
-
-
-def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_path):
+    refuses("is not the file that the run began with", resumed)
     place = tmp_path / "set"
 
     def simulate(n: int, seed: int = 0) -> None:
@@ -100,8 +87,17 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_
             shutil.rmtree(place)
         simulate(n, seed)
         now = f"set has {n} strokes of seed {seed} now, and the run began with 40 strokes of seed 0; put"
-        with pytest.raises(UserError, match=now):
-            resumed(task="train")
+        refuses(now, resumed, task="train")
+
+
+@pytest.mark.parametrize(("holds", "message"), [
+    ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
+    ("metrics.json", "this run has ended, and nothing is left to go on with"),
+    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
+])  # fmt: skip
+def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
+    (tmp_path / holds).touch()
+    refuses(re.escape(f"resume={tmp_path}: {message}"), INTERRUPTED_RUN.check, "resume", str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -118,8 +114,7 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
         path.write_bytes(content)
     else:
         torch.save(content, path)
-    with pytest.raises(UserError, match=r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew"):
-        resumed()
+    refuses(r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew", resumed)
 
 
 class Breaking(Loss):
@@ -263,8 +258,7 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
             assert run_task(paint, *TINY)["status"] == "completed"
             assert "no checkpoint at step 7: cannot write" in caplog.text
             return
-        with pytest.raises(UserError, match=rf"cannot write .*{full}: No space left on device; .* with output="):
-            run_task(paint, *TINY)
+        refuses(rf"cannot write .*{full}: No space left on device; .* with output=", run_task, paint, *TINY)
     assert (tmp_path / CHECKPOINT).exists()
     assert not (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob(TEMPORARY))
@@ -289,8 +283,7 @@ def test_what_has_no_room_is_refused_before_any_job_starts(words, message, confi
     save_catalogue(Path("other.h5"), replace(PLAIN, renderer="neural", config="renderer: {width: -3}"))
     assert 10 < free_memory() < 1e9
     monkeypatch.setattr("brushexp.system.runtime.free_memory", lambda: 400)
-    with pytest.raises(UserError, match=message):
-        check(config(*words), words)
+    refuses(message, check, config(*words), words)
 
 
 def leave(folder, *names):
@@ -315,15 +308,13 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     take(folder, config())  # of the user alone: nothing is refused, nothing goes
     run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
     leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
-    with pytest.raises(UserError, match=r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="):
-        take(folder, config())
+    refuses(r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume=", take, folder, config())
     assert files_in(folder) == mine | run_leaves, "but for what writing that was killed has left"
     take(folder, config(f"resume={folder}"))
     with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
         take(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
-    with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):
-        take(folder, config())
+    refuses(r"holds a run already \(metrics.json\); choose another folder, or replace", take, folder, config())
     (folder / "metrics.json").unlink()
     take(folder, config())  # over a run that came to nothing
     assert files_in(folder) == mine
@@ -359,7 +350,7 @@ class Foo(Exporter):
 """
 
 
-def test_an_exporter_in_one_file_leaves_nothing_after_overwriting(tmp_path):
+def test_an_exporter_leaves_nothing_after_overwriting_and_one_that_is_stopped_says_what_it_has(tmp_path):
     save_catalogue(tmp_path / "c.h5", PLAIN)
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "foo.py").write_text(EXPORTER)
@@ -370,6 +361,14 @@ def test_an_exporter_in_one_file_leaves_nothing_after_overwriting(tmp_path):
         written = {name for name in files_in(tmp_path / "b") if not name.startswith(".hydra")}
         assert written == names | {"metrics.json", "run.log"}
     assert not (tmp_path / "b" / "parts").exists()
+    save_catalogue(tmp_path / "some.h5", catalogue())
+    words = ["task=export", "catalogue=some.h5", "to=[svg,json]", "output=x"]
+    code, output = ended(tmp_path, *words, kill=("strokes.svg", 1, True), sent=signal.SIGTERM)
+    assert code == 128 + signal.SIGTERM
+    assert output == "note: interrupted; x has strokes.svg; to begin anew, type the same and: output=x\n"
+    code, output = ended(tmp_path, *words)
+    assert code == 0, output
+    assert (tmp_path / "x" / "strokes.json").is_file()
 
 
 def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch):
@@ -383,8 +382,7 @@ def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch
         cfg = config(*words)
         OmegaConf.set_struct(cfg, False)
         cfg.hydra = {"sweeper": {"pictures": [*pictures]}}
-        with pytest.raises(UserError, match=r"a run in output=.*a would replace .*; choose another folder"):
-            take(folder, cfg)
+        refuses(r"a run in output=.*a would replace .*; choose another folder", take, folder, cfg)
         assert before <= {path.name for path in folder.iterdir()}
 
     refuse(f"image={folder}/target.png")
@@ -420,8 +418,7 @@ def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tm
         leave(tmp_path / name, CHECKPOINT, "painting.png")
     with recorded(tmp_path):
         note_files(tmp_path, [tmp_path / "1_2" / name for name in ("painting.png", MANIFEST)])  # the first is in both
-    with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"):
-        take(tmp_path, config())
+    refuses(r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep", take, tmp_path, config())
     take(tmp_path, config("overwrite=true"))
     assert files_in(tmp_path) == {f"3/{name}" for name in (CHECKPOINT, "painting.png", MANIFEST)}
 
@@ -457,3 +454,20 @@ def test_ctrl_c_after_the_last_step_leaves_the_painting(run_task, tmp_path, monk
     assert "stopping when painting and catalogue are written (Ctrl-C again: at once)" in caplog.text
     assert not has_finished(tmp_path)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(("files", "task", "said"), [
+    ([], "export", "nothing is finished; to begin anew, type the same and: output=my run"),
+    (["run.log", "a", "b"], "export", "my run has a, b; to begin anew, type the same and: output=my run"),
+    (["a", "b", "c", "d", "e", "painting.png"], "x", "my run has painting.png, a, b, c and 2 more; to begin anew"),
+    ([METRICS_FILE], "paint", f"my run has {METRICS_FILE}; to begin anew, type the same and: output=my run over"),
+    (["a", CHECKPOINT], "paint", "continue with: brushexp resume=my run"),
+    ([CHECKPOINT], "train", "continue with: brushexp task=train resume=my run"),
+])  # fmt: skip
+def test_what_is_finished_is_named_and_what_to_type(files, task, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (folder := tmp_path / "my run" / ".hydra").mkdir(parents=True)
+    with recorded(folder.parent):
+        for name in files:
+            (folder.parent / name).touch()
+    assert how_to_go_on(folder.parent, task).replace("'", "").startswith(said)

@@ -1,4 +1,4 @@
-"""Focus: the map of what matters, the weights made of it, and what losses and strokes do with them."""
+"""Focus: the map of what matters, what losses and strokes do with it; and abstraction, which leaves faces alone."""
 
 import math
 from pathlib import Path
@@ -13,13 +13,16 @@ from brushexp_policies.patches import Patches
 from painters import painter_of as some_painter
 from painters import take
 from PIL import Image
+from skimage import data
 from torch import Tensor
 from torch.testing import assert_close
 
+import brushexp
 from brushexp.errors import UserError
 from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.similarity import dissimilarity, statistics
@@ -175,7 +178,7 @@ def test_gradients_of_pixels_are_weighted(loss, power):
     assert_close(slope_of(loss, image, target, focus), (expected.detach(), *gradient))
 
 
-def test_windows_count_by_the_pixel_in_their_middle_and_features_by_the_area_below_them():
+def test_windows_count_by_their_middle_features_by_their_area_and_the_example_of_a_loss_by_its_pixels():
     image, target, focus = scene((32, 48))
     value, _ = slope_of(StructuralSimilarity(), image, target, focus)
     windows = dissimilarity(image, target, *statistics(target)).mean(0)
@@ -185,9 +188,6 @@ def test_windows_count_by_the_pixel_in_their_middle_and_features_by_the_area_bel
     ours, theirs = (loss.network(x[None], ["stem"])["stem"][0] for x in (image, target))
     cells = focus.reshape(16, 2, 24, 2).mean((1, 3)).double()
     assert float(value) == pytest.approx(float(((ours - theirs).square() * cells).mean()))
-
-
-def test_the_example_of_a_loss_heeds_it():
     image, target, _ = scene((6, 9))
     focus = torch.zeros(6, 9)
     focus[2, 3] = 54
@@ -216,7 +216,14 @@ SQUARE[20:45, 30:65] = 1
 FOCUSED = focus_weights(SQUARE, 8)
 
 
-def test_a_focus_is_painted_better_and_the_rest_worse():
+def test_a_focus_is_painted_better_and_the_rest_worse_as_strokes_begin_where_it_matters():
+    counts = []
+    for focus in (None, torch.ones(CANVAS), FOCUSED):
+        x, y = painter_of(None, init_focus=focus).strokes().position.unbind(1)
+        counts.append(int(((x >= 30) & (x < 65) & (y >= 20) & (y < 45)).sum()))
+    assert counts[0] == counts[1]
+    assert counts[2] > 1.4 * counts[0]
+
     def errors(painter: StrokeOptimizer) -> list[float]:
         squares = (painted(painter, 80) - painter.picture.target).square().mean(0)
         return [float(squares[SQUARE.eq(value)].mean()) for value in (1, 0)]
@@ -224,15 +231,6 @@ def test_a_focus_is_painted_better_and_the_rest_worse():
     (inside, outside), (better, worse) = errors(painter_of(None)), errors(painter_of(FOCUSED, init_focus=FOCUSED))
     assert 10 * math.log10(inside / better) > 1
     assert worse > outside
-
-
-def test_the_strokes_begin_where_it_matters():
-    counts = []
-    for focus in (None, torch.ones(CANVAS), FOCUSED):
-        x, y = painter_of(None, init_focus=focus).strokes().position.unbind(1)
-        counts.append(int(((x >= 30) & (x < 65) & (y >= 20) & (y < 45)).sum()))
-    assert counts[0] == counts[1]
-    assert counts[2] > 1.4 * counts[0]
 
 
 def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
@@ -252,7 +250,7 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     assert seen[2].focus is not seen[3].focus
 
 
-def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
+def test_the_keys_make_weights_and_leave_the_map_and_the_focused_psnr_weighs_errors_by_it(config, run_task, tmp_path):
     a, b = (np.random.default_rng(i).integers(0, 256, (12, 17, 3), dtype=np.uint8) for i in (1, 2))
     focus = focus_weights(torch.rand(12, 17), 8)
     squares = ((a.astype(float) - b) / 255) ** 2
@@ -263,9 +261,6 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
     assert measure(metrics, a, a, focus=focus)["psnr_focus"] == math.inf
     assert "psnr_focus" not in measure(metrics, a, b)
     assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(result["psnr"], abs=1e-4)
-
-
-def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     target = load_picture("coffee", 64)
     assert compute_focus(config(), target) == (None, None)
     weights, attended = compute_focus(config("focus=auto", "focus_strength=4"), target)
@@ -277,3 +272,28 @@ def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     assert run_task(paint, *chosen)["psnr_focus"] > 5
     with Image.open(tmp_path / "focus.png") as image:
         assert image.size == (48, 32)
+
+
+@pytest.fixture(scope="module")
+def paintings():
+    portrait = data.astronaut()[:192, 128:320]
+    return [brushexp.paint(portrait, abstraction=value, steps=4) for value in (0, 0.7, 1)]
+
+
+def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leaves_faces_and_what_is_typed(paintings):
+    counts = [len(painting.strokes) for painting in paintings]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] == pytest.approx(40 * counts[-1], rel=0.05)
+    distances = [painting.metrics["perceptual"] for painting in paintings]
+    assert distances == sorted(distances)
+    assert faces(torch.from_numpy(paintings[1].image).float().movedim(-1, 0) / 255)
+    painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
+    assert len(painting.strokes) == 50
+    picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
+    attended = torch.zeros(40, 60)
+    attended[:, 30:] = 1
+    flat = simplified(picture, 1, attended)
+    assert torch.equal(flat[:, :, 30:], picture[:, :, 30:])
+    assert flat[:, :, :30].std() < 0.5 * picture[:, :, :30].std()
+    assert simplified(picture, 0, attended) is picture
+    assert simplified(picture[:, :1, :1], 0.5, None).shape == (3, 1, 1)

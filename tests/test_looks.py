@@ -5,6 +5,7 @@ import shutil
 import pytest
 from omegaconf import OmegaConf
 from program import ended
+from refusals import refuses
 
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
@@ -14,7 +15,6 @@ from brushexp.config.looks import SCALED
 from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
 from brushexp.config.vocabulary import SHIPPED
-from brushexp.errors import UserError
 from brushexp.registry import plugin_of
 from brushexp.tasks import paint
 
@@ -51,13 +51,25 @@ def mine(tmp_path):
     offer([SHIPPED])
 
 
-def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
+def test_a_look_of_ones_own_is_one_file_what_is_typed_wins_and_the_rest_stays(mine, tmp_path):
     cfg = mine()
     check(cfg)
     values = cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight
     assert values == (30, "white", True, 0.07, 0.5)
     assert presets_of(tmp_path / "look") == {"mine": "my own"}
     assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
+    jobs = [composed(f"look={look} loss={loss}") for look in ("oil", "plain") for loss in ("[mse]", "[mse,kl]")]
+    assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
+    assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
+    assert plugin_of(jobs[0].renderer).name == "textured"
+    before = mine()
+    for typed, same, changed in TYPED:
+        after = mine(typed)
+        check(after, typed.split())
+        for key in same.split():
+            assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
+        for key, value in changed.items():
+            assert OmegaConf.select(after, key) == value
 
 
 TYPED = [  # what is typed beside a look, what stays as it was, and what does not
@@ -71,17 +83,6 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
 ]  # fmt: skip
 
 
-def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine):
-    before = mine()
-    for typed, same, changed in TYPED:
-        after = mine(typed)
-        check(after, typed.split())
-        for key in same.split():
-            assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
-        for key, value in changed.items():
-            assert OmegaConf.select(after, key) == value
-
-
 @pytest.mark.parametrize(("text", "message"), [
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
@@ -90,8 +91,7 @@ def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine):
 def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "wrong.yaml").write_text(text)
-    with pytest.raises(UserError, match=rf"wrong\.yaml.*{message}"):
-        offer([tmp_path])
+    refuses(rf"wrong\.yaml.*{message}", offer, [tmp_path])
     offer([SHIPPED])
 
 
@@ -107,8 +107,7 @@ def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, messa
 def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name, content, message):
     (tmp_path / "conf" / name).mkdir(parents=True)
     (tmp_path / "conf" / name / "wrong.yaml").write_bytes(content)
-    with pytest.raises(UserError, match=rf"wrong\.yaml {message}"):
-        folders_of(tmp_path)
+    refuses(rf"wrong\.yaml {message}", folders_of, tmp_path)
 
 
 def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are_listed(tmp_path):
@@ -144,10 +143,3 @@ def test_a_look_paints(look, run_task, tmp_path):
     result = run_task(paint, f"look={look}", *words)
     assert result["psnr"] > (4 if look == "ink" else 8)  # a drawing leaves the paper white
     assert result["status"] == "completed"
-
-
-def test_a_sweep_over_looks_or_over_losses_of_one_composes():
-    jobs = [composed(f"look={look} loss={loss}") for look in ("oil", "plain") for loss in ("[mse]", "[mse,kl]")]
-    assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
-    assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
-    assert plugin_of(jobs[0].renderer).name == "textured"

@@ -1,17 +1,30 @@
-"""The ruler and the curve against slow, obvious references; its slopes, and the strokes that have hardly any size."""
+"""The ruler, the curve and the metrics against slow, obvious references; slopes, and strokes of hardly any size."""
 
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+from networks import saved, state_of
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
+from torchmetrics.functional.image import structural_similarity_index_measure
 
+from brushexp import registry
+from brushexp.compat.compiled import function
+from brushexp.compositing.nearest import find_nearest, recall_nearest
+from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
+from brushexp.painting.metrics import measure as measure_picture
+from brushexp.painting.metrics import metrics_of, official_lpips, standard_metrics
+from brushexp.plugins.metric.base import STANDARD, Metric
+from brushexp.registry import register
+from brushexp.results.quantities import quantities
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, length_of, point_at, shape_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.runtime import share
 
 SIZE = (60, 90)
 
@@ -56,7 +69,7 @@ def test_shapes_agree_with_fine_polylines():
             assert_close(doubled, doubled.new_tensor([x * x - y * y, 2 * x * y]), rtol=0, atol=0.03)
 
 
-def test_neighbourhoods_agree_with_the_double_loop():
+def test_neighbourhoods_agree_with_the_double_loop_and_measures_have_the_right_slope():
     made = random_strokes(40, SIZE, dtype=torch.float64)
     measured, centres = measure(made), ruler.centre_of(curve_of(made))
     angle = 0.5 * torch.atan2(measured["orientation"][:, 1], measured["orientation"][:, 0])
@@ -66,9 +79,6 @@ def test_neighbourhoods_agree_with_the_double_loop():
         mean, spread = measured["width"][near].mean(), measured["width"][near].std(correction=0)
         assert float(measured["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
         assert float(measured["homogeneity"][i]) == pytest.approx(float(mean / (mean + spread)))
-
-
-def test_measures_have_the_right_slope():
     made = random_strokes(12, SIZE, dtype=torch.float64)
     fields = ("start", "control", "end", "width")
 
@@ -117,7 +127,7 @@ def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
         assert all(value.grad is None or value.grad.isfinite().all() for _, value in made.items())
 
 
-def test_known_shapes_have_known_measures():
+def test_known_shapes_have_known_measures_from_either_end_and_in_any_window():
     curve = torch.tensor([
         [[0, 0], [3, 4], [6, 8]], [[0, 0], [5, 1e4], [10, 0]], [[0, 0], [10, 0], [0, 0]], [[4, 4], [4, 4], [4, 4]],
     ], dtype=torch.float64)  # fmt: skip
@@ -132,9 +142,6 @@ def test_known_shapes_have_known_measures():
     near = torch.tensor([[0, 1, 2], [1, 2, 1]])
     assert_close(ruler.mean_direction(measured, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
     assert ruler.mean_direction(measured, near[:, :0]).tolist() == [[0, 0], [0, 0]]
-
-
-def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window():
     made = random_strokes(50, SIZE, dtype=torch.float64)
     wider = {name: getattr(made, name) / 2 for name in ("start", "control", "end", "width")}
     for other in (replace(made, start=made.end, end=made.start), replace(made, scale=2 * made.scale, **wider)):
@@ -173,10 +180,101 @@ def test_no_point_of_the_curve_is_nearer(bend):
     assert excess[-1] < 0.5, "near the tip of a fold a point may be given to the other leg, which is nearly as near"
 
 
-def test_the_nearest_parameter_has_the_gradient_of_finite_differences():
+def test_the_distance_is_found_wherever_it_is_within_reach_with_the_gradient_of_finite_differences():
     dot = torch.zeros(1, 3, 2, requires_grad=True)
     closest_parameter(dot, torch.ones(1, 2)).sum().backward()
     assert dot.grad.isfinite().all()
     curve, point = random_curves(4, 3.0), torch.rand(4, 2, dtype=torch.float64) * 30
     inputs = (curve.requires_grad_(), point.requires_grad_())
     assert torch.autograd.gradcheck(closest_parameter, inputs, eps=1e-7, atol=1e-4)
+    curve, reach, corners = random_tiles(1000)
+    found, recalled = np.empty((2, len(curve), AREA), F)
+    share(search, len(curve), curve.reshape(-1, 6), reach, corners, found, recalled)
+    y, x = np.divmod(np.arange(AREA), TILE)
+    pixels = torch.from_numpy(corners[:, None] + np.stack([x, y], axis=1) + 0.5).double()
+    curves = torch.from_numpy(curve).double()[:, None]
+    exact = (point_at(curves, closest_parameter(curves, pixels)) - pixels).norm(dim=-1)
+    within = exact <= torch.from_numpy(reach)[:, None]
+    assert within.float().mean() > 0.3
+    for t in (found, recalled):
+        distance = (point_at(curves, torch.from_numpy(t).double()) - pixels).norm(dim=-1)
+        assert (distance - exact)[within].max() < 1e-3
+        assert (distance - exact).min() > -1e-3, "nothing comes nearer than it is"
+
+
+@function
+def search(begin, end, p, reach, corners, found, recalled):
+    for i in range(begin, end):
+        own, near = np.empty(2 * AREA, F), np.empty((1, AREA), np.uint16)
+        ox, oy = corners[i, 0], corners[i, 1]
+        find_nearest(p, i, reach[i], ox, oy, own, near, 0, True)
+        found[i] = own[NEAREST * AREA :]
+        recall_nearest(p, i, ox, oy, own, near, 0)
+        recalled[i] = own[NEAREST * AREA :]
+
+
+def random_tiles(n):
+    """Curves (n, 3, 2), straight ones and hairpins, how far they reach (n,), and tiles (n, 2) not far from them."""
+    generator = np.random.default_rng(0)
+    length, reach = np.exp(generator.uniform(np.log([4, 1]), np.log([200, 40]), (n, 2))).T
+    bend = length * np.exp(generator.uniform(np.log(0.05), np.log(6), n))
+    chord, bend = (
+        size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        for size, angle in zip((length, bend), generator.uniform(0, 2 * np.pi, (2, n)), strict=True)
+    )
+    start = np.full((n, 2), 400.0)
+    curve = np.stack([start, start + (chord - bend) / 2, start + chord], axis=1)
+    t, angle = generator.uniform(0, [[1], [2 * np.pi]], (2, n))
+    place = point_at(torch.from_numpy(curve), torch.from_numpy(t)).numpy()
+    place += reach[:, None] * generator.uniform(0, 1, (n, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return curve.astype(F), reach.astype(F), (place // TILE * TILE).astype(F)
+
+
+A, B = np.random.default_rng(0).integers(0, 256, (2, 40, 33, 3), dtype=np.uint8)
+
+
+def test_standard_metrics_are_what_they_are_defined_as():
+    measured = measure_picture(standard_metrics(), A, B)
+    a, b = A / 255, B / 255
+    slopes = [np.abs(np.diff(a - b, axis=axis)).ravel() for axis in (0, 1)]
+    similarity = structural_similarity_index_measure(
+        *(torch.tensor(x).permute(2, 0, 1)[None] for x in (a, b)), data_range=1.0
+    )
+    assert measured["psnr"] == pytest.approx(-10 * math.log10(((a - b) ** 2).mean()), abs=1e-4)
+    assert measured["ssim"] == pytest.approx(float(similarity), abs=1e-6)
+    assert measured["l1"] == pytest.approx(np.abs(a - b).mean())
+    assert measured["edges"] == pytest.approx(np.concatenate(slopes).mean())
+    assert list(measured) == ["psnr", "ssim", "l1", "edges", "perceptual", "perceptual_backbone"]
+    pixel = measure_picture(standard_metrics(), A[:1, :1], A[:1, :1])
+    assert (pixel["psnr"], pixel["ssim"], pixel["edges"]) == (math.inf, None, None)
+
+
+def test_the_chosen_metrics_are_measured_and_the_official_distance_if_there_is_a_file(config, tmp_path):
+    assert list(metrics_of(config())) == list(STANDARD)
+    assert list(metrics_of(config("metric=[l1]"))) == ["psnr", "l1"]
+    official = official_lpips("alexnet", str(saved(tmp_path, state_of("alexnet"))))
+    measured = measure_picture(standard_metrics() | official, A, B)
+    display = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (A, B)]
+    assert measured["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*display)))
+    assert measured == measure_picture(standard_metrics(), A, B) | {"lpips_alexnet": measured["lpips_alexnet"]}
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_tables_and_pages_show_a_metric_as_its_class_says(monkeypatch):
+    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+
+    @register("metric", "tint")
+    class Tint(Metric):
+        """Difference of the mean colours."""
+
+        title, unit, digits, higher_is_better = "tint", "levels", 1, False
+
+        def __call__(self, comparison):
+            return 255 * float((comparison.image - comparison.target).mean().abs())
+
+    display = quantities()["tint"]
+    assert (display.name, display.digits, display.better, display.about) == (
+        "tint, levels", 1, "lower", "Difference of the mean colours.",
+    )  # fmt: skip
+    assert list(quantities())[: len(STANDARD)] == list(STANDARD)
+    assert list(quantities()).index("tint") < list(quantities()).index("seconds")

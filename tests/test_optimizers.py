@@ -5,6 +5,7 @@ import sys
 import pytest
 import torch
 from painters import assert_resumes, error_of, painter_of, take
+from refusals import refuses
 from scenes import random_strokes
 from torch import Tensor
 from typed import nodes
@@ -42,11 +43,16 @@ def preset(name: str) -> Optimizer:
 
 
 @every_preset
-def test_a_preset_lowers_the_error_in_twenty_steps(name):
+def test_a_preset_lowers_the_error_in_twenty_steps_and_lets_each_stage_start_afresh(name):
     painter = scene(preset(name))
     before = error_of(painter)
     take(painter, 20)
     assert error_of(painter) < 0.9 * before
+    painter = scene(preset(name))
+    optimizer = take(painter, 3)["optimizer"]
+    painter._restart(optimizer)
+    assert not optimizer.state
+    assert all(group.get("step", 0) == 0 for group in optimizer.param_groups)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -61,21 +67,7 @@ def test_a_preset_moves_any_number_of_strokes(name, n):
 
 
 @every_preset
-def test_each_stage_lets_an_optimiser_start_afresh(name):
-    painter = scene(preset(name))
-    optimizer = take(painter, 3)["optimizer"]
-    painter._restart(optimizer)
-    assert not optimizer.state
-    assert all(group.get("step", 0) == 0 for group in optimizer.param_groups)
-
-
-@every_preset
-def test_an_optimiser_goes_on_exactly_after_an_interruption(name, tmp_path):
-    assert_resumes(lambda: scene(preset(name)), 7, tmp_path)
-
-
-@every_preset
-def test_strokes_may_come_and_go(name):
+def test_an_optimiser_goes_on_exactly_after_an_interruption_and_strokes_may_come_and_go(name, tmp_path):
     class Swap(Density):
         def due(self, step, steps):
             return step == 5
@@ -90,18 +82,15 @@ def test_strokes_may_come_and_go(name):
     assert len(painter.catalogue) == 24
     assert error_of(painter) < before
     assert set(loop["optimizer"].state) <= set(painter.catalogue.parameters())
+    assert_resumes(lambda: scene(preset(name)), 7, tmp_path)
 
 
-def test_soap_keeps_no_matrix_as_long_as_the_strokes():
+def test_soap_keeps_no_matrix_as_long_as_the_strokes_and_names_its_library_if_that_is_missing(monkeypatch):
     optimizer = take(scene(preset("soap"), n=300), 3)["optimizer"]
     sizes = [m.shape for state in optimizer.state.values() for m in state["Q"] if len(m)]
     assert sorted(map(tuple, sizes)) == [(2, 2)] * 4 + [(3, 3)], "position, three points and colour"
-
-
-def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pytorch_optimizer", None)
-    with pytest.raises(UserError, match=r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'"):
-        soap()
+    refuses(r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'", soap)
 
 
 @pytest.mark.parametrize("library", LIBRARIES)

@@ -1,17 +1,26 @@
-"""Losses on a part of a canvas: their weighted sum has the gradient of the whole picture there."""
+"""Losses on a part of a canvas have the gradient of the whole there; feature networks against other formulations."""
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 
+import numpy as np
 import pytest
 import torch
 from brushexp_losses.perceptual import Perceptual
+from brushexp_networks.classic import ClassicNetwork
 from brushexp_networks.lpips_loss import Lpips
 from networks import saved, state_of
+from PIL import Image, ImageOps
+from refusals import refuses
+from skimage import data
 from torch import Tensor
+from torch.nn import functional
 from torch.testing import assert_close
 
-from brushexp.features import base as features
-from brushexp.features import open_backbone
+from brushexp.features import NETWORKS, open_backbone
+from brushexp.features.base import Backbone, mean_squares, packaged_file, read_tensors
+from brushexp.features.distance import WEIGHTS, perceptual_distance
+from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, weighted_sum
@@ -115,7 +124,7 @@ def test_wider_regions_begin_on_the_grid_and_are_padded_as_the_whole(grid):
 
 
 def test_tiles_hold_every_activation_once(monkeypatch):
-    monkeypatch.setattr(features, "TILE_PIXELS", 32)
+    monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 32)
     network, taps = open_backbone("effl0"), ["stem", "b2", "b3.expand"]
     picture = torch.rand(3, 77, 101)
     expected = network(picture[None], taps)
@@ -124,3 +133,138 @@ def test_tiles_hold_every_activation_once(monkeypatch):
     for tap, pieces in zip(taps, zip(*tiles, strict=True), strict=True):
         result, everything = torch.cat(pieces, 1), expected[tap][0].flatten(1)
         assert_close(result.sort(1).values, everything.sort(1).values, rtol=1e-4, atol=1e-4)
+
+
+TINY = [(1, 1), (2, 1), (3, 5), (8, 8), (1, 9)]
+
+
+@cache
+def effl0() -> Backbone:
+    return open_backbone("effl0")
+
+
+def every_network() -> list[Backbone]:
+    return [effl0(), *(ClassicNetwork(name, state_of(name)) for name in NETWORKS[1:])]
+
+
+@cache
+def published() -> dict[str, Tensor]:
+    return read_tensors(packaged_file(PACKAGE, FILE))
+
+
+def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
+    """Convolution, TensorFlow's padding, batch norm as the published network has them."""
+    state = {
+        name: value.to(x) for name, value in published().items() if name.startswith((f"{convolution}.", f"{norm}."))
+    }
+    weight = state[f"{convolution}.weight"]
+    kernel = weight.shape[-1]
+    padding = []
+    for side in (x.shape[3], x.shape[2]):
+        total = max((int(np.ceil(side / stride)) - 1) * stride + kernel - side, 0)
+        padding += [total // 2, total - total // 2]
+    x = functional.conv2d(
+        functional.pad(x, padding), weight, stride=stride, groups=1 if weight.shape[1] > 1 else len(weight)
+    )
+    statistics = [state[f"{norm}.{part}"] for part in ("running_mean", "running_var", "weight", "bias")]
+    return functional.batch_norm(x, *statistics, eps=1e-3)
+
+
+def unfolded(pictures: Tensor) -> dict[str, Tensor]:
+    """All taps of EfficientNet-Lite0 with its batch norms apart, in the precision of the pictures."""
+    x = functional.relu6(step((pictures * 255 - 127) / 128, "_conv_stem", "_bn0", 2))
+    taps = {"stem": x}
+    strided = {1, 3, 5, 11}
+    for i in range(16):
+        before, name = x, f"_blocks.{i}."
+        if i:
+            x = functional.relu6(step(x, f"{name}_expand_conv", f"{name}_bn0"))
+            taps[f"b{i}.expand"] = x
+        x = functional.relu6(step(x, f"{name}_depthwise_conv", f"{name}_bn1", 2 if i in strided else 1))
+        x = step(x, f"{name}_project_conv", f"{name}_bn2")
+        x = x + before if x.shape == before.shape else x
+        taps[f"b{i}"] = x
+    return taps
+
+
+@pytest.mark.parametrize("size", [(37, 50), (5, 3), (1, 4), (8, 7)])
+def test_folded_network_agrees_with_the_published_one_and_has_its_slope(size):
+    picture = torch.rand(2, 3, *size).requires_grad_()
+    exact = picture.detach().double().requires_grad_()
+    expected = unfolded(exact)
+    activations = effl0()(picture, effl0().taps)
+    assert list(activations) == list(expected)
+    for name, value in activations.items():
+        assert_close(
+            value.double(), expected[name], rtol=1e-4, atol=1e-3, msg=lambda text, name=name: f"{name}: {text}"
+        )
+    slope, right = (
+        torch.autograd.grad(taps["b2"].square().mean(), x)[0] for taps, x in ((activations, picture), (expected, exact))
+    )
+    assert (slope - right).norm() < 1e-3 * right.norm()
+
+
+@pytest.mark.parametrize(("photo", "classes", "least"), [("coffee", (967,), 0.9), ("chelsea", (281, 282, 285), 0.8)])
+def test_network_recognises(photo, classes, least):
+    picture = ImageOps.fit(Image.fromarray(getattr(data, photo)()), (224, 224), Image.Resampling.BILINEAR)
+    pixels = torch.tensor(np.array(picture)).permute(2, 0, 1)[None] / 255
+    head = functional.relu6(step(effl0()(pixels, ["b15"])["b15"], "_conv_head", "_bn1")).mean((2, 3))
+    scores = functional.linear(head, published()["_fc.weight"], published()["_fc.bias"]).softmax(1)[0]
+    assert int(scores.argmax()) in classes
+    assert scores[list(classes)].sum() > least
+
+
+def test_unknown_taps_networks_packages_and_weights_are_refused_and_no_more_is_computed_than_asked(monkeypatch):
+    network = open_backbone("effl0")
+    for block in list(network.blocks)[4:]:
+        block.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
+    network.blocks[3].project.register_forward_pre_hook(lambda *_: pytest.fail("computed too much"))
+    activations = network(torch.rand(1, 3, 16, 24), ["b3.expand", "stem"])
+    assert set(activations) == {"stem", "b3.expand"}
+    refuses(r"b99.*choose from stem, b0, b1\.expand", effl0(), torch.rand(1, 3, 4, 4), ["stem", "b99"])
+    refuses("empty list", effl0(), torch.rand(1, 3, 4, 4), [])
+    refuses(r"backbone resnet needs a file.*backbone=effl0", open_backbone, "resnet")
+    monkeypatch.setattr("brushexp.features.PACKAGE", "no_such_model")
+    refuses("no_such_model is not installed; pip install no-such-model", open_backbone, "effl0")
+    state = dict(published())
+    refuses("unknown extra", EfficientNetLite0, state | {"extra": torch.zeros(1)})
+    del state["_blocks.7._bn1.bias"]
+    refuses(r"lack '_blocks\.7\._bn1\.bias'", EfficientNetLite0, state)
+
+
+def test_networks_are_frozen_stay_out_of_checkpoints_and_have_all_activations_of_tiny_pictures():
+    picture = torch.rand(1, 3, 12, 9, requires_grad=True)
+    for network in every_network():
+        assert not list(network.parameters())
+        assert not network.state_dict()
+        before = network(picture, network.default_taps)
+        after = network.train()(picture, network.default_taps)
+        for name, value in before.items():
+            assert_close(value, after[name], rtol=0, atol=0)
+            (slope,) = torch.autograd.grad(value.square().mean(), picture)
+            assert slope.isfinite().all()
+            assert slope.abs().max() > 0
+        for size in TINY:
+            activations = network(torch.rand(1, 3, *size), network.taps)
+            assert tuple(activations) == network.taps
+            assert all(value.numel() and value.isfinite().all() for value in activations.values())
+
+
+@pytest.mark.parametrize("layout", [torch.channels_last, torch.contiguous_format])
+def test_mean_squares_are_those_of_each_channel_and_their_gradient_lies_as_the_features_do(layout):
+    ours, theirs = (torch.randn(2, 3, 4, 5).double().to(memory_format=layout).requires_grad_() for _ in range(2))
+    assert_close(mean_squares(ours, theirs), (ours - theirs).square().mean((0, 2, 3)))
+    assert torch.autograd.gradcheck(mean_squares, (ours, theirs))
+    (slope,) = torch.autograd.grad(mean_squares(ours, theirs).mean(), ours)
+    assert slope.stride() == ours.stride()
+
+
+def test_distance_is_the_weighted_difference_of_unit_vectors():
+    image, target = torch.rand(2, 3, 72, 96)
+    expected = 0.0
+    for tap, weight in WEIGHTS.items():
+        a, b = (unfolded(x[None])[tap][0].flatten(1).T.numpy() for x in (image, target))
+        a, b = (x / np.linalg.norm(x, axis=1, keepdims=True).clip(1e-10) for x in (a, b))
+        expected += weight * np.mean(2 - 2 * (a * b).sum(1))
+    assert perceptual_distance(image, target) == pytest.approx(expected, rel=1e-3)
+    assert perceptual_distance(image, image) == 0

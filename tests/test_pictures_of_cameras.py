@@ -1,27 +1,33 @@
-"""Files as cameras, phones, scanners and browsers leave them: their colours, their sizes, and what they are not."""
+"""Files as cameras, phones, scanners and browsers leave them: colours, shapes, sizes, ends, authors."""
 
 import io
+import logging
 import os
 import struct
 import sys
-import zlib
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, IptcImagePlugin
 from PIL.PngImagePlugin import PngInfo
+from refusals import refusal as refused
+from refusals import refuses
 from signals import TO_ADOBE, TO_BT2020, TO_P3, hlg, pq, srgb
+from test_pictures import chunk, deep_png, encoded, profile_of
 
 from brushexp.errors import UserError
 from brushexp.pictures import kinds
-from brushexp.pictures.credits import credits_of
+from brushexp.pictures.credits import credits_of, write_credited
+from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import decode_image, open_picture, picture_size, read_picture
 from brushexp.pictures.folders import left_out, pictures_in
+from brushexp.pictures.kinds import has_codec
 from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
+from brushexp.tasks import export, paint
 
 HEIGHT, WIDTH = 6, 8
 LINEAR = np.random.default_rng(0).random((HEIGHT, WIDTH, 3)) * 0.9  # light of sRGB, 1 is white
@@ -43,14 +49,9 @@ def in_space(matrix: list[list[float]]) -> np.ndarray:
     return LINEAR @ np.array(matrix).T
 
 
-def chunk(name: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-
-
 def png_with(picture: np.ndarray, *extra: bytes) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "PNG")
-    return file.getvalue()[:33] + b"".join(extra) + file.getvalue()[33:]
+    png = encoded(Image.fromarray(picture), "PNG")
+    return png[:33] + b"".join(extra) + png[33:]
 
 
 def adobe_exif(space: int = 65535, index: str | None = "R03") -> Image.Exif:
@@ -108,10 +109,7 @@ def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, ext
     expect(tmp_path / "a.png", worst=16)  # 8 bits of light, or of PQ, are coarse in the dark
     deep = np.rint(65535 * numbers[..., :1]).astype(np.uint16)
     if extra[0][4:8] == b"gAMA":  # grey of 16 bits keeps them
-        rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in deep)
-        first = chunk(b"IHDR", struct.pack(">IIBBBBB", WIDTH, HEIGHT, 16, 0, 0, 0, 0))
-        packed = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-        (tmp_path / "grey.png").write_bytes(b"\x89PNG\r\n\x1a\n" + first + b"".join(extra[:1]) + packed)
+        (tmp_path / "grey.png").write_bytes(deep_png(deep, extra[0]))
         exponent = 1e5 / struct.unpack(">I", extra[0][8:12])[0]
         if exponent < 2:
             expected = srgb((deep / 65535) ** exponent)
@@ -119,17 +117,15 @@ def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, ext
 
 
 def test_other_formats_say_their_colours_too(tmp_path):
-    linear = Image.fromarray(levels(LINEAR))
-    file = io.BytesIO()
-    linear.save(file, "QOI")
-    (tmp_path / "light.qoi").write_bytes(file.getvalue()[:13] + b"\1" + file.getvalue()[14:])
+    qoi = file_of(levels(LINEAR), "QOI")
+    (tmp_path / "light.qoi").write_bytes(qoi[:13] + b"\1" + qoi[14:])
     expect(tmp_path / "light.qoi", worst=16)
     Image.fromarray(levels(srgb(in_space(TO_P3)))).save(tmp_path / "p3.avif", quality=100, subsampling="4:4:4")
     data = (tmp_path / "p3.avif").read_bytes()
     at = data.index(b"colrnclx") + 8
     (tmp_path / "p3.avif").write_bytes(data[:at] + struct.pack(">H", 12) + data[at + 2 :])
     expect(tmp_path / "p3.avif", worst=9)
-    swapped = swapped_profile()
+    swapped = profile_of(swap=True)
     Image.new("RGB", (64, 48), (250, 0, 0)).save(tmp_path / "plain.jp2", irreversible=False)
     data, box = (tmp_path / "plain.jp2").read_bytes(), b"colr\2\0\0" + swapped
     at = data.index(b"colr") - 4
@@ -148,19 +144,9 @@ def test_other_formats_say_their_colours_too(tmp_path):
     assert read_picture(tmp_path / "icc.bmp")[2, 2].tolist() == pytest.approx([0, 250, 0], abs=8)
 
 
-def swapped_profile() -> bytes:
-    """An sRGB profile whose red and green primaries are exchanged."""
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    return profile.replace(b"rXYZ", b"____", 1).replace(b"gXYZ", b"rXYZ", 1).replace(b"____", b"gXYZ")
-
-
 def refusal(path: Path, side: int | None = None) -> str:
-    with pytest.raises(UserError) as caught:
-        load_picture(str(path), side)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(UserError):
-        size_of_picture(str(path), "image", side)  # before a run has a folder
-    return str(caught.value)
+    refused(size_of_picture, str(path), "image", side)  # before a run has a folder
+    return refused(load_picture, str(path), side)
 
 
 FULL = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
@@ -269,29 +255,16 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     assert "make it smaller" in refusal(path, 60)
 
 
-def test_pictures_are_opened_without_a_word_of_their_size_by_pillow(tmp_path, monkeypatch):
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
-    about = PngInfo()
-    about.add_text("Title", "Road")
-    Image.fromarray(smooth(40, 60)).save(tmp_path / "a.png", pnginfo=about)
-    assert credits_of(str(tmp_path / "a.png")) == {"Title": "Road"}
-    with open_picture(tmp_path / "a.png") as picture:
-        assert picture.size == (60, 40)
-    assert Image.MAX_IMAGE_PIXELS == 100
-
-
 def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
     assert halvings(11648, 8736, 512, 3) == 3
     assert halvings(11648, 8736, 6000, 3) == 0
     assert halvings(30000, 30000, 10000, 3) == 2, "900 megapixels at once are too many"
     assert halvings(9000, 9000, 16, 3) == 0, "no picture of up to 100 megapixels changes"
     for kind, most in (("GIF", 100), ("JXL", 100), ("PNG", 200), ("WEBP", 200)):
-        with pytest.raises(UserError, match=f"at most {most} megapixels are read: make it smaller"):
-            check_pixels(most * 1000 + 1, 1000, kind, 64)
+        refuses(f"at most {most} megapixels are read: make it smaller", check_pixels, most * 1000 + 1, 1000, kind, 64)
     check_pixels(31_000, 31_000, "JPEG", 64)
     check_whole(20_000, 10_000)
-    with pytest.raises(UserError, match="at most 100 megapixels, or as"):
-        check_whole(10_001, 10_000, is_deep=True)
+    refuses("at most 100 megapixels, or as", check_whole, 10_001, 10_000, is_deep=True)
 
 
 @pytest.mark.parametrize(("start", "message"), [
@@ -314,9 +287,19 @@ def test_what_is_no_picture_is_told_by_what_it_is(tmp_path, start, message):
     assert message in refusal(tmp_path / "a.jpg")
 
 
-def test_cmyk_of_16_bits_is_refused_in_plain_words(tmp_path):
+def test_cmyk_of_16_bits_is_refused_and_pictures_are_opened_without_a_word_of_their_size_by_pillow(
+    tmp_path, monkeypatch
+):
     tifffile.imwrite(tmp_path / "ink.tif", np.zeros((8, 6, 4), np.uint16), photometric="separated")
     assert "is a TIFF of CMYK with 16 bits a colour; save it with 8 bits" in refusal(tmp_path / "ink.tif")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
+    about = PngInfo()
+    about.add_text("Title", "Road")
+    Image.fromarray(smooth(40, 60)).save(tmp_path / "a.png", pnginfo=about)
+    assert credits_of(str(tmp_path / "a.png")) == {"Title": "Road"}
+    with open_picture(tmp_path / "a.png") as picture:
+        assert picture.size == (60, 40)
+    assert Image.MAX_IMAGE_PIXELS == 100
 
 
 @pytest.mark.parametrize(("start", "extra"), [(b"\0\0\0\x18ftypheic", "heic"), (b"\xff\x0a\0\0", "jxl")])
@@ -361,5 +344,232 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()
-    with pytest.raises(UserError, match=r"no picture is there; .*x.DNG left out: raw photographs"):
-        pictures_in(str(tmp_path / "x*"))
+    refuses(r"no picture is there; .*x.DNG left out: raw photographs", pictures_in, str(tmp_path / "x*"))
+
+
+TALL, BROAD = 30, 40
+ROWS, COLUMNS = np.mgrid[:TALL, :BROAD]
+SMOOTH = np.stack([6 * COLUMNS, 8 * ROWS, 3 * (ROWS + COLUMNS)], 2).astype(np.uint8)
+NOISE = np.random.default_rng(3).integers(0, 256, (90, 120, 3), dtype=np.uint8)
+
+
+def file_of(pixels: np.ndarray, kind: str, **options: object) -> bytes:
+    return encoded(Image.fromarray(pixels), kind, **options)
+
+
+def with_phys(unit: int, across: int, down: int) -> bytes:
+    return png_with(SMOOTH, chunk(b"pHYs", struct.pack(">IIB", across, down, unit)))
+
+
+def with_jfif(unit: int, across: int, down: int) -> bytes:
+    jpeg = file_of(SMOOTH, "JPEG", quality=95)
+    at = jpeg.index(b"JFIF") + 7
+    return jpeg[:at] + struct.pack(">BHH", unit, across, down) + jpeg[at + 5 :]
+
+
+def gif(byte: int) -> bytes:
+    whole = bytearray(file_of(SMOOTH, "GIF"))
+    whole[12] = byte
+    return bytes(whole)
+
+
+def with_pasp(wide: int, high: int) -> bytes:
+    """Say in an AVIF how wide and high its pixels are, in place of its bits per channel, which take as many bytes."""
+    whole = file_of(SMOOTH, "AVIF", quality=95, subsampling="4:4:4")
+    at = whole.index(b"\0\0\0\x10pixi") + 4
+    return whole[:at] + b"pasp" + struct.pack(">II", wide, high) + whole[at + 12 :]
+
+
+def with_resc(across: int, down: int) -> bytes:
+    """Say in a JPEG 2000 how many pixels a metre has, in the last box of its header."""
+    whole = file_of(SMOOTH, "JPEG2000")
+    at = whole.index(b"jp2h") - 4
+    (length,) = struct.unpack_from(">I", whole, at)
+    said = struct.pack(">I4sI4sHHHHBB", 26, b"res ", 18, b"resc", down, 1, across, 1, 0, 0)
+    return whole[:at] + struct.pack(">I", length + 26) + whole[at + 4 : at + length] + said + whole[at + length :]
+
+
+def psd(aspect: float) -> bytes:
+    """Write a picture of Photoshop: header, no palette, the resource that tells the aspect, no layers, planes."""
+    head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, 3, TALL, BROAD, 8, 3)
+    resource = struct.pack(">4sHHIId", b"8BIM", 1064, 0, 12, 1, aspect)
+    planes = SMOOTH.transpose(2, 0, 1).tobytes()
+    return head + struct.pack(">II", 0, len(resource)) + resource + struct.pack(">IH", 0, 0) + planes
+
+
+def rational(kind: str) -> bytes:
+    return file_of(SMOOTH, kind, dpi=(200, 100), **({"quality": 95} if kind == "JPEG" else {}))
+
+
+DOUBLE_HEIGHT = [with_phys(0, 2, 1), with_phys(1, 11811, 5906), with_jfif(0, 2, 1), with_jfif(1, 144, 72)]
+DOUBLE_HEIGHT += [rational("TIFF"), rational("BMP"), rational("PNG"), gif(17)]
+DOUBLE_HEIGHT += [with_pasp(1, 2), with_resc(11811, 5906), psd(0.5)]
+
+
+@pytest.mark.parametrize("data", DOUBLE_HEIGHT)
+def test_pixels_that_are_half_as_wide_as_high_are_made_square(tmp_path, data):
+    path = tmp_path / "a"
+    path.write_bytes(data)
+    found = read_picture(path)
+    assert found.shape == (2 * TALL, BROAD, 3)
+    assert picture_size(path) == found.shape[:2]
+    between = found.reshape(TALL, 2, BROAD, 3).mean(1)  # each row became two
+    worst = 60 if data[:3] == b"GIF" else 12
+    assert np.abs(between - SMOOTH)[2:-2].max() < worst
+    with Image.open(path) as picture:
+        assert np.array_equal(decode_image(picture), found)
+
+
+def test_pixels_are_turned_with_the_picture_and_pages_that_are_not_painted_are_told(tmp_path, caplog):
+    exif = Image.Exif()
+    exif[274] = 6  # a quarter turn
+    Image.fromarray(SMOOTH).save(path := tmp_path / "a.png", exif=exif, dpi=(200, 100))
+    assert read_picture(path).shape == (BROAD, 2 * TALL, 3)
+    assert picture_size(path) == (BROAD, 2 * TALL)
+    with tifffile.TiffWriter(path := tmp_path / "a.tif") as tiff:
+        for kind in (0, 0, 0, 1):  # the last is a smaller copy
+            tiff.write(SMOOTH, photometric="rgb", subfiletype=kind)
+    with caplog.at_level(logging.WARNING):
+        assert np.array_equal(read_picture(path), SMOOTH)
+    assert "has 3 pages, and the first is taken" in caplog.text
+
+
+DOUBLE_WIDTH = [with_phys(0, 1, 2), with_jfif(0, 1, 2), gif(113), file_of(SMOOTH, "TIFF", dpi=(72, 144))]
+DOUBLE_WIDTH += [with_pasp(2, 1), with_resc(5906, 11811), psd(2)]
+ALONE = [with_phys(1, 2835, 2834), with_phys(0, 0, 0), with_phys(0, 1, 100), with_jfif(0, 0, 1), with_jfif(2, 0, 0)]
+ALONE += [gif(49), file_of(SMOOTH, "TIFF"), file_of(SMOOTH, "WEBP", lossless=True)]
+
+
+@pytest.mark.parametrize(("times", "data"), [*((2, data) for data in DOUBLE_WIDTH), *((1, data) for data in ALONE)])
+def test_wide_pixels_are_made_square_and_numbers_that_are_rounded_or_impossible_leave_them_alone(tmp_path, times, data):
+    (tmp_path / "a").write_bytes(data)
+    assert read_picture(tmp_path / "a").shape == (TALL, times * BROAD, 3)
+    assert picture_size(tmp_path / "a") == (TALL, times * BROAD)
+
+
+@pytest.mark.parametrize("fewer", [2, 40, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize(("kind", "options"), [
+    ("WEBP", {"lossless": True}), ("WEBP", {"quality": 60}), ("AVIF", {}), ("HEIF", {}),
+    ("JPEG2000", {}), ("JPEG2000", {"no_jp2": True}),
+])  # fmt: skip
+def test_a_file_that_ends_too_soon_is_told_so(tmp_path, kind, options, fewer):
+    if kind == "HEIF":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    whole = file_of(NOISE, kind, **options)
+    path = tmp_path / "a"
+    path.write_bytes(whole)
+    assert has_end(path)
+    path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
+    assert has_end(path) is False
+    assert refusal(path).endswith("is cut short: its file ends before the picture does; get the whole file")
+
+
+@pytest.mark.parametrize("fewer", [2, 0.5, 0.9])
+def test_a_cut_jpeg_xl_whose_length_stands_nowhere_may_be_cut_or_damaged(tmp_path, fewer):
+    pytest.importorskip("pillow_jxl")
+    has_codec("jxl")
+    whole = file_of(NOISE, "JXL", lossless=True)
+    path = tmp_path / "a"
+    path.write_bytes(whole)
+    assert read_picture(path).shape == NOISE.shape
+    path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
+    assert "is cut short, damaged or cannot be decoded" in refusal(path)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "GIF", "QOI", "TIFF", "BMP", "TGA"])
+def test_the_end_of_a_file_is_known_where_its_format_says_it(tmp_path, kind):
+    whole = file_of(NOISE, kind, **({"compression": "tiff_lzw"} if kind == "TIFF" else {}))
+    (tmp_path / "a").write_bytes(whole)
+    (tmp_path / "b").write_bytes(whole[:-200])
+    expected = (None, None) if kind in ("BMP", "TGA") else (None, False) if kind == "TIFF" else (True, False)
+    assert (has_end(tmp_path / "a"), has_end(tmp_path / "b")) == expected
+
+
+def test_the_end_of_a_thumbnail_is_not_that_of_its_picture(tmp_path, caplog):
+    whole = file_of(SMOOTH.repeat(4, 0).repeat(4, 1), "JPEG")
+    thumbnail = b"Exif\0\0" + file_of(SMOOTH, "JPEG")
+    segment = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
+    (tmp_path / "a.jpg").write_bytes((whole[:2] + segment + whole[2:])[:-2])
+    with caplog.at_level(logging.WARNING):
+        assert read_picture(tmp_path / "a.jpg").shape == (4 * TALL, 4 * BROAD, 3)
+    assert "is cut short, and painted as it is" in caplog.text
+
+
+@pytest.mark.parametrize("progressive", [True, False])
+def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_much_is_refused(
+    tmp_path, caplog, progressive
+):
+    path = tmp_path / "cut.jpg"
+    data = file_of(NOISE.repeat(3, 0).repeat(3, 1), "JPEG", quality=90, progressive=progressive)
+    whole = np.asarray(Image.open(io.BytesIO(data))).astype(int)
+    for fewer in (2, 40):
+        path.write_bytes(data[:-fewer])
+        with caplog.at_level(logging.WARNING):
+            found = read_picture(path).astype(int)
+        assert (np.abs(found - whole).max(2) > 9).mean() < 0.02
+        assert "is cut short, and painted as it is" in caplog.text
+        assert size_of_picture(str(path), "image") == whole.shape[:2]
+        os.utime(path, ns=(fewer, fewer))
+    if not progressive:  # else the whole picture is there, only coarser
+        path.write_bytes(data[: len(data) * 6 // 10])
+        assert "it is cut short: 4" in (message := refusal(path))
+        assert "% of the picture are missing); get the whole file" in message
+
+
+XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+ xmlns:dc="http://purl.org/dc/elements/1.1/"><rdf:Description xmlns:p="http://ns.adobe.com/photoshop/1.0/"
+ p:DateCreated="2024-05-06"><dc:title><rdf:Alt><rdf:li xml:lang="x-default">Bäume</rdf:li></rdf:Alt></dc:title>
+<dc:creator><rdf:Seq><rdf:li>A. Löw</rdf:li><rdf:li>B. 李</rdf:li></rdf:Seq></dc:creator></rdf:Description></rdf:RDF>
+</x:xmpmeta>"""
+CREDITED = Image.fromarray(np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8))
+
+
+def photo(path: Path, **extra: object) -> Path:
+    exif = Image.Exif()
+    exif[315], exif[33432], exif[306] = "A. Author", "(c) 2024 A. Author\n all rights", "2024:01:02 03:04:05"
+    exif[0x8769], exif[0x8825] = {36867: "2023:01:02 03:04:05"}, {1: "N", 2: (48.0, 8.0, 33.0)}
+    CREDITED.save(path, exif=exif.tobytes(), **extra)
+    return path
+
+
+def test_titles_and_rights_are_read_wherever_they_stand(tmp_path, monkeypatch):
+    assert credits_of(str(photo(tmp_path / "a.jpg"))) == {
+        "Author": "A. Author", "Copyright": "(c) 2024 A. Author all rights", "Creation Time": "2023:01:02 03:04:05",
+    }  # fmt: skip
+    found = credits_of(str(photo(tmp_path / "b.jpg", xmp=XMP.encode())))
+    assert (found["Title"], found["Author"], found["Creation Time"]) == ("Bäume", "A. Löw, B. 李", "2024-05-06")
+    assert found["Copyright"] == "(c) 2024 A. Author all rights"
+    bomb = "<!DOCTYPE x [<!ENTITY a 'b'>]>" + XMP
+    assert credits_of(str(photo(tmp_path / "c.jpg", xmp=bomb.encode())))["Author"] == "A. Author"
+    CREDITED.save(tmp_path / "d.jpg")
+    entries = {(2, 5): b"Title", (2, 80): [b"One", b"Two"]}
+    monkeypatch.setattr(IptcImagePlugin, "getiptcinfo", lambda picture: entries)
+    assert credits_of(str(tmp_path / "d.jpg")) == {"Title": "Title", "Author": "One, Two"}
+    assert credits_of("coffee") == credits_of(str(tmp_path)) == {}
+    (tmp_path / "e.jpg").write_bytes(b"damaged")
+    assert credits_of(str(tmp_path / "e.jpg")) == {}
+
+
+def test_a_png_says_srgb_and_its_credits_twice(tmp_path):
+    entries = {"Title": "Bäume", "Author": "A. 李", "Copyright": "(c) A.", "Creation Time": "2024"}
+    write_credited(tmp_path / "a.png", np.asarray(CREDITED), entries)
+    with Image.open(tmp_path / "a.png") as file:
+        file.load()
+        assert (file.info["srgb"], file.text) == (0, entries)
+        assert file.getexif()[33432] == "(c) A."
+    assert credits_of(str(tmp_path / "a.png")) == entries
+    assert np.array_equal(read_picture(tmp_path / "a.png"), np.asarray(CREDITED))
+
+
+@pytest.mark.slow
+def test_a_painting_and_its_print_carry_the_credits_of_the_photograph(run_task, tmp_path):
+    path = photo(tmp_path / "a.jpg", xmp=XMP.encode())
+    run_task(paint, f"image={path}", "look=plain", "strokes=5", "steps=1", "frames=0", "report=false")
+    for resolution in (None, 64):
+        if resolution:
+            words = (f"catalogue={tmp_path / 'catalogue.h5'}", f"resolution={resolution}", "overwrite=true")
+            run_task(export, "task=export", "to=png", *words)
+        with Image.open(tmp_path / "painting.png") as file:
+            assert max(file.size) == (resolution or 32)
+            assert (file.info["srgb"], file.text["Title"], file.getexif()[33432][:5]) == (0, "Bäume", "(c) 2")
+            assert 0x8825 not in file.getexif(), "the place"

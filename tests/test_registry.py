@@ -1,18 +1,30 @@
 """Registering a class makes it a typed Hydra choice; plugins are found in three kinds of places."""
 
+import logging
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import lightning as L
 import pytest
+import torch
 from brushexp_policies.strays import Strays
 from omegaconf import OmegaConf
+from painters import QUIET, fit, painter_of
 from program import ROOT, publish
+from refusals import refuses
+from scenes import random_strokes
 
 from brushexp import registry
 from brushexp.errors import UserError
+from brushexp.plugin_errors import naming_plugins
 from brushexp.plugin_loading import load_plugins
-from brushexp.registry import build, build_named, plugins, register, structured_config
+from brushexp.plugins.loss.base import PaintedView
+from brushexp.registry import PACKAGES, build, build_named, plugins, register, structured_config
+from brushexp.runs import trainer as runs_trainer
+from brushexp.runs.resume import RunRecord
+from brushexp.tasks import paint
 
 PLUGIN = """
 from brushexp.plugins.order.base import Order
@@ -35,17 +47,25 @@ def clean(monkeypatch):
 
 
 @pytest.mark.usefixtures("clean", "hydra_restore_singletons")  # Hydra ships the second one
-def test_a_taken_name_and_an_unknown_family_are_refused():
+@pytest.mark.usefixtures("clean", "hydra_restore_singletons")
+def test_plugins_in_folders_of_the_environment_are_found_and_a_taken_name_and_an_unknown_family_refused(
+    tmp_path, monkeypatch
+):
     class Mse:
         def __init__(self, *, weight: float = 1.0) -> None: ...
 
-    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.mse"):
-        register("loss", "mse")(Mse)
-    with pytest.raises(UserError, match="unknown plugin family 'losses'; choose one of painter, palette, init, "):
-        register("losses", "x")
+    refuses(r"loss=mse is taken by brushexp\.plugins\.loss\.mse", register("loss", "mse"), Mse)
+    refuses("unknown plugin family 'losses'; choose one of painter, palette, init, ", register, "losses", "x")
+    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
+    (tmp_path / "_helper.py").write_text("this is no plugin")
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+    assert "upside" in load_plugins(ROOT / "plugins")
+    plugin = next(p for p in plugins("order") if p.name == "upside")
+    assert plugin.summary == "Upside down."
+    assert build_named("order", "upside", {"every": 5}).every == 5
 
 
-def test_options_are_typed_and_run_time_arguments_are_none():
+def test_options_are_typed_run_time_arguments_are_none_and_defaults_are_not_shared(config):
     class Thing:
         def __init__(self, target, *, rows: int = 8, rate: float) -> None: ...
 
@@ -55,33 +75,21 @@ def test_options_are_typed_and_run_time_arguments_are_none():
     assert list(structured_config(Thing).__dataclass_fields__) == ["_target_", "rows", "rate"]
     with pytest.raises(TypeError, match="give 'rows' a type"):
         structured_config(Untyped)
-
-
-def test_defaults_are_not_shared(config):
     first = config("optimizer=torch").optimizer
     first.units["position"] = 99.0
     assert config("optimizer=torch").optimizer.units["position"] != 99.0
 
 
-def test_only_registered_classes_are_built_and_options_from_a_file_are_checked():
+def test_only_registered_classes_are_built_those_of_earlier_versions_too_and_options_are_checked():
     with pytest.raises(UserError, match=r"os\.system is not a registered plugin"):
         build(OmegaConf.create({"_target_": "os.system", "command": "true"}))
     assert build_named("renderer", "analytic", {"soft": 2.0}).soft == 2.0
-    with pytest.raises(UserError, match="does not take these options"):
-        build_named("renderer", "analytic", {"soft": "wide"})
-    with pytest.raises(UserError, match=r"renderer=cubist is not among the plugins here \(analytic"):
-        build_named("renderer", "cubist", {})
-
-
-@pytest.mark.usefixtures("clean", "hydra_restore_singletons")
-def test_plugins_in_folders_of_the_environment_are_found(tmp_path, monkeypatch):
-    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
-    (tmp_path / "_helper.py").write_text("this is no plugin")
-    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
-    assert "upside" in load_plugins(ROOT / "plugins")
-    plugin = next(p for p in plugins("order") if p.name == "upside")
-    assert plugin.summary == "Upside down."
-    assert build_named("order", "upside", {"every": 5}).every == 5
+    refuses("does not take these options", build_named, "renderer", "analytic", {"soft": "wide"})
+    refuses(r"renderer=cubist is not among the plugins here \(analytic", build_named, "renderer", "cubist", {})
+    node = OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Strays", "after": 0.5})
+    assert type(build(node)) is Strays
+    with pytest.raises(UserError, match="is not a registered plugin"):
+        build(OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Other"}))
 
 
 @pytest.mark.parametrize(("name", "text", "message"), [
@@ -94,15 +102,7 @@ def test_a_broken_plugin_or_folder_stops_the_program(tmp_path, monkeypatch, name
     if name:
         (tmp_path / name).write_text(text)
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path) if name else "/nowhere/at/all")
-    with pytest.raises(UserError, match=message):
-        load_plugins(ROOT / "plugins")
-
-
-def test_a_config_of_an_earlier_version_may_have_a_member_in_the_core():
-    node = OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Strays", "after": 0.5})
-    assert type(build(node)) is Strays
-    with pytest.raises(UserError, match="is not a registered plugin"):
-        build(OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Other"}))
+    refuses(message, load_plugins, ROOT / "plugins")
 
 
 def test_published_plugins_are_found_and_all_load_without_the_extras(tmp_path):
@@ -121,3 +121,112 @@ print([plugin.name for plugin in plugins("order")])"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
     assert done.stderr == ""
     assert "published" in done.stdout
+
+
+SIZE = (8, 12)
+TARGET = torch.rand(3, *SIZE, generator=torch.Generator().manual_seed(0))
+STROKES = random_strokes(5, SIZE)
+STATE = SimpleNamespace(strokes=STROKES)
+METHODS = {  # family: contract, its method, a call
+    "init": ("Initializer", "__call__", lambda it: it(TARGET, 4, torch.Generator())),
+    "renderer": ("Renderer", "forward", lambda it: it(STROKES)),
+    "blend": ("Blend", "__call__", lambda it: it(None, torch.arange(5), SIZE, torch.ones(3))),
+    "order": ("Order", "depth", lambda it: it.depth(STROKES, None)),
+    "loss": ("Loss", "forward", lambda it: it(PaintedView(TARGET, TARGET, STROKES))),
+    "density": ("Density", "revise", lambda it: it.revise(STATE)),
+    "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
+    "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
+    "color": ("ColorSpace", "decode", lambda it: it.decode(TARGET)),
+    "painter": ("Painter", "__call__", lambda it: it(None)),
+    "callbacks": ("Callback", "open", lambda it: it.open(None)),
+    "to": ("Exporter", "write", lambda it: it.write(None, None)),
+}
+WRONG = [  # bodies of such a method, and messages
+    ("return None", "returns None, not "),
+    ("return 1.5", "returns 1.5, not "),
+    ("return torch.ones(2, 7)", r"returns .*\(2, 7\) of torch.float32, not "),
+    ("return 1j * torch.ones(5)", r"returns .*\(5,\) of torch.complex64, not "),
+    ("return 'text'", "returns 'text', not "),
+    ("raise ValueError('no\\nmore')", r"line \d+\): ValueError: no; "),
+    ("return 1 / 0", r"line \d+\): ZeroDivisionError: division by zero; "),
+    ("sys.exit(0)", r"line \d+\): ends the program \(exit code 0\); "),
+]
+HEAD = "import sys\nimport torch\nfrom brushexp.plugins.{0}.base import *\nfrom brushexp.registry import register\n"
+CLASS = """
+@register("{family}", "{name}")
+class Bad{number}({contract}):
+    def encode(self, color):  # without which a colour space is none
+        return color
+    def {method}(self, *_, **__):
+        {body}
+"""
+
+
+def broken_loss(name):
+    options = {"family": "loss", "contract": "Loss", "method": "forward", "name": name, "number": 0}
+    return HEAD.format("loss") + CLASS.format(body="_[0].picture", **options)
+
+
+@pytest.fixture
+def loaded(tmp_path, monkeypatch, hydra_restore_singletons):
+    """Write a plugin into a file and load it; forget it afterwards."""
+    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+
+    def load(text, name):
+        (tmp_path / f"{name}.py").write_text(text)
+        load_plugins(tmp_path)
+
+    return load
+
+
+@pytest.mark.parametrize("family", METHODS)
+def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family):
+    contract, method, call = METHODS[family]
+    names = [f"bad_{family}_{number}" for number in range(len(WRONG))]
+    text, about = HEAD.format(PACKAGES[family]), {"family": family, "contract": contract, "method": method}
+    for number, (name, (body, _)) in enumerate(zip(names, WRONG, strict=True)):
+        text += CLASS.format(number=number, name=name, body=body, **about)
+    loaded(text, f"bad_{family}")
+    for name, (body, message) in zip(names, WRONG, strict=True):
+        if (family, body) == ("density", "return None"):
+            continue  # no change is an answer
+        pattern = rf"^{family}={name} \(.*bad_{family}\.py(\): {method}|,) {message}.*correct the plugin"
+        with pytest.raises(UserError, match=pattern) as error, naming_plugins(plugins()):
+            call(build_named(family, name, {}))
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
+    ("@register('loss', 'half')\nclass Half: ...", r"class Half lacks a base class of brushexp\.plugins\.loss\.base"),
+    ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
+])  # fmt: skip
+def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, message):
+    with pytest.raises(UserError, match=message):
+        loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")
+
+
+def test_a_plugin_that_fails_is_told_in_a_painting_and_where_one_goes_on_with_the_traceback_in_the_log(
+    loaded, tmp_path, run_task
+):
+    loaded(broken_loss("trips"), "trips")
+    works = {"trips": build_named("loss", "mse", {})}  # as it did when the run began
+    fit(painter_of(n=4, steps=4, losses=works), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
+    painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
+    trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({"task": "paint"}), tmp_path)])
+    with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), naming_plugins(plugins()):
+        runs_trainer.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
+    loaded(broken_loss("falls"), "falls")
+    handler = logging.FileHandler(tmp_path / "run.log")
+    logging.getLogger().addHandler(handler)
+    try:
+        with (
+            pytest.raises(UserError, match=r"loss=falls .*falls\.py, line \d+\): AttributeError"),
+            naming_plugins(plugins()),
+        ):
+            run_task(paint, "image=astronaut", "resolution=16", "loss=[falls]", "steps=2", "threads=1", "frames=0")
+    finally:
+        logging.getLogger().removeHandler(handler)
+        handler.close()
+    assert "in training_step" in (tmp_path / "run.log").read_text()

@@ -194,11 +194,21 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     assert page_from(run).read_text() == html, "the same run makes the same page"
 
 
-def test_all_settings_in_one_line_are_the_same_settings(config):
+def test_settings_name_plugins_sizes_and_what_was_typed_and_are_the_same_in_one_line(config):
     words = ["loss=[mse,width]", "loss.width.weight=0.5", "renderer=textured", "light=200,30", "optimizer=sgd"]
     resolved = OmegaConf.to_container(config(*words, "background='#102030'", "image=a b.png"), resolve=True)
     again = OmegaConf.to_container(config(*shlex.split(line_of(resolved))[1:]), resolve=True)
     assert again | {"output": resolved["output"]} == resolved
+    renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
+    config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
+    html = page_of(replace(saved_with(5), config=config), command="brushexp steps=5 renderer=analytic")
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
+    assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
+    assert 'id="settings"' not in page_of(replace(saved_with(5), config=""))
+    html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
+    assert html.count('"note": "Set by init=grid: no measure') == 3
+    assert "<code>init=grid</code>, not by the picture" in html
+    assert "not by the picture" not in page_of(saved_with(5))
 
 
 def test_what_is_not_known_is_left_out():
@@ -218,13 +228,6 @@ def test_what_is_not_known_is_left_out():
         assert part in html
 
 
-def test_sizes_that_a_setting_gave_are_marked():
-    html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
-    assert html.count('"note": "Set by init=grid: no measure') == 3
-    assert "<code>init=grid</code>, not by the picture" in html
-    assert "not by the picture" not in page_of(saved_with(5))
-
-
 @pytest.mark.parametrize(("error", "words", "is_bug"), [
     (UserError("no room"), "no report.html of this run: no room", False), (ZeroDivisionError(), "Traceback", True),
 ])  # fmt: skip
@@ -233,15 +236,6 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch, error, w
     try_to_write_page(tmp_path, Finished(export_job(saved_with(3)), {}, lambda: {"status": "completed"}))
     assert words in caplog.text
     assert ("Traceback" in caplog.text) == is_bug
-
-
-def test_settings_name_plugins_and_what_was_typed():
-    renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
-    config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
-    html = page_of(replace(saved_with(5), config=config), command="brushexp steps=5 renderer=analytic")
-    text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
-    assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
-    assert 'id="settings"' not in page_of(replace(saved_with(5), config=""))
 
 
 def test_damaged_files_are_left_out(tmp_path, caplog):

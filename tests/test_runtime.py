@@ -1,20 +1,33 @@
-"""What one library or job does must not change what another was told: threads, packages, memory."""
+"""What one library or job does must not change what another was told, and files are written whole or not at all."""
 
 import importlib
+import json
+import math
+import os
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from lightning_utilities.core.imports import RequirementCache
 from omegaconf import OmegaConf
+from PIL import Image
+from refusals import refusal, refuses
+from scenes import random_strokes
 
 from brushexp.compat.hidden_packages import hidden
+from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.runner import explaining_to_users
+from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system import runtime
+from brushexp.system.files import replacing, to_bytes, write_bytes, write_json, write_picture
+from brushexp.system.reading import yaml_of
 from brushexp.system.runtime import end_on_signals, forget_peak_memory, peak_memory, share
 
 SCRIPT = """
@@ -46,8 +59,10 @@ if __name__ == "__main__":
 """
 
 
-def test_kernels_are_loaded_at_their_first_call_and_leave_the_threads_of_torch():
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
+def test_kernels_are_loaded_at_their_first_call_and_a_fork_paints_after_a_painting():
     subprocess.run([sys.executable, "-c", SCRIPT], check=True)
+    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -63,7 +78,7 @@ def test_threads_share_all_work_and_do_nothing_twice(threads, n, monkeypatch):
     assert (done == 1).all()
 
 
-def test_a_mistake_in_any_thread_is_told(monkeypatch):
+def test_a_mistake_in_any_thread_is_told_and_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
     monkeypatch.setattr("torch.get_num_threads", lambda: 3)
 
     def work(begin, end):
@@ -72,20 +87,12 @@ def test_a_mistake_in_any_thread_is_told(monkeypatch):
 
     with pytest.raises(AssertionError):
         share(work, 50)
-
-
-def test_work_is_done_where_no_more_threads_are_to_be_had(monkeypatch):
     monkeypatch.setattr("torch.get_num_threads", lambda: 3)
     monkeypatch.setattr(runtime, "_pool", lambda: ended)
     ended, done = ThreadPoolExecutor(1), np.zeros(9, int)
     ended.shutdown()
     share(lambda begin, end: done[begin:end].__iadd__(1), 9)
     assert (done == 1).all()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
-def test_a_fork_paints_after_a_painting():
-    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 def test_an_interruption_that_a_callback_loses_comes_again(monkeypatch):
@@ -132,3 +139,97 @@ def test_a_hidden_package_looks_as_if_it_were_not_installed_to_lightning_alone_a
         importlib.import_module("xmlrpc.server")  # a task may need it
     assert find_spec("xmlrpc") is not None
     assert RequirementCache("mkdocs>=0.2")
+
+
+def write_old(path: Path) -> Path:
+    path.write_text("old")
+    return path
+
+
+@pytest.fixture
+def full_disk():
+    """No file of this process may become larger than 10 kB."""
+    resource = pytest.importorskip("resource")  # not on Windows
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["painting.png", "metrics.json", "catalogue.h5", "timelapse.mp4"])
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_is_explained_and_leaves_the_previous_file(name, tmp_path):
+    path, picture, timelapse = write_old(tmp_path / name), torch.rand(3, 128, 128), Timelapse(4, 128)
+    for step in range(4):
+        timelapse.add(picture, step)
+    saved = Saved(random_strokes(2000, (8, 8)), torch.arange(2000), (8, 8), torch.ones(3), "analytic", "", 0, "a: 1")
+    write = {
+        "painting.png": lambda: write_picture(path, picture),
+        "metrics.json": lambda: write_json(path, list(range(10_000))),
+        "catalogue.h5": lambda: save_catalogue(path, saved),
+        "timelapse.mp4": lambda: timelapse.write(tmp_path),
+    }[name]
+    reason = "File too large; mend that or choose another folder with output=..."
+    assert refusal(write) == f"cannot write {path}: {reason}"
+    assert os.listdir(tmp_path) == [name]
+    assert path.read_text() == "old"
+
+
+@pytest.mark.parametrize("failure", [None, KeyboardInterrupt, RuntimeError, SystemExit])
+def test_the_new_file_takes_the_place_of_the_old_one_unless_anything_fails(tmp_path, failure):
+    path = write_old(tmp_path / "table.csv")
+    with pytest.raises(failure) if failure else nullcontext(), replacing(path) as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.name.startswith(".")
+        assert temporary.suffix == ".csv"
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+        if failure:
+            raise failure
+    assert path.read_text() == ("old" if failure else "new")
+    assert os.listdir(tmp_path) == ["table.csv"]
+
+
+def test_a_place_that_cannot_be_written_is_explained_and_a_very_long_name_is_no_obstacle(tmp_path):
+    words = r"cannot write .*metrics.json: No such file.*; mend that or .*output="
+    refuses(words, write_json, tmp_path / "missing" / "metrics.json", {})
+    file = write_old(tmp_path / "file")
+    refuses(r"Not a directory; mend that or choose another folder with output=", write_json, file / "metrics.json", {})
+    (tmp_path / "folder").mkdir()
+    refuses(r"cannot write .*folder: Is a directory", write_json, tmp_path / "folder", {})
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+    path = tmp_path / ("ä" * 120 + ".txt")
+    write_bytes(path, b"x")
+    (tmp_path / "b").write_bytes(b"")
+    assert path.read_bytes() == b"x"
+    assert path.stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_json_is_strict_keeps_letters_and_survives_odd_file_names(tmp_path):
+    data = {"psnr": math.inf, "ssim": np.float32(0.5), "l": (math.nan, np.float64(math.nan), 1), 3: Path("a") / "b"}
+    names = {"image": "größe.png", "odd": "\udcff.png"}
+    write_json(tmp_path / "a.json", data | names)
+    text = (tmp_path / "a.json").read_text("utf-8")
+    read = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert read == {"psnr": None, "ssim": 0.5, "l": [None, None, 1], "3": str(Path("a") / "b")} | names
+    assert "größe" in text
+    assert yaml_of(OmegaConf.to_yaml(OmegaConf.create(names))) == names, "and so do settings"
+
+
+def test_rounding_to_bytes_clips_and_rounds_halves_up_and_every_byte_is_written(tmp_path):
+    values = torch.tensor([-1.0, 0.0, 0.5 / 255, 0.499 / 255, 127.5 / 255, 1.0, 2.0, math.nan, math.inf, -math.inf])
+    pixels = to_bytes(values.expand(3, 1, -1))
+    assert (pixels.dtype, pixels.shape) == (np.uint8, (1, 10, 3))
+    assert pixels[0, :, 0].tolist() == [0, 0, 1, 0, 128, 255, 255, 0, 255, 0]
+    for dtype in (torch.float16, torch.bfloat16, torch.float64):
+        assert (to_bytes(torch.full((3, 2, 5), 0.5, dtype=dtype)) == 128).all()
+    levels = torch.arange(256)
+    image = (levels / 255).reshape(1, 8, 32).repeat(3, 1, 1).requires_grad_()
+    before = image.detach().clone()
+    assert to_bytes(image)[..., 1].reshape(-1).tolist() == levels.tolist()
+    for name, picture in (("a.png", image), ("b.png", to_bytes(image))):
+        write_picture(tmp_path / name, picture)
+        with Image.open(tmp_path / name) as read:
+            assert (read.format, read.mode, read.size) == ("PNG", "RGB", (32, 8))
+            np.testing.assert_array_equal(np.asarray(read), to_bytes(image))
+    assert torch.equal(image, before), "the picture is left alone"

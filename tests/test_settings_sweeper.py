@@ -10,6 +10,7 @@ from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
+from refusals import refuses
 
 from brushexp.config.mistakes import explanation
 from brushexp.config.vocabulary import SHIPPED
@@ -31,11 +32,13 @@ def jobs(settings, arguments=(), pictures=()):
         return jobs
 
 
-def test_every_setting_is_one_job():
+def test_every_setting_is_one_job_and_stands_above_the_command_line_with_whose_sweeps_it_is_combined():
     settings = ["", "steps=100", "init=grid 'loss=[mse,kl]'"]
     assert jobs(settings) == [[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]
-    with pytest.raises(UserError, match="steps is a key; type steps="):
-        jobs(["steps"])
+    refuses("steps is a key; type steps=", jobs, ["steps"])
+    combined = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
+    assert combined == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
+    refuses(r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
 
 
 @pytest.mark.usefixtures("hydra_restore_singletons")
@@ -44,13 +47,6 @@ def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         cfg = compose("config", overrides=["experiment=speed_accuracy"], return_hydra_config=True)
     assert len(cfg.hydra.sweeper.settings) > 2
-
-
-def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_sweeps():
-    combined = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
-    assert combined == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
-    with pytest.raises(UserError, match=r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna"):
-        jobs(["", "steps=interval(1,9)"])
 
 
 def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed():

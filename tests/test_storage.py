@@ -1,17 +1,20 @@
-"""A catalogue comes back from disk as it was, and a damaged one is refused in words."""
+"""A catalogue keeps its strokes in range and comes back from disk as it was; a damaged one is refused in words."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
 import pytest
 import torch
 from catalogues import CONFIG, assert_same, catalogue, give_attribute, refused, refused_if_foreign, spoil_every
+from refusals import refuses
+from scenes import random_strokes
 
-from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS
+from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, Catalogue, check_strokes
 from brushexp.strokes.saved import alpha_of, json_lines, parse, png_of
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 
@@ -31,20 +34,16 @@ def test_a_catalogue_comes_back_as_it_was_and_is_always_stored_in_the_same_bytes
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
-def test_parameters_and_other_types_are_stored_as_numbers(tmp_path):
+def test_parameters_are_stored_as_numbers_and_the_file_says_what_it_holds(tmp_path, stored):
     saved = catalogue()
     strokes = saved.strokes.map(lambda value: value.double().requires_grad_())
     save_catalogue(tmp_path / "a.h5", replace(saved, strokes=strokes, depth=saved.depth.long()))
     read = load_catalogue(tmp_path / "a.h5")
     torch.testing.assert_close(read.strokes.color, saved.strokes.color, rtol=0, atol=0)
     assert not read.strokes.color.requires_grad
-
-
-def test_the_file_says_what_it_holds(stored):
     with h5py.File(stored) as file:
         assert set(file) == {*FIELDS, "brush", "depth"}
-        assert file.attrs["format"] == b"brushexp catalogue"
-        assert file.attrs["format_version"] == 4
+        assert (file.attrs["format"], file.attrs["format_version"]) == (b"brushexp catalogue", 4)
         for name, field in FIELDS.items():
             assert file[name].dtype == np.float32
             assert file[name].attrs["unit"].decode() == field.unit
@@ -67,16 +66,13 @@ def test_a_file_without_later_fields_is_one_of_before_them(version, missing, tmp
         assert_same(read, saved)
 
 
-def test_strokes_keep_their_brushes_in_files_and_an_older_file_has_those_of_its_rows(tmp_path, stored):
+def test_strokes_keep_their_brushes_in_files_and_the_config_is_text_and_runs_nothing(tmp_path, stored):
     saved, brushes = catalogue(3), [5, 0, 2**31 - 1]
     save_catalogue(tmp_path / "a.h5", replace(saved, strokes=replace(saved.strokes, brush=torch.tensor(brushes))))
     assert load_catalogue(tmp_path / "a.h5").strokes.brush.tolist() == brushes
     with h5py.File(stored, "a") as file:
         del file["brush"]
     assert load_catalogue(stored).strokes.brush.tolist() == list(range(len(catalogue().strokes)))
-
-
-def test_the_config_is_text_and_runs_nothing(tmp_path):
     mark = tmp_path / "mark"
     config = f"a: !!python/object/apply:os.mkdir ['{mark}']\n_target_: os.mkdir\npath: {mark}\n"
     save_catalogue(tmp_path / "a.h5", replace(catalogue(), config=config))
@@ -92,8 +88,7 @@ def test_the_config_is_text_and_runs_nothing(tmp_path):
     ({"strokes": replace(catalogue().strokes, width=torch.full((7,), torch.nan))}, "stroke 0: width is nan"),
 ])  # fmt: skip
 def test_what_could_not_be_read_again_is_not_written(tmp_path, change, message):
-    with pytest.raises(UserError, match=message):
-        save_catalogue(tmp_path / "a.h5", replace(catalogue(), **change))
+    refuses(message, save_catalogue, tmp_path / "a.h5", replace(catalogue(), **change))
     assert not list(tmp_path.iterdir())
 
 
@@ -106,17 +101,20 @@ def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
     assert torch.equal(parse(text).alpha, alpha)
     packed = png_of(alpha)
     for wrong in (b"", b"no picture", packed[:40], packed[:20] + bytes(20) + packed[40:]):
-        with pytest.raises(UserError, match="alpha is no PNG"):
-            alpha_of(wrong)
+        refuses("alpha is no PNG", alpha_of, wrong)
     for wrong in ('"?"', "3"):
-        with pytest.raises(UserError, match="alpha is"):
-            parse(re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
+        refuses("alpha is", parse, re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
 
 
 def test_a_path_to_no_catalogue_is_explained(tmp_path):
     assert "there is no file" in refused(tmp_path / "a.h5")
     assert f"there is no file {tmp_path / 'catalogue.h5'}" in refused(tmp_path), "a folder stands for its catalogue"
     assert "not a brushexp catalogue" in refused_if_foreign(tmp_path / "a.h5", refused)
+
+
+def test_an_unreadable_file_is_explained(stored, monkeypatch):
+    monkeypatch.setattr(Path, "open", Mock(side_effect=PermissionError(13, "Permission denied")))
+    assert "Permission denied" in refused(stored)
 
 
 @pytest.mark.timeout(60)
@@ -126,14 +124,6 @@ def test_no_wrong_byte_goes_unnoticed_nor_that_some_are_missing(stored):
     for share in (0.1, 0.3, 0.5, 0.9, 0.999):
         stored.write_bytes(data[: int(len(data) * share)])
         assert "is damaged or cut short" in refused(stored)
-
-
-def test_an_unreadable_file_is_explained(stored, monkeypatch):
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refuse)
-    assert "Permission denied" in refused(stored)
 
 
 @pytest.mark.parametrize(("name", "value", "message"), [
@@ -186,3 +176,97 @@ def test_a_missing_part_of_a_dataset_is_explained(stored):
         with h5py.File(stored, "a") as file:
             spoil(file)
         assert message in refused(stored)
+
+
+UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
+
+
+def assert_equal(one, other):
+    torch.testing.assert_close(dict(one.items()), dict(other.items()))
+
+
+@pytest.mark.parametrize("n", [0, 20])
+def test_a_catalogue_gives_back_its_strokes(n):
+    catalogue = Catalogue(random_strokes(n, (30, 40)), UNITS)
+    catalogue.keep_in_range()
+    assert_equal(catalogue(), random_strokes(n, (30, 40)))
+
+
+def test_a_step_of_one_rate_moves_each_field_by_its_unit_and_the_scale_can_move_instead_of_the_position():
+    strokes = random_strokes(5, (30, 40))
+    catalogue = Catalogue(strokes, UNITS)
+    optimizer = torch.optim.SGD(catalogue.parameters(), lr=1e-3)
+    sum(parameter.sum() for parameter in catalogue.parameters()).backward()
+    optimizer.step()
+    moved = catalogue()
+    assert all(bool((getattr(moved, name) != getattr(strokes, name)).any()) for name in UNITS)
+    torch.testing.assert_close(moved.width, strokes.width - 1e-3 * 0.3)
+    torch.testing.assert_close(moved.position, strokes.position - 1e-3 * 0.5 * strokes.scale[:, None])
+    assert torch.equal(moved.scale, strokes.scale), "a field without a unit must not move"
+    catalogue = Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0})
+    catalogue().scale.sum().backward()
+    torch.testing.assert_close(catalogue.scale.grad, torch.full((5,), 10.0))
+    refuses("set the rate of scale to 0", Catalogue, random_strokes(5, (30, 40)), {"scale": 10.0, "position": 1.0})
+
+
+def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
+    strokes = random_strokes(4, (30, 40))
+    catalogue = Catalogue(strokes, UNITS)
+    with torch.no_grad():
+        catalogue.color[0, 0] = 7.0
+        catalogue.opacity[1] = -3.0
+        catalogue.width[2] = -1.0
+        catalogue.start[3, 0] = torch.nan
+        catalogue.position[0, 1] = torch.inf
+    catalogue.keep_in_range()
+    check_strokes(catalogue())
+    refuses("no stroke field is called 'colour'; the fields are position, scale", Catalogue, strokes, {"colour": 1.0})
+    strokes.control[2, 1] = torch.nan
+    refuses(r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]", Catalogue, strokes, UNITS)
+
+
+def test_strokes_of_a_loop_are_brought_back_or_replaced_in_place_whatever_their_units():
+    strokes = random_strokes(3, (20, 30)).map(lambda value: value.requires_grad_())
+    with torch.no_grad():
+        strokes.color[0] = torch.tensor([-0.5, 0.25, 1.5])
+        strokes.opacity[1], strokes.width[2], strokes.scale[0] = math.nan, -1.0, -math.inf
+    leaf = strokes.color
+    assert strokes.clamp() is strokes
+    check_strokes(strokes)
+    assert strokes.color is leaf
+    assert leaf.is_leaf
+    assert leaf[0].tolist() == [0.0, 0.25, 1.0]
+    assert (strokes.opacity[1].item(), strokes.width[2].item()) == (0.0, 0.0)
+    units = UNITS | {"width": 0.0, "color": 0.3}
+    catalogue, new = Catalogue(random_strokes(6, (30, 40)), units), random_strokes(6, (30, 40), seed=9)
+    held = {name: parameter for name, parameter in catalogue.named_parameters()}
+    catalogue.replace(new)
+    assert_equal(catalogue(), new)
+    assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())
+
+
+def test_strokes_that_stay_keep_their_optimiser_state():
+    strokes, new = random_strokes(6, (30, 40)), random_strokes(3, (30, 40), seed=9)
+    catalogue = Catalogue(strokes, UNITS)
+    optimizer = torch.optim.Adam(catalogue.parameters(), lr=0.01)
+    for _ in range(3):
+        optimizer.zero_grad()
+        sum(parameter.square().sum() for parameter in catalogue.parameters()).backward()
+        optimizer.step()
+    before, momentum = catalogue(), optimizer.state[catalogue.start]["exp_avg"].clone()
+    keep = torch.tensor([True, False, True, True, False, True])
+    catalogue.revise(keep, new, optimizer)
+    assert_equal(catalogue()[:4], before[keep].map(torch.Tensor.detach))
+    assert_equal(catalogue()[4:], new)
+    state = optimizer.state[catalogue.start]
+    torch.testing.assert_close(state["exp_avg"][:4], momentum[keep])
+    assert (state["exp_avg"][4:] == 0).all()
+    assert float(state["step"]) == 3
+    assert catalogue.brush.tolist() == [0, 2, 3, 5, 4, 5, 6], "and the look that renderers give them"
+    again = Catalogue(random_strokes(7, (30, 40)), UNITS)
+    again.load_state_dict(catalogue.state_dict())
+    assert torch.equal(again().map(torch.Tensor.double)[2:].brush, catalogue.brush[2:])
+    optimizer.zero_grad()
+    catalogue().start.sum().backward()
+    optimizer.step()  # the optimiser moves the new parameters
+    assert not torch.equal(catalogue().start[4:], new.start)

@@ -1,6 +1,7 @@
-"""The program as users start it: what it writes, how it resumes, how it refuses."""
+"""The program as users start it, of one picture or a folder: what it writes, how it resumes, how it refuses."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -13,11 +14,21 @@ import pytest
 import torch
 from films import pixels_of
 from PIL import Image
-from program import ROOT, run
+from program import ROOT, ended, run
+from refusals import refuses
 
+from brushexp.cli import many_pictures
+from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
+from brushexp.cli.program import expand_arguments
 from brushexp.config.vocabulary import SHIPPED
+from brushexp.config.words import parse_value, verbatim
+from brushexp.pictures.load import samples
+from brushexp.results.runs import JOBS
+from brushexp.runs.sweep_jobs import SUBFOLDER, override_value
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system import device, runtime
+from brushexp.system.reading import digest_of
 from brushexp.tasks import export, paint
 
 pytestmark = pytest.mark.slow
@@ -52,7 +63,7 @@ def painted(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_run_leaves_all_its_results(painted):
+def test_a_run_leaves_all_its_results_and_the_metrics_are_those_of_the_saved_pictures(painted):
     files = {path.name for path in painted.iterdir()}
     assert {"painting.png", "target.png", "catalogue.h5", "metrics.json", "run.log", ".hydra", "report.html"} <= files
     assert files & {"timelapse.mp4", "timelapse.gif"}
@@ -61,9 +72,6 @@ def test_a_run_leaves_all_its_results(painted):
     assert (metrics["status"], metrics["steps"], metrics["n_strokes"]) == ("completed", 30, round(48 * 32 / 100))
     named = {"ssim", "l1", "perceptual", "seconds", "seconds_total", "seconds_per_step", "peak_memory_mb", "device"}
     assert named <= metrics.keys()
-
-
-def test_the_metrics_are_those_of_the_saved_pictures(painted):
     error = pixels_of(painted / "painting.png") - pixels_of(painted / "target.png")
     psnr = 10 * np.log10(255**2 / (error**2).mean())
     slopes = np.concatenate([np.diff(error / 255, axis=axis).ravel() for axis in (0, 1)])
@@ -72,7 +80,9 @@ def test_the_metrics_are_those_of_the_saved_pictures(painted):
     assert metrics["edges"] == pytest.approx(np.abs(slopes).mean(), rel=1e-4)
 
 
-def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task, tmp_path, caplog):
+def test_a_saved_catalogue_renders_to_the_painting_larger_too_and_painting_goes_on_from_it(
+    painted, run_task, tmp_path, caplog
+):
     words = ["task=export", f"catalogue={painted}/catalogue.h5"]
     run_task(export, *words)
     assert "painted with other weights" not in caplog.text
@@ -82,9 +92,6 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task,
         assert large.size == (192, 128)
         shrunk = np.asarray(large.resize((48, 32), Image.Resampling.BOX)).astype(float)
     assert np.abs(shrunk - pixels_of(painted / "painting.png")).mean() < 12
-
-
-def test_painting_goes_on_from_a_catalogue(painted, run_task, tmp_path):
     metrics = run_task(paint, *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed")
     assert np.abs(pixels_of(tmp_path / "painting.png") - pixels_of(painted / "painting.png")).max() <= 1
     assert metrics["steps"] == 0
@@ -160,7 +167,7 @@ def test_a_run_builds_a_plugin_once_and_a_sweep_once_more_for_its_check(tmp_path
 
 
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
-    """By workers that are no forks; sweeps of forks are painted in test_many_pictures."""
+    """By workers that are no forks; sweeps of forks are painted below."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "shy.py").write_text(SHY)
@@ -175,7 +182,7 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     assert pixels_of(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
-def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
+def test_help_lists_every_plugin_in_one_line_and_a_mistake_ends_a_run_in_one_without_a_result(tmp_path):
     lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in lines), name
@@ -186,9 +193,6 @@ def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
         assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem
-
-
-def test_a_mistake_ends_a_run_in_one_line_and_leaves_no_result(tmp_path):
     result = run("nothing.png", f"output={tmp_path}/a", cwd=tmp_path)
     assert result.returncode == 1
     (line,) = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
@@ -202,3 +206,193 @@ def test_strange_pictures_work(run_task, tmp_path, size):
     run_task(paint, f"image={tmp_path}/strange.png", "steps=3", "threads=1")
     assert pixels_of(tmp_path / "painting.png").shape == (size[1], size[0], 3)
     assert metrics_of(tmp_path)["ssim"] is None
+
+
+QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
+
+
+def photos(folder: Path) -> Path:
+    """Three pictures, of which one is none, and a file of another kind."""
+    folder.mkdir()
+    for k, name in enumerate(("a b,c.png", "second.jpg")):
+        Image.new("RGB", (24 + k, 16), (90 * k, 40, 200)).save(folder / name)
+    (folder / "broken.jpg").write_bytes(b"none")
+    (folder / "notes.txt").write_text("no picture")
+    return folder
+
+
+def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
+    """First one after another, then in two processes."""
+    name = "my \\${photos}"
+    photos(tmp_path / name)
+    code, output = ended(tmp_path, f"image={name}", "jobs=1", *QUICK)
+    folder = tmp_path / "outputs" / name.replace("${", "{")
+    assert code == 1
+    assert "broken.jpg is not a picture of a known format" in output
+    assert "1 of 3 jobs failed: 1" in output
+    status = {path.parent.name: json.loads(path.read_text())["status"] for path in folder.glob("*/metrics.json")}
+    assert status == {"a_b_c": "completed", "second": "completed", "broken": "failed"}
+    page = (folder / "report.html").read_text()
+    assert "a_b_c" in page
+    assert "is not a picture of a known format" in page
+    assert (folder / "table.md").exists()
+    assert (folder / "sheet.png").exists()
+    before = (folder / "second" / "painting.png").stat().st_mtime_ns
+    Image.new("RGB", (24, 16)).save(tmp_path / name / "broken.jpg")  # mended, and a new one beside it
+    Image.new("RGB", (9, 16)).save(tmp_path / name / "new.png")
+    code, output = ended(tmp_path, f"image={name}", "jobs=2", *QUICK)
+    assert code == 0, output
+    assert "2 of 4 jobs have finished already" in output
+    assert (folder / "second" / "painting.png").stat().st_mtime_ns == before
+    assert (folder / "new" / "painting.png").is_file()
+    code, output = ended(tmp_path, f"image={name}", *QUICK, "strokes=3")
+    assert code == 1
+    assert "has paintings with other settings" in output
+
+
+PLUGIN = """
+import gc, os, signal
+from pathlib import Path
+from brushexp.plugins.init.grid import Grid
+from brushexp.registry import register
+
+
+@register("init", "own")
+class Own(Grid):
+    def __call__(self, *arguments):
+        {}
+        return super().__call__(*arguments)
+"""
+COUNT = """locks = sum(os.path.realpath(file).endswith("lock") for file in Path("/proc/self/fd").iterdir())
+        with open("counts.txt", "a") as file:
+            print(locks, gc.get_freeze_count(), file=file)"""
+DEAF = """try:
+            open("first", "x").close()
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            Path("deaf").touch()
+        except FileExistsError:
+            while not Path("deaf").exists():
+                pass
+            os.kill(os.getpid(), signal.SIGKILL)"""
+
+
+@pytest.fixture
+def own_init(tmp_path):
+    """Write a plugin, init=own, that does something before it places strokes."""
+    (tmp_path / "plugins").mkdir()
+    return lambda code: (tmp_path / "plugins" / "own.py").write_text(PLUGIN.format(code))
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="another system")
+def test_a_finished_job_leaves_no_open_file_and_nothing_that_is_never_freed(tmp_path, own_init):
+    own_init(COUNT)
+    code, output = ended(tmp_path, "-m", "image=chelsea", "resolution=16", "init=own", "seed=0,1,2", *QUICK)
+    assert code == 0, output
+    counts = [[*map(int, line.split())] for line in (tmp_path / "counts.txt").read_text().splitlines()]
+    assert len(counts) == 3
+    assert all(later <= first for after in counts[1:] for first, later in zip(counts[0], after, strict=True))
+
+
+@pytest.mark.skipif(launcher() != "processes", reason="another launcher here")
+def test_a_process_that_is_killed_or_hears_no_signal_ends_its_sweep_which_goes_on_later(tmp_path, own_init):
+    own_init("os.kill(os.getpid(), signal.SIGKILL)")
+    words = ("-m", "init=grid,own", "jobs=2", "output=s", "image=chelsea", "resolution=16", *QUICK)
+    code, output = ended(tmp_path, *words)
+    assert code == 1
+    assert "job 1 has ended without a result" in output
+    assert "resume=sweep" in output
+    own_init("")
+    code, output = ended(tmp_path, *words, "resume=sweep")
+    assert code == 0, output
+    assert {path.parent.name for path in (tmp_path / "s").glob("*/painting.png")} == {"0", "1"}
+    own_init(DEAF)
+    code, output = ended(tmp_path, "-m", "init=own", "seed=0,1", "jobs=2", "image=chelsea", "resolution=16", *QUICK)
+    assert code == 1
+    assert "has ended without a result" in output
+    assert "Traceback" not in output
+
+
+def test_the_words_of_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photos(tmp_path / "p")
+    flag, look, output, named, *more = as_sweep(["image=p", "look=ink"], False)
+    assert (flag, look, output) == ("--multirun", "look=ink", "output=outputs/p")
+    assert (named, more) == ('hydra.sweeper.pictures=["p"]', ["hydra.sweeper.lenient=true"])
+    _, output, named, _ = as_sweep(["pictures=thesis12,p"], False)
+    assert (output, named) == ("output=outputs/thesis12_p", 'hydra.sweeper.pictures=["thesis12","p"]')
+    pictures = [str(Path("p", name)) for name in ("second.jpg", "a b,c.png")]
+    _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
+    assert (look, output) == ("look=ink", "output=outputs/p")
+    assert settings.index("second.jpg") < settings.index("a b,c.png")
+    jobs = tmp_path / "outputs" / "p" / JOBS
+    jobs.parent.mkdir(parents=True)
+    jobs.touch()
+    assert "hydra.sweeper.resume=true" in as_sweep(["image=p"], False)
+    for word in ("overwrite=true", "overwrite=True", "overwrite=1"):
+        assert "hydra.sweeper.resume=true" not in as_sweep(["image=p", word], False)
+    jobs.unlink()
+    assert expand_arguments([*pictures, "look=ink"]) == as_sweep(
+        [*(f"image={one}" for one in pictures), "look=ink"], False
+    )
+    assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
+    assert as_sweep(["image=p/[a-z ,]*.png"], False)[1] == "output=outputs/p"
+    for name in (r"a\b", "a'b", 'a"b'):  # any name reaches the program as it is
+        photos(tmp_path / name)
+        (named,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures="))
+        assert parse_value(named.partition("=")[2]) == [name]
+
+
+def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photos(tmp_path / "p")
+    own = tmp_path / "conf" / "pictures"
+    own.mkdir(parents=True)
+    (own / "mine.yaml").write_text("- camera  # a sample\n- red.png\n")
+    folders = [SHIPPED, tmp_path / "conf"]
+    refuses(r"pictures=mine has no red.png; put such files beside .*mine.yaml", pictures_named, "mine", folders)
+    Image.new("RGB", (9, 16)).save(own / "red.png")
+    assert pictures_named("mine", folders) == ["camera", str(own / "red.png")]
+    assert pictures_named("conf/pictures/mine.yaml", [SHIPPED]) == ["camera", "conf/pictures/red.png"]
+    assert [Path(one).name for one in pictures_named("p", folders)] == ["a b,c.png", "broken.jpg", "second.jpg"]
+    assert all_pictures(["mine", "camera", "coffee"], folders) == ["camera", str(own / "red.png"), "coffee"]
+    (own / "sealed.yaml").write_text(f"- conf/pictures/red.png: {digest_of(own / 'red.png')}\n- camera\n")
+    assert pictures_named("sealed", folders) == ["conf/pictures/red.png", "camera"]  # from the current folder
+    Image.new("RGB", (9, 17)).save(own / "red.png")
+    words = r"pictures=sealed: conf/pictures/red.png is not the file that .*SHA-256 is"
+    refuses(words, pictures_named, "sealed", folders)
+    (own / "empty.yaml").write_text("[]")
+    for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
+        refuses(message, pictures_named, wrong, folders)
+    refuses("no picture is there", pictures_named, str(tmp_path), folders)
+    shipped = pictures_named("thesis12", [SHIPPED])
+    assert len(set(shipped)) == 12
+    assert set(shipped) <= samples().keys(), "it needs no file of yours"
+
+
+def test_names_of_folders_are_plain_and_differ_and_are_read_as_they_are():
+    assert subfolders_for(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
+    assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
+    assert len(set(subfolders_for(["a/x.png", "b/x.png", "c/x_png_2.png"]))) == 3
+    for name in ("a", "1_0", "20240105_123456", "2024.10", "null", "été", "1e5", "true"):
+        assert override_value(SUBFOLDER + verbatim(name)) == name
+
+
+def test_jobs_are_processes(monkeypatch):
+    assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
+    assert in_processes(["jobs=1"]) == []
+    refuses("jobs=x is no number", in_processes, ["jobs=x"])
+    monkeypatch.setattr(many_pictures, "find_spec", lambda _: True)
+    monkeypatch.setattr(runtime, "cores", lambda: 5)
+    monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
+    for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 4, 2), (1e6, 3, 1)):
+        monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
+        expected = [f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
+        assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected
+    monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
+    assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
+    monkeypatch.setattr(device, "device_of", lambda _: torch.device("cuda"))
+    assert in_processes(["jobs=2"]) == ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], (
+        "CUDA does not survive a fork"
+    )
+    typed = ["hydra/launcher=dask"]
+    assert (in_processes([]), in_processes(typed, 40)) == ([], typed)

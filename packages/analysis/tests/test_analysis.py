@@ -1,20 +1,33 @@
 """Brushwork analysis: known strokes have known measures, paintings compare, tables and figures say what was found."""
 
+import csv
+import io
+import json
+import lzma
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from brushexp_analysis import summary
-from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, thinnest_of
-from brushexp_analysis.summary_text import brushwork_text
-from scenes import random_strokes, straight
+from brushexp_analysis import figures, summary
+from brushexp_analysis import task as analyse
+from brushexp_analysis.bits import LEVELS, OPACITIES, PLACES, WIDENINGS, BitsPerPixel, packed, quantised
+from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
+from brushexp_analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
+from PIL import Image
+from refusals import refuses
+from scenes import random_strokes, straight, with_shapes
 from scipy.spatial.distance import cdist
 
-from brushexp.errors import UserError
+from brushexp.painting.picture import Picture
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.base import pixel_centres
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.metric.base import Comparison
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.reporting.tables import escape_markdown
 from brushexp.results.stroke_table import (
     ALIGNED_WITHIN,
     DIRECTION_BINS,
@@ -23,8 +36,9 @@ from brushexp.results.stroke_table import (
     direction_shares,
     measure_strokes,
 )
+from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.storage import Saved
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 
 SIZE = (60, 90)
 
@@ -75,8 +89,7 @@ def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
 
 def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     one = measured(Strokes.join(straight((20, 20), (20, 20), width=4), straight((22, 20), (30, 20))))
-    assert one.length[0] == 0
-    assert one.curvature[0] == 0
+    assert (one.length[0], one.curvature[0]) == (0, 0)
     assert one.area[0] == pytest.approx(math.pi * 4)
     assert np.isnan([one.straightness[0], one.orientation[0]]).all()
     assert one.coherence[0] == pytest.approx(1)  # of the one direction there is
@@ -89,7 +102,7 @@ def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     assert all(len(values) == 0 for values in columns(measured(Strokes.none())).values())
 
 
-def test_parallel_strokes_cohere_and_crossed_ones_do_not():
+def test_parallel_strokes_cohere_crossed_ones_do_not_and_neighbours_agree_with_the_obvious_loop():
     one = measured(combed(80))
     for name, value in {"coherence": 1, "deviation": 0, "aligned": 10, "homogeneity": 1}.items():
         assert one[name] == pytest.approx(value, abs=1e-3), name
@@ -101,9 +114,6 @@ def test_parallel_strokes_cohere_and_crossed_ones_do_not():
     assert crossed.coherence == pytest.approx(0, abs=1e-6)
     assert crossed.deviation == pytest.approx(math.sqrt(0.5))
     assert crossed.aligned.tolist() == [0, 0]
-
-
-def test_neighbours_agree_with_the_obvious_loop():
     made = random_strokes(70, SIZE)
     one = measured(made, radius=15)
     gaps = cdist(np.stack([one.x, one.y], 1), np.stack([one.x, one.y], 1))
@@ -115,16 +125,13 @@ def test_neighbours_agree_with_the_obvious_loop():
     assert measured(made).neighbours.tolist() == ((gaps <= within).sum(1) - 1).tolist()
 
 
-def test_what_lies_above_hides_a_stroke_on_a_canvas_of_any_size():
+def test_what_lies_above_hides_a_stroke_and_visible_shares_agree_with_the_obvious_sum():
     below, cover = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
     assert measured(Strokes.join(below, cover)).visible == pytest.approx([0, 1], abs=2e-3)
     assert measured(straight((300, 300), (320, 300))).visible == 0
     ends = (4000, 4000), (9000, 4000)  # a huge canvas is looked at reduced
     strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
     assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
-
-
-def test_visible_shares_agree_with_the_obvious_sum():
     strokes = random_strokes(15, SIZE, width=(0.1, 0.3))
     depth = torch.randperm(15)
     points = pixel_centres(torch.arange(60 * 90), 90, torch.float32)
@@ -136,15 +143,12 @@ def test_visible_shares_agree_with_the_obvious_sum():
     np.testing.assert_allclose(visible[depth.argsort(descending=True)], share, atol=2e-3)
 
 
-def test_statistics_of_many_of_one_and_of_nothing():
+def test_statistics_of_many_of_one_and_of_nothing_and_directions_across_the_turn():
     values = np.arange(1.0, 6.0)
     assert summary.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
     assert summary.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
     for axial in (False, True):
         assert summary.statistics_of(np.array([]), axial)["mean"] is None
-
-
-def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_an_entropy():
     numbers = summary.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
@@ -170,8 +174,8 @@ def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
 
 @pytest.mark.parametrize("strokes", [Strokes.none(), straight((10, 10), (20, 20), opacity=0.01)])
 def test_a_painting_of_nothing_is_refused(strokes):
-    with pytest.raises(UserError, match=r"against=x.h5: none of its \d strokes can be seen"):
-        analysis_of(saved(strokes), "x", "x.h5", option="against")
+    words = r"against=x.h5: none of its \d strokes can be seen"
+    refuses(words, analysis_of, saved(strokes), "x", "x.h5", option="against")
 
 
 @pytest.mark.parametrize("size", [(600, 900), (60, 90)])
@@ -221,3 +225,137 @@ def test_effects_are_cohens_and_have_words():
     for larger, word in {0: "negligible", 2: "negligible", 4: "small", 8: "medium", 10: "large", 20: "large"}.items():
         a = np.repeat([1.0, 0.0], [larger, 20 - larger])
         assert summary.compare(a, np.zeros(20), axial=False)["effect"] == word
+
+
+def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
+    one = analysis_of_random()
+    rows = list(csv.DictReader(io.StringIO(strokes_csv(one))))
+    assert len(rows) == 60
+    assert [int(row["stroke"]) for row in rows] == one.number.tolist()
+    assert [float(row["length [px]"]) for row in rows] == pytest.approx(one.measures.length.tolist(), rel=1e-5)
+    angles = [float(row["orientation [deg]"]) for row in rows]
+    assert angles == pytest.approx(np.degrees(one.measures.orientation), rel=1e-5)
+    assert {"area [px^2]", "curvature [deg]", "visible", "x [px]"} <= rows[0].keys()
+    numbers = summary_of(one)["measures"]
+    for key, power in (("length", 1), ("area", 2)):
+        assert numbers[key]["in_pitches"]["median"] == pytest.approx(numbers[key]["median"] / one.pitch**power)
+    assert "in_pitches" not in numbers["straightness"]
+    write_summary(tmp_path, [analysis_of(saved(straight((20, 20), (40, 30))), "single", "single.h5")])
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "brushwork.csv").read_text()))
+    assert row["coherence"] == ""
+    assert json.loads((tmp_path / "summary.json").read_text())["measures"]["coherence"]["mean"] is None
+    text = (tmp_path / "summary.md").read_text()
+    assert "–" in text
+    assert "nan" not in text.replace("hidden", "").replace("means", "")
+    assert three_digits(12345.6) == "12,346"
+
+
+PAINTED = "painter: {_target_: brushexp.plugins.painter.gradient.GradientDescent}\n"
+INIT = "init: {_target_: brushexp.plugins.init.grid.Grid}\n"
+
+
+@pytest.mark.parametrize(("config", "setter"), [
+    ("seed: 0\n", ""), (INIT, "init=grid"), (PAINTED + INIT, "init=grid"),
+    (PAINTED + INIT + "catalogue: a.h5\n", "catalogue=a.h5"),
+    (PAINTED + INIT + "style: {brushwork: b.h5}\n", "style.brushwork=b.h5"),
+    ("painter: {_target_: brushexp_painters.hertzmann.Hertzmann}\n" + INIT, "painter=hertzmann"), ("[", ""),
+])  # fmt: skip
+def test_sizes_that_a_setting_gave_are_marked_as_such_everywhere(config, setter, tmp_path):
+    one = analysis_of(replace(painting(), config=config), "a", "a.h5")
+    assert one.sizes_by == setter
+    write_summary(tmp_path, [one])
+    data = json.loads((tmp_path / "summary.json").read_text())
+    assert data["sizes_set_by"] == (setter or None)
+    (row, *_) = csv.DictReader(io.StringIO((tmp_path / "brushwork.csv").read_text()))
+    assert row["sizes_set_by"] == setter
+    for key, measure in MEASURES.items():
+        is_marked = bool(setter) and key in ("length", "width", "area", "elongatedness")
+        assert ("set_by" in data["measures"][key]) == is_marked
+        name = f"{measure.name} (set by {setter})" if is_marked else measure.name
+        assert f"| {escape_markdown(name)} |" in (tmp_path / "summary.md").read_text()
+
+
+@pytest.mark.parametrize("rows", [
+    lambda: [analysis_of_random(name="a $ b"), analysis_of_random(30, 1, "名", size=(90, 40))],
+    lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot")],
+    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), analysis_of_random(size=(300, 2))],
+])  # fmt: skip
+def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "PRINT_DPI", 40)
+    monkeypatch.setattr(figures, "STROKES_SIDE", 200)
+    with Image.open(figures.write_figure(tmp_path / "brushwork.png", rows())) as sheet:
+        assert sheet.width == 560
+        assert np.asarray(sheet).std() > 5
+
+
+def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
+    strokes = combed(100)
+    strokes = replace(strokes, position=strokes.position * torch.tensor([0.3, 1.0]))
+    one = analysis_of(saved(replace(strokes, opacity=torch.ones(100))), "a", "a", radius=9)
+    points, mean = figures.coherence_map(one, 30)
+    assert points.shape == (20, 30, 2)
+    assert np.hypot(*mean[10, 3]) == pytest.approx(1)
+    assert np.isnan(mean[10, 29]).all()
+
+
+def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "PRINT_DPI", 40)
+    monkeypatch.setattr(figures, "STROKES_SIDE", 200)
+    for name, seed in (("a", 0), ("b", 1)):
+        (tmp_path / name).mkdir()
+        save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
+    paths = [str(tmp_path / name / "catalogue.h5") for name in "ab"]
+    result = run_task(analyse, "task=analyse", f"catalogue={paths[0]}", f"against={paths[1]}", "radius=20")
+    assert (result["status"], result["n_strokes"]) == ("completed", 40)
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
+        "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png", "metrics.json",
+    }  # fmt: skip
+    with Image.open(tmp_path / "brushwork.png") as sheet:
+        assert sheet.width == 560
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert numbers["catalogue"] == paths[0]
+    assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
+    one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
+    assert numbers["measures"]["length"]["mean"] == pytest.approx(summary.statistics_of(one.values("length"))["mean"])
+    words = r"there is no file nowhere.h5; .* against="
+    refuses(words, run_task, analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
+    for paths, names in (
+        ("/x/sky/catalogue.h5 /y/sea.h5", ["sky", "sea"]),
+        ("/x/a/catalogue.h5 /y/a/catalogue.h5", ["x/a", "y/a"]),
+        ("/x/a.h5 /x/a.h5", ["a (1)", "a (2)"]),
+    ):
+        assert analyse.names_of(paths.split()) == names
+
+
+CANVAS = (64, 96)
+
+
+def restored(numbers: np.ndarray) -> Strokes:
+    """Make strokes again of what `quantised` has rounded."""
+    values = torch.from_numpy(numbers).float()
+    points = values[:, :6].reshape(-1, 3, 2) / PLACES
+    points = torch.cat([points[:, :1], points[:, :1] + points[:, 1:]], dim=1)
+    strokes = strokes_along(points, values[:, 6] / PLACES, values[:, 8:11] / LEVELS, values[:, 11] / OPACITIES)
+    rest = {"widening": values[:, 12] / WIDENINGS, "drift": values[:, 13:] / LEVELS}
+    return replace(strokes, softness=values[:, 7] / PLACES / strokes.scale, **rest)
+
+
+def drawn(strokes):
+    painter = Picture(torch.zeros(3, *CANVAS), None, torch.zeros(3), Tiled(opaque=0))
+    painter.renderer = Analytic()
+    return painter.draw(strokes, torch.arange(len(strokes)))
+
+
+def test_packing_loses_nothing_seen_and_more_strokes_take_more_bits_and_equal_ones_few():
+    strokes = with_shapes(random_strokes(60, CANVAS))
+    difference = drawn(strokes) - drawn(restored(quantised(strokes)))
+    assert psnr_of(float(difference.square().mean())) > 40
+    numbers = quantised(random_strokes(60, CANVAS))
+    bytes_ = np.frombuffer(lzma.decompress(packed(numbers)), np.uint8).reshape(16, 2, -1)
+    assert (numbers == bytes_.transpose(0, 2, 1).copy().view("<i2")[..., 0].T).all()
+    picture = torch.zeros(3, *CANVAS)
+    few, many = (BitsPerPixel()(Comparison(picture, picture, None, random_strokes(n, CANVAS))) for n in (50, 500))
+    assert 5 < many / few < 12
+    alike = Strokes.join(*[random_strokes(1, CANVAS)] * 500)
+    assert BitsPerPixel()(Comparison(picture, picture, None, alike)) < 0.2 * many
+    assert BitsPerPixel()(Comparison(picture, picture, None, Strokes.none())) < few

@@ -2,19 +2,27 @@
 
 import itertools
 import json
+import logging
+import os
+import signal
+import subprocess
+import sys
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from brushexp_canvases.grid import Grid, Tile
+from brushexp_canvases.jobs import out_of_reach, paint_all, workers
 from brushexp_canvases.page import write_strokes
 from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
 from brushexp_canvases.task import begin, check_same, settings_that_count
 from brushexp_canvases.tile import THICK, Canvas, draw_tile, job_of, paint_tile
 from omegaconf import OmegaConf
 from PIL import Image
+from refusals import refuses
 from skimage.data import astronaut
 
 from brushexp.api.settings import settings_of
@@ -26,7 +34,7 @@ SIZES = [(1, 1), (40, 40), (41, 40), (100, 70), (7, 300), (256, 256)]
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_tiles_cover_a_canvas_once_and_windows_of_a_round_do_not_overlap(size: tuple[int, int]) -> None:
+def test_tiles_cover_a_canvas_once_wait_for_earlier_rounds_only_and_windows_of_one_do_not_overlap(size):
     grid = Grid(size, side=40, margin=20)
     covered = np.zeros(size, int)
     for tile in grid.tiles():
@@ -41,10 +49,6 @@ def test_tiles_cover_a_canvas_once_and_windows_of_a_round_do_not_overlap(size: t
             window = grid.window(tile)
             seen[window.top : window.top + window.height, window.left : window.left + window.width] += 1
         assert seen.max() <= 1
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_a_tile_waits_for_earlier_rounds_only(size: tuple[int, int]) -> None:
     grid = Grid(size, side=40, margin=8)
     for tile in grid.tiles():
         assert all(other.round < tile.round for other in grid.before(tile))
@@ -52,7 +56,7 @@ def test_a_tile_waits_for_earlier_rounds_only(size: tuple[int, int]) -> None:
         assert {tile} == set(grid.tiles_in(grid.region(tile)))
 
 
-def test_strokes_are_the_same_after_they_were_stored() -> None:
+def test_one_small_tile_is_a_canvas_whose_strokes_are_the_same_after_they_were_stored(tmp_path):
     strokes, depth = sample_prior(7), torch.rand(7)
     again, depth_again = unpacked(packed(strokes, depth))
     assert packed(strokes, depth).shape == (7, NUMBERS)
@@ -61,6 +65,11 @@ def test_strokes_are_the_same_after_they_were_stored() -> None:
     for name, value in strokes.items():
         assert torch.equal(getattr(again, name), value.float())
     assert len(unpacked(packed(sample_prior(0), torch.empty(0)))[0]) == 0
+    Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
+    store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
+    assert store.grid.shape == (1, 1)
+    assert np.isnan(store.errors()["seams"])
+    assert json.loads((tmp_path / "small.zarr" / "zarr.json").read_text())["attributes"]["size"] == [3, 5]
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +106,7 @@ def done(picture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Canva
     return painted(picture, tmp_path_factory.mktemp("canvas") / "a.zarr")
 
 
-def test_tiles_have_the_strokes_that_lie_in_them_and_the_painting_looks_like_the_picture(
-    done: tuple[CanvasStore, Canvas],
-) -> None:
+def test_the_parts_are_those_of_one_picture_which_looks_like_the_target_and_the_page_gets_all_strokes(done, tmp_path):
     store, _ = done
     assert (store.counts > 0).all()
     assert int(store.counts.sum()) == pytest.approx(96 * 128 / 48, rel=0.25)
@@ -107,9 +114,6 @@ def test_tiles_have_the_strokes_that_lie_in_them_and_the_painting_looks_like_the
     everything = Region(0, 0, *store.grid.size)
     difference = store.read("painting", everything).astype(float) - store.read("target", everything)
     assert np.square(difference / 255).mean() == pytest.approx(store.errors()["mse"])
-
-
-def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasStore, Canvas]) -> None:
     store, canvas = done
     cfg = OmegaConf.create(canvas.settings)
     everything = Region(0, 0, *store.grid.size)
@@ -117,9 +121,6 @@ def test_the_parts_are_those_of_one_picture_of_all_strokes(done: tuple[CanvasSto
     assert np.abs(whole.astype(int) - store.read("painting", everything)).max() <= 1
     part = job_of(store, cfg, Region(10, 20, 30, 40)).picture().transpose(2, 0, 1)
     assert np.abs(part.astype(int) - whole[:, 10:40, 20:60]).max() <= 1
-
-
-def test_the_page_gets_all_strokes(done: tuple[CanvasStore, Canvas], tmp_path: Path) -> None:
     store, canvas = done
     told = write_strokes(tmp_path, store.grid.size, partial(job_of, store, canvas.config))
     text = (tmp_path / "strokes_files" / "0_0.js").read_text()
@@ -127,16 +128,7 @@ def test_the_page_gets_all_strokes(done: tuple[CanvasStore, Canvas], tmp_path: P
     assert told["exact"]
 
 
-def test_the_same_bits_in_any_order_within_a_round(
-    done: tuple[CanvasStore, Canvas], picture: Path, tmp_path: Path
-) -> None:
-    store, _ = done
-    other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
-    for name in ("strokes", "count", "squares", "painting/0"):
-        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
-
-
-def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture: Path, tmp_path: Path) -> None:
+def test_a_canvas_goes_on_with_its_settings_and_a_tile_that_was_not_finished_to_the_same_bits(picture, tmp_path, done):
     store, canvas = painted(picture, tmp_path / "c.zarr")
     tile = Tile(1, 1)
     before = packed(*store.strokes_of([tile]))
@@ -145,48 +137,40 @@ def test_a_tile_that_was_not_finished_is_painted_again_to_the_same_bits(picture:
     assert not store.is_painted(tile)
     paint_tile(canvas, tile)
     np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
+    store, _ = done
+    check_same(store, config_of(picture, store.path, workers=2))
+    refuses("begun with steps=4, and now steps=5", check_same, store, config_of(picture, store.path, steps=5))
+    assert "workers" not in settings_that_count(config_of(picture, store.path))
+    (tmp_path / "x.zarr").mkdir()
+    refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
 
 
-def test_what_is_painted_is_not_painted_again(done: tuple[CanvasStore, Canvas]) -> None:
+def test_what_is_painted_is_not_painted_again_and_has_the_same_bits_in_any_order_within_a_round(
+    done, picture, tmp_path
+):
     store, canvas = done
     before = {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
     for tile in store.grid.tiles():
         paint_tile(canvas, tile)
         draw_tile(canvas, tile)
     assert before == {path: path.stat().st_mtime_ns for path in store.path.rglob("*") if path.is_file()}
-
-
-def test_a_canvas_goes_on_with_the_settings_that_it_was_begun_with(
-    done: tuple[CanvasStore, Canvas], picture: Path
-) -> None:
     store, _ = done
-    check_same(store, config_of(picture, store.path, workers=2))
-    with pytest.raises(UserError, match="begun with steps=4, and now steps=5"):
-        check_same(store, config_of(picture, store.path, steps=5))
-    assert "workers" not in settings_that_count(config_of(picture, store.path))
+    other, _ = painted(picture, tmp_path / "b.zarr", slice(None, None, -1))
+    for name in ("strokes", "count", "squares", "painting/0"):
+        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
 
 
-def test_a_folder_that_is_no_canvas_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "x.zarr").mkdir()
-    with pytest.raises(UserError, match=r"x\.zarr"):
-        CanvasStore(tmp_path / "x.zarr")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"strokes": 100}, "pixels_per_stroke"),
-        ({"order": "accuracy"}, "order=accuracy"),
-        ({"margin": 40}, "margin=24"),
-        ({"painter": "greedy"}, "painter=greedy"),
-        ({"background": "transparent"}, "background"),
-        ({"look": "watercolour"}, "set paper=smooth"),
-        ({"image": "nowhere.tif"}, r"nowhere\.tif"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"strokes": 100}, "pixels_per_stroke"),
+    ({"order": "accuracy"}, "order=accuracy"),
+    ({"margin": 40}, "margin=24"),
+    ({"painter": "greedy"}, "painter=greedy"),
+    ({"background": "transparent"}, "background"),
+    ({"look": "watercolour"}, "set paper=smooth"),
+    ({"image": "nowhere.tif"}, r"nowhere\.tif"),
+])  # fmt: skip
 def test_what_a_canvas_cannot_do_is_refused(picture: Path, tmp_path: Path, options: dict, message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        config_of(picture, tmp_path / "d.zarr", **options)
+    refuses(message, config_of, picture, tmp_path / "d.zarr", **options)
 
 
 def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path: Path) -> None:
@@ -198,9 +182,87 @@ def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path:
     assert np.abs(found - (255 * height / (THICK * 48**0.5)).clip(0, 255)).mean() < 6  # widths are those near a tile
 
 
-def test_one_small_tile_is_a_canvas(tmp_path: Path) -> None:
-    Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
-    store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
-    assert store.grid.shape == (1, 1)
-    assert np.isnan(store.errors()["seams"])
-    assert json.loads((tmp_path / "small.zarr" / "zarr.json").read_text())["attributes"]["size"] == [3, 5]
+HAS_SLURM = pytest.mark.skipif(find_spec("dask_jobqueue") is None, reason="needs the extra slurm")
+
+
+@pytest.fixture(autouse=True)
+def _loud_again():
+    levels = {name: logging.getLogger(name).level for name in logging.root.manager.loggerDict}
+    yield
+    for name, level in levels.items():
+        logging.getLogger(name).setLevel(level)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(picture: Path, tmp_path: Path) -> None:
+    options = {"tile": 64, "pixels_per_stroke": 200, "steps": 2}
+    store, _ = painted(picture, tmp_path / "here.zarr", **options)
+    cfg = config_of(picture, tmp_path / "there.zarr", **options)
+    other = begin(tmp_path / "there.zarr", cfg)
+    with workers(1, None) as client:
+        (first,) = client.run(os.getpid).values()
+
+        def kill_once(done: int) -> None:
+            if done == 1:
+                os.kill(first, signal.SIGKILL)
+
+        memory = paint_all(client, canvas_of(other, cfg), other.grid, other.grid.tiles(), kill_once)
+        assert set(client.run(os.getpid).values()) != {first}
+    assert memory > 50
+    for name in ("strokes", "count", "squares", "painting/0"):
+        np.testing.assert_array_equal(store.root[name][:], other.root[name][:])
+
+
+def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("brushexp_canvases.jobs.WAIT", "1s")
+    with pytest.raises(UserError, match=r"tcp://127\.0\.0\.1:1 has no scheduler"), workers(1, "tcp://127.0.0.1:1"):
+        pass
+
+
+SBATCH = """#!/bin/sh
+cp "$1" "$1.job"
+setsid sh "$1.job" >/dev/null 2>&1 &
+echo "Submitted batch job $!" | tee -a {log}
+"""
+SCANCEL = """#!/bin/sh
+kill -- "-$1"
+echo "cancelled $1" >> {log}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@HAS_SLURM
+def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.new("RGB", (20, 12), (200, 100, 0)).save(tmp_path / "small.png")
+    cfg = config_of(tmp_path / "small.png", tmp_path / "a.zarr", pixels_per_stroke=4, steps=1, cluster="slurm")
+    store = begin(tmp_path / "a.zarr", cfg)
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (path := tmp_path / name).write_text(text.format(log=tmp_path / "log"))
+        path.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with workers(1, cfg.cluster) as client:
+        paint_all(client, canvas_of(store, cfg), store.grid, store.grid.tiles(), lambda done: None)
+    assert all(store.is_painted(tile) and store.is_drawn(tile) for tile in store.grid.tiles())
+    said = (tmp_path / "log").read_text()
+    job = said.splitlines()[0].split()[-1]
+    assert f"cancelled {job}" in said
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "Ctrl-C does what it did"
+
+
+def test_ctrl_c_waits_while_workers_start_and_never_reaches_them():
+    asked = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    steps = []
+    with pytest.raises(KeyboardInterrupt), out_of_reach():  # noqa: PT012
+        signal.raise_signal(signal.SIGINT)
+        steps.append(subprocess.run([sys.executable, "-S", "-c", asked], capture_output=True, check=True).stdout)
+    assert steps == [b"True\n"], "a worker that is begun meanwhile hears none"
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+@HAS_SLURM
+def test_slurm_that_is_not_here_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(UserError, match="sbatch"), workers(1, "slurm"):
+        pass

@@ -7,9 +7,9 @@ import signal
 import pytest
 from hydra_plugins.brushexp_optuna import better_direction
 from program import ROOT, run
+from refusals import refuses
 from sweeps import note, read_csv
 
-from brushexp.errors import UserError
 from brushexp.results.runs import objective_in
 from brushexp.system.runtime import interruptible, pass_signal_on
 
@@ -25,11 +25,10 @@ def test_the_tables_know_which_way_an_objective_is_better():
         (None, None, "try objective=psnr"), ("psnr", "minimize", "looks for the worst psnr; drop it"),
         ("steps", None, "add hydra.sweeper.direction=minimize or maximize"), ("l1", "down", "not one of maximize"),
     ):  # fmt: skip
-        with pytest.raises(UserError, match=message):
-            better_direction(objective, typed)
+        refuses(message, better_direction, objective, typed)
     assert objective_in({"psnr": 3, "status": "completed"}, "psnr") == 3.0
-    with pytest.raises(UserError, match="objective=status is no number of this run; choose one of psnr"):
-        objective_in({"psnr": 3, "status": "completed", "on": True}, "status")
+    words = "objective=status is no number of this run; choose one of psnr"
+    refuses(words, objective_in, {"psnr": 3, "status": "completed", "on": True}, "status")
 
 
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2])

@@ -9,10 +9,10 @@ from brushexp_policies.fixed import FixedOrder
 from brushexp_policies.topk import TopK
 from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
 from PIL import Image
+from refusals import refuses
 from scenes import leaves, random_strokes, straight
 from test_kernels import KINDS, TILED
 
-from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
@@ -45,8 +45,7 @@ def decoded(space, channels):
 def test_colours_come_back_and_black_and_white_are_0_and_1(name, dtype):
     space, colors = SPACES[name], torch.cat([CORNERS, torch.rand(500, 3)]).to(dtype).requires_grad_()
     channels = space.encode(colors)
-    assert channels.min() >= -1e-6
-    assert channels.max() <= 1 + 1e-6
+    assert -1e-6 <= channels.min() <= channels.max() <= 1 + 1e-6
     torch.testing.assert_close(channels[[0, len(CORNERS) - 1]], torch.stack([0 * channels[0], 0 * channels[0] + 1]))
     back = decoded(space, channels)
     torch.testing.assert_close(back, colors, atol=1e-4, rtol=0)
@@ -91,8 +90,7 @@ def test_kernels_agree_with_the_reference_in_every_space(kind, name):
 def test_degenerate_strokes_in_pigment(name):
     blend, weight = Compositor(TILED, SPACES["pigment"]), torch.randn(3, 16, 19)
     image, gradient = paint_with_gradient(KINDS["plain"], blend, DEGENERATE[name], (16, 19), weight)
-    assert image.min() >= 0
-    assert image.max() <= 1
+    assert 0 <= image.min() <= image.max() <= 1
     assert all(value.isfinite().all() for value in gradient.values())
     halves = DEGENERATE[name].map(lambda value: value.bfloat16())
     assert paint(Analytic(), blend, halves, (16, 19)).image.isfinite().all()
@@ -136,8 +134,7 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
     run_task(export, "task=export", f"catalogue={tmp_path / 'catalogue.h5'}")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "painting.png")), first)
     for wrong in ("color: 7", "color: {_target_: brushexp.plugins.order.area.Area}"):
-        with pytest.raises(UserError, match="color is"):
-            space_of(replace(saved, config=wrong))
+        refuses("color is", space_of, replace(saved, config=wrong))
     save_catalogue(tmp_path / "old.h5", replace(saved, config=""))
     assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
 

@@ -17,6 +17,7 @@ from brushexp_discriminator.discriminator_module import (
 )
 from brushexp_training.dataset import Split
 from hydra.errors import CompactHydraException
+from refusals import refuses
 from test_trainer import fit
 from torch import Tensor
 
@@ -59,13 +60,18 @@ def wild(n: int, size: float) -> Strokes:
     return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
 
 
-def test_valid_strokes_are_valid_and_corrupted_ones_are_not():
+def test_valid_strokes_are_valid_corrupted_ones_are_not_and_every_step_gets_others():
     prior = shapes_of(sample_prior(2000))
     assert valid(strokes(prior)).float().mean() > 0.99
     shapes, _, kind = corrupt(prior, generator())
     for number, name in enumerate(CORRUPTIONS):
         share = float(valid(strokes(shapes[kind == number])).float().mean())
         assert share < (0.7 if name in ("mixed", "partly_noisy") else 0.25), f"{name}: {share}"
+    batches = list(ShapeData(batch_size=4, seed=3).train_dataloader())
+    assert len({batch.valid[0, 0].item() for batch in batches}) == len(batches) == 500
+    loader = ShapeData(batch_size=4, seed=3).train_dataloader()
+    loader.load_state_dict({"epoch": 0, "batch": 498})
+    torch.testing.assert_close(next(iter(loader)), batches[498], rtol=0, atol=0)
 
 
 def test_every_corruption_occurs_the_seed_decides_and_hard_negatives_are_half_way_in_some_groups():
@@ -80,14 +86,6 @@ def test_every_corruption_occurs_the_seed_decides_and_hard_negatives_are_half_wa
     assert moved.any(1).float().mean() > 0.5
 
 
-def test_every_step_gets_other_strokes_whatever_was_before():
-    batches = list(ShapeData(batch_size=4, seed=3).train_dataloader())
-    assert len({batch.valid[0, 0].item() for batch in batches}) == len(batches) == 500
-    loader = ShapeData(batch_size=4, seed=3).train_dataloader()
-    loader.load_state_dict({"epoch": 0, "batch": 498})
-    torch.testing.assert_close(next(iter(loader)), batches[498], rtol=0, atol=0)
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, object]]:
     """A training cut down to seconds, and its file."""
@@ -98,7 +96,7 @@ def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, obje
     return module, path, save_discriminator(module.network, path, 3, {"steps": module.global_step})
 
 
-def test_it_learns_in_a_few_hundred_steps(trained):
+def test_it_learns_in_a_few_hundred_steps_and_valid_strokes_cost_almost_nothing(trained):
     module, _, figures = trained
     assert module.global_step == 500
     assert figures["auc"] > 0.85
@@ -107,9 +105,17 @@ def test_it_learns_in_a_few_hundred_steps(trained):
     assert set(figures) >= {f"auc_{name}" for name in CORRUPTIONS}
     assert float(module.trainer.callback_metrics["validation/auc"]) == pytest.approx(module.figures["auc"])
     assert "held out AUC" in module.state_line()
+    loss, prior = Discriminated(), sample_prior(2000, seed=8)
+    values = [float(loss_of(loss, prior))]
+    for factor in (1.5, 3, 10, 100, 1000):
+        large = {name: factor * getattr(prior, name) for name in POINTS}
+        values.append(float(loss_of(loss, replace(prior, **large))))
+    assert values[0] < 0.06
+    assert values == sorted(values)
+    assert values[1] > 20 * values[0]
 
 
-def test_a_checkpoint_brings_the_same_loss_back(trained):
+def test_a_checkpoint_brings_the_same_loss_back_and_others_are_refused(trained, tmp_path):
     module, path, figures = trained
     loss = Discriminated(checkpoint=str(path))
     assert not any(parameter.requires_grad for parameter in loss.parameters())
@@ -121,18 +127,13 @@ def test_a_checkpoint_brings_the_same_loss_back(trained):
     assert recipe["hash"] == figures["discriminator_hash"]
     assert recipe["figures"]["auc"] == figures["auc"]
     assert recipe["training"]["steps"] == 500
-
-
-def test_other_checkpoints_are_refused(trained, tmp_path):
     for checkpoint, message in (
         (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
         ("yours", r"yours does not come with the program \(there are: discriminator\)"),
         (tmp_path / "none.safetensors", r"give the \.safetensors of task=train_discriminator"),
     ):
-        with pytest.raises(UserError, match=message):
-            Discriminated(checkpoint=str(checkpoint))
-    with pytest.raises(UserError, match="not the recipe of a renderer; give"):
-        build_named("renderer", "neural", {"checkpoint": str(trained[1])})
+        refuses(message, Discriminated, checkpoint=str(checkpoint))
+    refuses("not the recipe of a renderer; give", build_named, "renderer", "neural", {"checkpoint": str(trained[1])})
 
 
 def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
@@ -149,18 +150,7 @@ def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
     assert figures["hinge_corrupted"] > 50
 
 
-def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
-    loss, prior = Discriminated(), sample_prior(2000, seed=8)
-    values = [float(loss_of(loss, prior))]
-    for factor in (1.5, 3, 10, 100, 1000):
-        large = {name: factor * getattr(prior, name) for name in POINTS}
-        values.append(float(loss_of(loss, replace(prior, **large))))
-    assert values[0] < 0.06
-    assert values == sorted(values)
-    assert values[1] > 20 * values[0]
-
-
-def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
+def test_the_task_leaves_a_discriminator_with_defaults_and_numbers_of_its_own(config, run_task, tmp_path):
     cfg = config("task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
     assert cfg == config("task=train_discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
     assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)
@@ -168,9 +158,6 @@ def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_r
     for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
         with pytest.raises((CompactHydraException, UserError)):
             check(config("task=train", "model=discriminator", word))
-
-
-def test_the_task_leaves_a_discriminator_with_its_numbers(run_task, tmp_path):
     metrics = run_task(task, "task=train", "model=discriminator", "seed=7", "trainer.max_steps=50", "batch_size=16")
     assert (metrics["status"], metrics["steps"]) == ("completed", 50)
     path = tmp_path / "discriminator.safetensors"

@@ -1,6 +1,7 @@
-"""Films as phones, browsers, recorders and studios leave them: their light, times, shapes and tracks."""
+"""Films as phones, browsers, recorders and studios leave them are read as far as they go, or refused in a line."""
 
 import logging
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,10 +12,10 @@ from brushexp_films.clips import is_moving, open_clip, pictures_between, timed_p
 from brushexp_films.sound import add_sound
 from films import decoded, encoded, scene
 from PIL import Image
+from refusals import refuses
 from signals import TO_BT2020, hlg, pq, srgb
 
 from brushexp.cli.program import expand_arguments
-from brushexp.errors import UserError
 from brushexp.pictures.load import load_picture
 
 av = pytest.importorskip("av")
@@ -63,16 +64,23 @@ def test_films_of_high_dynamic_range_are_shown_with_their_white_as_white(tmp_pat
 TIMES = [0, 500, 533, 566, 1400, 1433]
 
 
-def test_pictures_keep_their_times(tmp_path):
+def test_pictures_keep_their_times_and_pixels_that_are_not_square_are_made_so(tmp_path):
     clip = open_clip(coded(tmp_path / "phone.mp4", "libx264", "rgb24", scene(6), TIMES, pix_fmt="yuv420p"))
     shown = [(float(begin), float(end)) for _, begin, end in timed_pictures(clip)]
     assert [begin for begin, _ in shown] == pytest.approx([time / 1000 for time in TIMES], abs=2e-3)
     assert [end for _, end in shown[:-1]] == [begin for begin, _ in shown[1:]]
     part = [(float(begin), float(end)) for _, begin, end in pictures_between(clip, 0.52, 1.41, 2)]
     assert part == [pytest.approx(span, abs=2e-3) for span in ((0, 0.046), (0.046, 0.89))]
+    frames = [np.ascontiguousarray(picture[:48]) for picture in scene(2)]
+    said = {"pix_fmt": "yuv420p", "sample_aspect_ratio": Fraction(4, 3)}
+    clip = open_clip(coded(tmp_path / "dv.mp4", "libx264", "rgb24", frames, **said))
+    assert clip.size == (48, 85)
+    picture = next(timed_pictures(clip)).picture
+    wide = np.asarray(Image.fromarray(frames[0]).resize((85, 48), Image.Resampling.LANCZOS), float)
+    assert np.abs(picture - wide).mean() < 8
 
 
-def test_a_recording_of_a_browser_has_its_length(tmp_path):
+def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_ends_no_film(tmp_path, caplog):
     path = coded(
         tmp_path / "tab.webm", "libvpx-vp9", "yuv420p", [np.zeros((48, 32), np.uint8)] * 12, [80 * k for k in range(12)]
     )
@@ -82,9 +90,6 @@ def test_a_recording_of_a_browser_has_its_length(tmp_path):
     clip = open_clip(path)
     assert float([*timed_pictures(clip)][-1].end) == pytest.approx(0.94, abs=0.03)
     assert clip.rate <= 50
-
-
-def test_a_clock_that_begins_anew_is_no_film_that_ends_early(tmp_path, caplog):
     wrap = 95443_700  # milliseconds: clocks of transport streams have 33 bits, of 1 / 90,000 s
     times = [wrap - 1000 + 40 * k for k in range(50)]
     clip = open_clip(coded(tmp_path / "tv.ts", "libx264", "rgb24", 10 * scene(5), times, pix_fmt="yuv420p"))
@@ -152,16 +157,6 @@ def test_sound_stays_in_step_wherever_the_clocks_begin(run_task, tmp_path, caplo
     assert "of its header" not in caplog.text
 
 
-def test_pixels_that_are_not_square_are_made_so(tmp_path):
-    frames = [np.ascontiguousarray(picture[:48]) for picture in scene(2)]
-    said = {"pix_fmt": "yuv420p", "sample_aspect_ratio": Fraction(4, 3)}
-    clip = open_clip(coded(tmp_path / "dv.mp4", "libx264", "rgb24", frames, **said))
-    assert clip.size == (48, 85)
-    picture = next(timed_pictures(clip)).picture
-    wide = np.asarray(Image.fromarray(frames[0]).resize((85, 48), Image.Resampling.LANCZOS), float)
-    assert np.abs(picture - wide).mean() < 8
-
-
 @pytest.mark.parametrize(("codec", "form", "name"), [
     ("libvpx-vp9", "yuva420p", "a.webm"), ("prores_ks", "yuva444p10le", "a.mov"), ("qtrle", "argb", "a.mov"),
 ])  # fmt: skip
@@ -202,15 +197,72 @@ def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_
     assert not is_moving(path)
 
 
-def test_tracks_that_are_left_out_are_told(tmp_path, caplog):
+def test_tracks_that_are_left_out_a_picture_that_is_a_film_and_a_missing_library_are_told(
+    tmp_path, caplog, monkeypatch
+):
     source = with_sound(tmp_path / "two.mkv", [0, 40], 0, tracks=2)
     film = encoded(tmp_path / "film.mp4", scene(2))
     add_sound(film, source)
     assert "further tracks are left out (1 of sound)" in caplog.text
     assert len(decoded(film)[0]) == 2
-
-
-def test_a_film_as_a_picture_is_told(tmp_path):
     path = encoded(tmp_path / "clip.mp4", scene(1))
-    with pytest.raises(UserError, match=r"clip.mp4 is a film; a picture is wanted here"):
-        load_picture(str(path), 16, key="style")
+    refuses(r"clip.mp4 is a film; a picture is wanted here", load_picture, str(path), 16, key="style")
+    path = encoded(tmp_path / "clip.mp4", scene(1))
+    monkeypatch.setitem(sys.modules, "av", None)
+    refuses(r"brushexp\[video\]", open_clip, path)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (33, 48), (32, 47)])
+def test_a_film_is_read_as_it_was_written(tmp_path, shape):
+    pictures = [picture[: shape[0], : shape[1]] for picture in scene(5)]
+    clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
+    even = tuple(side + side % 2 for side in shape)
+    assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
+    frames = [shown.picture for shown in timed_pictures(clip)]
+    assert [picture.shape for picture in frames] == [(*even, 3)] * 5
+    for picture, original in zip(frames, pictures, strict=True):
+        assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
+
+
+def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
+    path = encoded(tmp_path / "film.mp4", 4 * scene(10))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with caplog.at_level(logging.WARNING):
+        count = len(list(timed_pictures(open_clip(path))))
+    assert 0 < count < 40
+    assert str(count) in caplog.text
+
+
+def sound(path):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.rate = 44100
+        container.mux([*stream.encode(frame), *stream.encode()])
+
+
+def cut(path):
+    with av.open(str(path), "w") as container:  # what players need is written last
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        picture = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
+        container.mux([*stream.encode(picture), *stream.encode()])
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def without_its_list(path):
+    path.write_bytes(b"\0\0\0\x14ftypisom\0\0\2\0isom\0\0\0\0mdat" + bytes(999))
+
+
+@pytest.mark.parametrize(("make", "message"), [
+    (without_its_list, r"lacks the list of its pictures \(moov\).* was broken off; copy it again, or mend it"),
+    (lambda path: None, "no file"),
+    (Path.mkdir, "folder"),
+    (Path.touch, r"is empty \(0 bytes\); give a file that holds a film"),
+    (lambda path: path.write_text("not a film"), r"cannot be read as a film \(Invalid data"),
+    (cut, "is cut short: its file ends before the film does; get the whole file"),
+    (sound, "no video"),
+])  # fmt: skip
+def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
+    make(tmp_path / "clip.mp4")
+    refuses(message, open_clip, tmp_path / "clip.mp4")

@@ -16,19 +16,19 @@ import pytest
 import torch
 from brushexp_films import task
 from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_within
-from brushexp_films.changes import Flicker
+from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
 from brushexp_films.sound import add_sound
 from brushexp_losses.direction import Direction
 from brushexp_losses.perceptual import Perceptual
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
+from refusals import refuses
 
 from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
-from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import find_reaching
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -36,7 +36,7 @@ from brushexp.pictures.decode import read_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.registry import build_named
+from brushexp.registry import build_named, plugin_of
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
@@ -99,7 +99,7 @@ def test_strokes_depend_on_those_of_the_picture_before_alone_whatever_losses_rem
     assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in carried.strokes.items())
 
 
-def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
+def test_a_film_that_stands_still_is_one_painting_a_cut_begins_another_and_both_flicker_little():
     reel, still = reel_of("analytic"), as_tensor(scene(1)[0])
     reel.paint(still)
     cel = reel.cel
@@ -107,9 +107,6 @@ def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
     assert reel.cel is cel
     reel.paint(1 - still)
     assert (reel.cel is cel, reel.scenes) == (False, 2)
-
-
-def test_painting_so_flickers_much_less_than_painting_each_picture_anew():
     carried, anew, reel = Flicker(), Flicker(), reel_of("analytic", 900, 40)
     for k, picture in enumerate(scene(4, side=96)):
         noisy = as_tensor(picture) + 0.004 * torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(k))
@@ -168,19 +165,13 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
 ])  # fmt: skip
 def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
     clip = encoded(tmp_path / "clip.mp4", scene(2))
-    with pytest.raises(UserError, match=message):
-        run_task(task, f"image={clip}", "resolution=32", *words)
+    refuses(message, run_task, task, f"image={clip}", "resolution=32", *words)
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
 
 
-def test_keys_for_which_a_film_has_no_use_are_told(config, tmp_path, caplog):
-    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
-    with caplog.at_level(logging.WARNING):
-        check(config(*words), words)
-    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
-
-
-def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):
+def test_a_film_can_be_stopped_before_it_says_how_long_it_is_and_a_picture_without_error_hides_no_other(
+    run_task, tmp_path, monkeypatch
+):
     @contextmanager
     def at_once(stop, message):
         stop()
@@ -192,6 +183,11 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
         run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
+    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
+    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    for psnr, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
+        film = SimpleNamespace(psnr=psnr, seconds=[], device="cpu", **others)
+        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(tmp_path):
@@ -201,14 +197,6 @@ def test_a_film_that_is_stopped_in_its_first_picture_says_how_to_begin_anew(tmp_
     assert (code, output) == (130, "note: interrupted; continue with: brushexp task=film resume=x\n")
     assert ended(tmp_path, "task=film", "resume=x")[0] == 0
     assert len(decoded(tmp_path / "x" / "film.mp4")[0]) == 2
-
-
-def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
-    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
-    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
-    for psnr, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
-        film = SimpleNamespace(psnr=psnr, seconds=[], device="cpu", **others)
-        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_was_killed_goes_on_to_the_same_strokes_although_one_picture_is_damaged(tmp_path):
@@ -251,8 +239,7 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
             wrong = lambda *args: forward(*args) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
-        with pytest.raises(UserError, match=message):
-            run_task(task, *words)
+        refuses(message, run_task, task, *words)
     assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
@@ -288,10 +275,78 @@ def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplo
     assert np.abs(loud[:44_000]).max() < 0.1 < np.abs(loud[52_000:90_000]).max()
 
 
-def test_the_words_for_a_picture_paint_a_film_too_and_a_painting_leaves_films_to_their_task():
+def test_the_words_for_a_picture_paint_a_film_too_and_keys_for_which_it_has_no_use_are_told(config, tmp_path, caplog):
     for words in (["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]):
         assert "task=film" in expand_arguments(words)
         assert "task=paint" not in expand_arguments(words)
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
-    with pytest.raises(UserError, match="task=paint leaves this to task=film"):
-        check(composed(["image=clip.mp4"]))
+    refuses("task=paint leaves this to task=film", check, composed(["image=clip.mp4"]))
+    words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
+    with caplog.at_level(logging.WARNING):
+        check(config(*words), words)
+    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
+
+
+@pytest.mark.parametrize(("words", "name", "checkpoint"), [
+    ("look=plain", "predicted", "plain"),
+    ("look=oil", "predicted", "brushed"),
+    ("look=oil quality=draft", "predicted", "brushed"),
+    ("look=ink", "drawing", None),
+    ("look=vangogh", "rows", None),
+    ("look=oil init=layers", "layers", None),
+])  # fmt: skip
+def test_scenes_begin_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
+    film, painting = (composed([f"task={of}", *words.split()]) for of in ("film", "paint"))
+    assert (plugin_of(film.init).name, film.init.get("checkpoint")) == (name, checkpoint)
+    assert (film.steps, film.detail) == (painting.steps, painting.detail)
+
+
+def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
+    generator = torch.Generator().manual_seed(0)
+    still = as_tensor(scene(1)[0])
+    changes = Changes(0.04)
+    assert changes(still).all()
+    for _ in range(10):
+        assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
+    noticed = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
+    assert sum(noticed) > 1, "what fades by less than the threshold from picture to picture is noticed now and then"
+    assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
+
+
+def test_a_change_is_found_where_it_is_and_a_cut_is_told_from_a_pan():
+    first, second = (as_tensor(picture) for picture in scene(2, speed=8))
+    changes = Changes(0.04)
+    changes(first)
+    changed = changes(second)
+    assert not changes.begins
+    where = (first != second).any(0)
+    assert changed[where].float().mean() > 0.8
+    assert not changed[60:].any()
+    assert not is_cut(first, first.roll(6, 2))
+    assert is_cut(first, 1 - first)
+    changes(1 - first)
+    assert changes.begins
+
+
+def test_flicker_is_the_mean_change_where_the_target_stays():
+    generator = torch.Generator().manual_seed(0)
+    targets = [as_tensor(picture) for picture in scene(4)]
+    paintings = [torch.rand(target.shape, generator=generator) for target in targets]
+    flicker, total, count = Flicker(), 0.0, 0
+    for painting, target in zip(paintings, targets, strict=True):
+        flicker.add(painting, target)
+    for k in range(1, 4):
+        still = (difference(targets[k], targets[k - 1]) < 0.02).numpy()
+        for row, column in zip(*still.nonzero(), strict=True):
+            total += float((paintings[k] - paintings[k - 1])[:, row, column].abs().mean())
+            count += 1
+    assert flicker.value == pytest.approx(total / count, rel=1e-5)
+    assert Flicker().value is None
+
+
+@pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
+def test_motion_is_that_of_the_pictures(shift):
+    first = as_tensor(scene(1, side=96)[0])
+    flow = optical_flow(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
+    assert flow.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
+    assert not optical_flow(first[:, :8, :8], first[:, :8, :8]).any()

@@ -25,12 +25,12 @@ from kernels import (
     paint,
     paint_with_gradient,
 )
+from refusals import refuses
 from scenes import random_strokes, straight
 from test_kernels import KINDS
-from test_nearest import random_tiles
+from test_measures import random_tiles
 
 from brushexp.compositing import tile_lists
-from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.registry import build_named
@@ -83,9 +83,13 @@ def test_it_agrees_on_random_scenes(kind, scene):
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_accuracy_and_importance(kind):
+def test_accuracy_and_importance_agree_also_in_pigment(kind):
     check_accuracy(KINDS[kind], TWIN)
     check_importance(KINDS[kind], TWIN)
+    space, strokes = build_named("color", "pigment", {}), random_strokes(12, (18, 27), bend=0.05)
+    blend, dense = Compositor(TWIN, space), Compositor(DENSE, space)
+    loose = {"slack": 5e-3, "exactness": 2e-3} if kind == "textured" else {"slack": 2e-3, "exactness": 5e-4}
+    assert_agree(KINDS[kind], blend, strokes, (18, 27), dense=dense, **loose)
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
@@ -94,48 +98,19 @@ def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(kind, name):
     check_degenerate(KINDS[kind], TWIN, name)
 
 
-def test_edges_of_any_width_agree():
+def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch):
     check_edges(TWIN)
-
-
-def test_what_is_skipped_cannot_be_seen(monkeypatch):
     shorten_chunks(monkeypatch)
     check_skipping(KINDS["plain"], Twin, random_strokes(24, (8, 16)), (8, 16))
 
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_it_agrees_in_pigment(kind):
-    space, strokes = build_named("color", "pigment", {}), random_strokes(12, (18, 27), bend=0.05)
-    blend, dense = Compositor(TWIN, space), Compositor(DENSE, space)
-    loose = {"slack": 5e-3, "exactness": 2e-3} if kind == "textured" else {"slack": 2e-3, "exactness": 5e-4}
-    assert_agree(KINDS[kind], blend, strokes, (18, 27), dense=dense, **loose)
-
-
-@pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_a_pile_of_several_chunks_behind_each_other(kind, monkeypatch):
+def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
     """The last stroke of a chunk is opaque, and what lies behind it in the next one has to be known all the same."""
     shorten_chunks(monkeypatch)
     pile = random_strokes(15, (8, 9), seed=3, bend=0.05, width=(0.3, 1.0))
     pile = replace(pile, opacity=torch.where(torch.arange(15) % 4 == 3, 1.0, 0.2 * pile.opacity))
     assert_agree(KINDS[kind], TWIN, pile, (8, 9), slack=3e-3, exactness=5e-4)
-
-
-def test_a_pile_longer_than_a_chunk():
-    pile = random_strokes(35, (8, 8), seed=3, width=(0.3, 1.0))
-    assert_agree(KINDS["plain"], TWIN, replace(pile, opacity=0.2 * pile.opacity), (8, 8))
-
-
-def test_nothing_and_very_much():
-    none = random_strokes(0, (9, 17))
-    image, gradient = paint_with_gradient(KINDS["plain"], TWIN, none, (9, 17), torch.randn(3, 9, 17))
-    torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, 9, 17))
-    assert all(len(value) == 0 for value in gradient.values())
-    huge = straight((-1e5, 3), (1e5, 9), width=2e5)
-    assert_agree(KINDS["plain"], TWIN, Strokes.join(huge, straight((2, 3), (14, 9))), (16, 19), ("color", "opacity"))
-
-
-@pytest.mark.parametrize("kind", ["plain", "textured"])
-def test_the_same_bits_each_time_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
     from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
 
     strokes, size, results = random_strokes(5, (8, 17), bend=0.1), (8, 17), []
@@ -144,6 +119,20 @@ def test_the_same_bits_each_time_however_many_tiles_are_interpreted_at_once(kind
         image, gradient = paint_with_gradient(KINDS[kind], Twin(), strokes, size, torch.ones(3, *size))
         results.append([image, *gradient.values()])
     assert all(torch.equal(a, b) and torch.equal(a, c) for a, b, c in zip(*results, strict=True))
+
+
+def test_a_pile_longer_than_a_chunk_nothing_and_very_much():
+    pile = random_strokes(35, (8, 8), seed=3, width=(0.3, 1.0))
+    assert_agree(KINDS["plain"], TWIN, replace(pile, opacity=0.2 * pile.opacity), (8, 8))
+    none = random_strokes(0, (9, 17))
+    image, gradient = paint_with_gradient(KINDS["plain"], TWIN, none, (9, 17), torch.randn(3, 9, 17))
+    torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, 9, 17))
+    assert all(len(value) == 0 for value in gradient.values())
+    huge = straight((-1e5, 3), (1e5, 9), width=2e5)
+    assert_agree(KINDS["plain"], TWIN, Strokes.join(huge, straight((2, 3), (14, 9))), (16, 19), ("color", "opacity"))
+    words = r"float32 on CUDA devices.*use blend\.kernel=auto"
+    refuses(words, paint, KINDS["plain"], TWIN, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
+    refuses(r"plain and textured strokes only", paint, KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
 
 
 def test_lists_are_those_of_the_processor_and_hardly_more():
@@ -177,13 +166,6 @@ def test_the_distance_is_found_wherever_it_is_within_reach():
     distance, within = (point_at(curves, found) - pixels).norm(dim=-1), exact <= reach[:, None]
     assert within.float().mean() > 0.3
     assert (distance - exact)[within].max() < 1e-3
-
-
-def test_what_it_cannot_draw_is_refused():
-    with pytest.raises(UserError, match=r"float32 on CUDA devices.*use blend\.kernel=auto"):
-        paint(KINDS["plain"], TWIN, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
-    with pytest.raises(UserError, match=r"plain and textured strokes only"):
-        paint(KINDS["windows"], TWIN, random_strokes(2, (8, 8)), (8, 8))
 
 
 @pytest.mark.slow(kernels=False)  # of Numba

@@ -5,10 +5,10 @@ import pytest
 import torch
 from brushexp_guides import task
 from brushexp_guides.lines import follow, lines_of, load_lines
+from refusals import refuses
 from skimage import io
 
 from brushexp.config.tasks import task_for
-from brushexp.errors import UserError
 from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, length_of, point_at
 from brushexp.strokes.catalogue import FIELDS
@@ -74,7 +74,7 @@ def test_lines_have_any_color_and_another_size_on_white_or_nothing(tmp_path, col
         assert lines.doubled[0, 29:31, 8:36].min() > 0.99
 
 
-def test_a_painting_follows_its_guides_and_a_picture_without_lines_is_refused(run_task, tmp_path):
+def test_a_painting_follows_guides_which_ask_for_the_task_and_a_picture_without_lines_is_refused(run_task, tmp_path):
     for name, pixels in (("lines", drawn()), ("white", drawn((255, 255, 255))), ("black", 0 * drawn())):
         io.imsave(tmp_path / f"{name}.png", pixels, check_contrast=False)
     io.imsave(tmp_path / "bands.png", (255 * BANDS).byte().permute(1, 2, 0).numpy())
@@ -86,11 +86,6 @@ def test_a_painting_follows_its_guides_and_a_picture_without_lines_is_refused(ru
     assert levelness(strokes[((y - 30).abs() < 3) & (x > 8) & (x < 36)]).mean() > 0.7
     assert levelness(strokes[x > 55]).mean() < 0
     for name, message in (("white", "white or transparent all over"), ("black", "no white or transparent ground")):
-        with pytest.raises(UserError, match=f"guides=.*{name}.png .*{message}"):
-            run_task(task, *words, f"guides={tmp_path}/{name}.png")
-    with pytest.raises(UserError, match=r"guides= is missing; add guides=lines\.png"):
-        run_task(task, *words)
-
-
-def test_guides_ask_for_the_task():
+        refuses(f"guides=.*{name}.png .*{message}", run_task, task, *words, f"guides={tmp_path}/{name}.png")
+    refuses(r"guides= is missing; add guides=lines\.png", run_task, task, *words)
     assert task_for("paint", {"guides": "lines.png"}) == "guided"

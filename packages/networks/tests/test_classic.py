@@ -4,11 +4,11 @@ import pytest
 import torch
 from brushexp_networks.classic import ClassicNetwork
 from networks import saved, state_of, torchvision_features
+from refusals import refuses
 from safetensors.torch import save_file
 from torch.nn import functional
 from torch.testing import assert_close
 
-from brushexp.errors import UserError
 from brushexp.features import open_backbone
 
 PLACES = {  # of taps in torchvision's `features`
@@ -46,16 +46,13 @@ def test_small_pictures_are_widened_by_their_border_and_others_left_alone():
 
 @pytest.mark.parametrize("name", PLACES)
 def test_files_of_other_networks_are_refused(tmp_path, name):
-    with pytest.raises(UserError, match=rf"backbone {name} needs a file.*set loss\.perceptual\.weights=path"):
-        open_backbone(name)
-    with pytest.raises(UserError, match=r"set loss\.lpips\.weights=path, .*loss\.lpips\.backbone=effl0"):
-        open_backbone(name, option="loss.lpips.weights")
-    with pytest.raises(UserError, match=rf"weights: Missing key.*\.weight.*torchvision's {name}"):
-        open_backbone(name, str(saved(tmp_path, {"layer": torch.zeros(1)})))
+    refuses(rf"backbone {name} needs a file.*set loss\.perceptual\.weights=path", open_backbone, name)
+    words = r"set loss\.lpips\.weights=path, .*loss\.lpips\.backbone=effl0"
+    refuses(words, open_backbone, name, option="loss.lpips.weights")
+    words = rf"weights: Missing key.*\.weight.*torchvision's {name}"
+    refuses(words, open_backbone, name, str(saved(tmp_path, {"layer": torch.zeros(1)})))
     mixed = state_of(name) | {"features.0.weight": torch.zeros(2, 3, 7, 7)}
-    with pytest.raises(UserError, match=r"size mismatch for features\.0\.weight.*\[2, 3, 7, 7\]"):
-        open_backbone(name, str(saved(tmp_path, mixed)))
+    refuses(r"size mismatch for features\.0\.weight.*\[2, 3, 7, 7\]", open_backbone, name, str(saved(tmp_path, mixed)))
     (tmp_path / "text.pth").write_text("hello")
     for file, reason in (("absent.pth", "no file"), ("text.pth", "is damaged or cut short")):
-        with pytest.raises(UserError, match=reason):
-            open_backbone(name, str(tmp_path / file))
+        refuses(reason, open_backbone, name, str(tmp_path / file))

@@ -13,10 +13,10 @@ from brushexp_painters.hertzmann import fit_curves
 from brushexp_testing.families import request_of
 from lightning.pytorch.callbacks import LambdaCallback
 from painters import fit, painter_of
+from refusals import refuses
 from torch.testing import assert_close
 
 from brushexp.config.check import check
-from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
 from brushexp.painting.components import standard_components
 from brushexp.painting.goals import goals_of
@@ -55,7 +55,7 @@ def fit_states(method, *callbacks, **goals):
     return painter
 
 
-def test_all_states_are_shown_filmed_and_counted():
+def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised_are_all_there_is():
     film = Timelapse(5, 32)
     painter = fit_states(Counting(), film)
     assert painter.schedule.step == painter.schedule.steps == 30
@@ -64,6 +64,13 @@ def test_all_states_are_shown_filmed_and_counted():
     assert_close(painter.latest(), painter.draw_whole())
     assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
+
+    class Lazy(Counting):
+        def __call__(self, request):
+            yield from list(super().__call__(request))[:4]
+
+    painter = fit_states(Lazy())
+    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
 
 
 @pytest.mark.parametrize("by_steps", [True, False])
@@ -91,15 +98,6 @@ def test_a_goal_or_ctrl_c_ends_it_after_a_state(interrupted_at, goals, status, n
     assert (painter.stop, len(painter.strokes())) == (status, n)
 
 
-def test_fewer_strokes_than_were_promised_are_all_there_is():
-    class Lazy(Counting):
-        def __call__(self, request):
-            yield from list(super().__call__(request))[:4]
-
-    painter = fit_states(Lazy())
-    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(name):
     target = torch.nn.functional.interpolate(TARGET[None, :, ::6, ::8], TARGET.shape[1:], mode="bilinear")[0]
@@ -124,8 +122,8 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
     monkeypatch.setattr(OtherPainter, "draw_strokes", draw)
     painters = []
     note = LambdaCallback(on_train_start=lambda _, painter: painters.append(painter))
-    with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
-        fit_states(build_named("painter", name, QUICK.get(name, {})), note)
+    words = r"picture that is not finite|: \w+ is nan"
+    refuses(words, fit_states, build_named("painter", name, QUICK.get(name, {})), note)
     assert len(drawn) > 3
     check_strokes(painters[0].strokes())
     monkeypatch.undo()
@@ -144,8 +142,7 @@ def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, me
             for k, state in enumerate(super().__call__(request)):
                 yield broken(state) if k == 4 else state
 
-    with pytest.raises(UserError, match=f"painter=Broken .*{message}.*correct the painter"):
-        fit_states(Broken())
+    refuses(f"painter=Broken .*{message}.*correct the painter", fit_states, Broken())
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
@@ -169,15 +166,12 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
         assert (tmp_path / file).is_file(), file
 
 
-@pytest.mark.parametrize(
-    ("style", "radii", "f_c", "opacity", "f_g", "lengths", "rgb", "hsv"),
-    [  # Hertzmann (1998), section 3
-        ("impressionist", (8, 4, 2), 1, 1, 1, (4, 16), 0, (0, 0, 0)),
-        ("expressionist", (8, 4, 2), 0.25, 0.7, 1, (10, 16), 0, (0, 0, 0.5)),
-        ("wash", (8, 4, 2), 1, 0.5, 1, (4, 16), 0.3, (0, 0, 0)),
-        ("pointillist", (4, 2), 1, 1, 0.5, (0, 0), 0, (0.3, 0, 1)),
-    ],
-)
+@pytest.mark.parametrize(("style", "radii", "f_c", "opacity", "f_g", "lengths", "rgb", "hsv"), [  # Hertzmann (1998)
+    ("impressionist", (8, 4, 2), 1, 1, 1, (4, 16), 0, (0, 0, 0)),
+    ("expressionist", (8, 4, 2), 0.25, 0.7, 1, (10, 16), 0, (0, 0, 0.5)),
+    ("wash", (8, 4, 2), 1, 0.5, 1, (4, 16), 0.3, (0, 0, 0)),
+    ("pointillist", (4, 2), 1, 1, 0.5, (0, 0), 0, (0.3, 0, 1)),
+])  # fmt: skip
 def test_presets_of_hertzmann_have_the_styles_of_the_paper(config, style, radii, f_c, opacity, f_g, lengths, rgb, hsv):
     painter = build(config(f"painter=hertzmann_{style}", "image=astronaut").painter)
     assert (tuple(painter.radii), painter.curvature, painter.opacity, painter.grid) == (radii, f_c, opacity, f_g)
@@ -203,7 +197,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
     assert len(fit_curves(points, steps, 100.0)[0]) == 40
 
 
-def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
+def test_the_worst_pixel_is_found_as_by_a_loop_and_children_live_only_where_the_picture_gains():
     difference = np.random.default_rng(1).random((10, 13))
     cells, x, y = worst_of_cells(difference, 4)
     corners = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
@@ -211,9 +205,6 @@ def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
     assert np.nanmean(cells, 1) == pytest.approx([block.mean() for block in blocks])
     assert difference[y, x].tolist() == [block.max() for block in blocks]
     assert [place[0] for place in worst_of_cells(np.full((3, 3), np.nan), 4)[1:]] == [0, 0]
-
-
-def test_children_live_only_where_the_picture_gains():
     request = request_of(TARGET, 40, TARGET.mean((1, 2)))
     states = build_named("painter", "evolution", {"children": 20})(request)
     errors = [float((request.draw(state.strokes) - TARGET).square().mean()) for state in states]

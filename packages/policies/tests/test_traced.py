@@ -1,22 +1,35 @@
 """Traced strokes: they explain what is missing, gain what they promise, and cost what they are worth."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from brushexp_policies import traced
+from brushexp_policies.random_ground import RandomGround, random_color
+from brushexp_policies.sizes import Sizes
+from brushexp_policies.strata import Strata
 from brushexp_policies.traced import Traced, traced_strokes
-from painters import take
+from painters import SIZE as WIDE
+from painters import fit, take
+from painters import painter_of as plain_painter
+from refusals import refuses
 from test_density import SIZE, painted, painter_of, picture, state_of
+from torch.testing import assert_close
 
 from brushexp.compositing.profile import smooth_rise
+from brushexp.config.check import check
+from brushexp.errors import UserError
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.optimizer.torch import UNITS, TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes, check_strokes
 
@@ -50,19 +63,7 @@ def with_arc(size=(64, 96), radius=26.0, width=6.0):
     return target
 
 
-def test_a_stroke_gains_what_it_promised():
-    noise = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
-    target = torch.nn.functional.interpolate(noise, (64, 96), mode="bicubic")[0].clamp(0, 1)
-    strokes, gain = traced_strokes(missing(target, budget=150), 12, 0.0)
-    before = squared_error(Strokes.none(), target)
-    truth = torch.tensor([before - squared_error(strokes[k : k + 1], target) for k in range(len(strokes))])
-    assert len(strokes) == 12
-    assert gain.tolist() == sorted(gain.tolist(), reverse=True)
-    assert float((truth / gain).median()) == pytest.approx(1, abs=0.2)
-    assert ((truth / gain - 1).abs() < 0.6).all(), "also of lines that one curve does not quite follow"
-
-
-def test_a_line_follows_an_arc_and_has_its_colour_and_width():
+def test_a_line_follows_an_arc_has_its_colour_and_width_and_gains_what_it_promised():
     target = with_arc()
     strokes, gain = traced_strokes(missing(target), 1, 0.0)
     check_strokes(strokes)
@@ -74,15 +75,15 @@ def test_a_line_follows_an_arc_and_has_its_colour_and_width():
     assert float(length_of(curve)) > 3 * float(2 * half_width_of(strokes)) > 9
     assert strokes.color[0].tolist() == pytest.approx([0.9, 0.1, 0.2], abs=0.06)
     assert float(gain) > 0.1 * squared_error(Strokes.none(), target)
-
-
-def test_the_focus_counts_and_what_gains_too_little_is_left():
-    focus = torch.full(SIZE, 0.1)
-    focus[:, 30:] = 3.7
-    strokes, gain = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, 0.0)
-    assert (strokes.position[:, 0] >= 28).all()
-    few, _ = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, float(gain.max()) * 9)
-    assert len(few) == 0
+    noise = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
+    target = torch.nn.functional.interpolate(noise, (64, 96), mode="bicubic")[0].clamp(0, 1)
+    strokes, gain = traced_strokes(missing(target, budget=150), 12, 0.0)
+    before = squared_error(Strokes.none(), target)
+    truth = torch.tensor([before - squared_error(strokes[k : k + 1], target) for k in range(len(strokes))])
+    assert len(strokes) == 12
+    assert gain.tolist() == sorted(gain.tolist(), reverse=True)
+    assert float((truth / gain).median()) == pytest.approx(1, abs=0.2)
+    assert ((truth / gain - 1).abs() < 0.6).all(), "also of lines that one curve does not quite follow"
 
 
 @pytest.mark.parametrize("n", [0, 3])
@@ -95,7 +96,7 @@ def test_lines_of_any_picture_can_be_drawn(size, n):
     assert (strokes.position > -24).all()
 
 
-def test_strokes_go_only_for_those_that_outweigh_them():
+def test_strokes_go_only_for_those_that_outweigh_them_and_what_gains_too_little_is_left():
     target = picture()
     dear, cheap = torch.full((40,), 1e6), torch.full((40,), 1e-3)
     assert Traced().revise(state_of(40, target=target, scores=dear, budget=40)) is None
@@ -107,14 +108,25 @@ def test_strokes_go_only_for_those_that_outweigh_them():
     assert 0 < len(gone) == len(update.new)
     assert gone == [0, 1, 2][: len(gone)]
     assert Traced().revise(state_of(error=0.001)) is None, "a good painting needs no more strokes"
+    focus = torch.full(SIZE, 0.1)
+    focus[:, 30:] = 3.7
+    strokes, gain = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, 0.0)
+    assert (strokes.position[:, 0] >= 28).all()
+    few, _ = traced_strokes(state_of(5, focus=focus, target=torch.rand(3, *SIZE)), 4, float(gain.max()) * 9)
+    assert len(few) == 0
 
 
-def test_lines_cover_as_strokes_do():
+def test_lines_cover_as_strokes_do_and_traced_ones_paint_better_than_adaptive_ones():
     distance = np.linspace(-4, 4, 33)
     for width, soft in ((0.5, 2.0), (3.0, 2.0), (3.0, 0.3)):
         d = torch.from_numpy(distance).abs()
         covered = smooth_rise((width / 2 + d) / soft) + smooth_rise((width / 2 - d) / soft)
         assert traced._coverage(distance, width, soft) == pytest.approx(covered.numpy(), abs=1e-9)
+    target = picture((72, 96))
+    small, whole = (painted(density, target=target, n=60, steps=200) for density in (Adaptive(), Traced()))
+    assert psnr_of(whole.picture.error) > psnr_of(small.picture.error) + 0.2
+    assert math.isfinite(whole.picture.error)
+    assert len(whole.catalogue) <= 60
 
 
 def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
@@ -129,14 +141,6 @@ def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
             for end in range(traced.POINTS + 1, 2 * traced.POINTS + 1):
                 gains[begin, end] = float(traced._explained(moments[:, k, begin : end + 1].sum(1))[1])
         assert 0.8 * max(gains.values()) <= lines.gain[k] <= max(gains.values()) * (1 + 1e-9)
-
-
-def test_traced_paints_better_than_adaptive_with_as_many_strokes_and_steps():
-    target = picture((72, 96))
-    small, whole = (painted(density, target=target, n=60, steps=200) for density in (Adaptive(), Traced()))
-    assert psnr_of(whole.picture.error) > psnr_of(small.picture.error) + 0.2
-    assert math.isfinite(whole.picture.error)
-    assert len(whole.catalogue) <= 60
 
 
 def test_there_are_more_strokes_on_the_way_than_in_the_end():
@@ -164,3 +168,107 @@ def test_a_painting_that_ends_early_has_no_more_strokes_than_were_asked_for():
     kept = (strokes.position[:, None] == painter.strokes().position).all(2).any(1)
     assert judged[kept].min() >= judged[~kept].max()
     assert painter.draw_whole().isfinite().all()
+
+
+def test_strokes_double_in_number_and_shrink_and_new_ones_lie_on_top():
+    noise = torch.rand(1, 3, 16, 24, generator=torch.Generator().manual_seed(0))
+    target = torch.nn.functional.interpolate(noise, (64, 96), mode="bicubic")[0].clamp(0, 1)
+    painter = painter_of(Strata(tolerance=0.0), n=80, steps=80, target=target)
+    counts, sizes = [len(painter.catalogue)], []
+    for _ in range(painter.schedule.steps):
+        take(painter, 1)
+        if (n := len(painter.catalogue)) > counts[-1]:
+            new = n - counts[-1]
+            assert set(painter.front_to_back[:new].tolist()) == set(range(counts[-1], n))
+            sizes.append(float(half_width_of(painter.strokes())[-new:].median()))
+            counts.append(n)
+    assert counts == [5, 10, 20, 40, 80]
+    assert sizes == sorted(sizes, reverse=True)
+
+
+def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_shown():
+    painter = painter_of(Fixed(), steps=10)
+    own, callback, grounds = painter.picture.background, RandomGround(until=0.5).open(None), []
+    view = next(iter(painter.train_dataloader()))
+    for _ in range(10):
+        callback.on_train_batch_start(None, painter, view, 0)
+        grounds.append(painter.picture.background)
+        take(painter, 1)
+        callback.on_train_batch_end(None, painter, None, view, 0)
+        assert painter.picture.background is own
+    assert len({tuple(ground.tolist()) for ground in grounds}) == 6
+    assert torch.equal(grounds[3], random_color(own, 3)), "a resumed run draws it again"
+    assert all(ground is own for ground in grounds[5:])
+
+
+def test_the_ground_stays_while_a_part_is_looked_at_and_an_error_leaves_the_ground_its_own():
+    painter = painter_of(Fixed())
+    part = View(next(iter(painter.train_dataloader())).region, torch.arange(2))
+    own, callback = painter.picture.background, RandomGround().open(None)
+    callback.on_train_batch_start(None, painter, part, 0)
+    assert painter.picture.background is own
+    painter = painter_of(Fixed())
+    own, callback, view = painter.picture.background, RandomGround().open(None), next(iter(painter.train_dataloader()))
+    callback.on_train_batch_start(None, painter, view, 0)
+    assert painter.picture.background is not own
+    callback.on_exception(None, painter, ValueError())
+    assert painter.picture.background is own
+    refuses("painter=gradient", callback.setup, None, torch.nn.Linear(1, 1), "fit")
+
+
+MOVING = UNITS | {"widening": 0.3}
+
+
+def painter(steps=12):
+    return plain_painter(steps=steps, optimizer=TorchOptim(lr=0.05, units=MOVING))
+
+
+def thickness(strokes):
+    return 2 * half_width_of(strokes)
+
+
+def test_strokes_stay_within_the_bounds_at_every_step_and_are_optimised_for_them():
+    free = painter()
+    fit(free)
+    assert thickness(free.strokes()).min() < 3
+    assert thickness(free.strokes()).max() > 5
+
+    class Watch(type(Sizes().open(Path()))):
+        def on_train_batch_end(self, trainer, module, *_):
+            seen.append(module.catalogue())
+
+    seen, bound = [], painter()
+    fit(bound, [Sizes(smallest="3", largest="5px").open(Path()), Watch()])
+    assert len(seen) == 12
+    for strokes in [*seen, bound.strokes()]:
+        ends = thickness(strokes)[:, None] * (1 + strokes.widening[:, None] * torch.tensor([-1.0, 1.0]))
+        assert 3 - 1e-4 < ends.min() <= ends.max() < 5 + 1e-4
+    assert seen[-1].widening.abs().max() > 0.01
+    afterwards = free.strokes()
+    free.catalogue.replace(Sizes(smallest="3", largest="5").within(afterwards, WIDE[1]))
+    error = [(one.draw_whole() - one.picture.target).square().mean() for one in (bound, free)]
+    assert error[0] < error[1]
+
+
+def test_millimetres_are_those_of_the_painting_and_what_is_no_size_or_has_no_strokes_is_refused(config):
+    assert Sizes(smallest="2mm", largest="10mm", width_cm=7.0).bounds(140) == (4, 20)
+    assert Sizes(largest="3").bounds(140) == (0, 3)
+    with pytest.raises(UserError, match="smallest=2mm is above largest=2;"):
+        Sizes(smallest="2mm", largest="2", width_cm=7.0).bounds(140)
+    refuses(r"smallest=2mm is above largest=\.5mm", Sizes, smallest="2mm", largest=".5mm")
+    words = ["chelsea", "callbacks=sizes", "callbacks.sizes.smallest=3cm"]
+    refuses(r"smallest=3cm is no size; .*=2mm", check, config(*words), words)
+    refuses("painter=gradient", Sizes().open(Path()).setup, None, torch.nn.Linear(1, 1), "fit")
+
+
+def test_other_limits_bind_too_and_strokes_within_bounds_stay_to_the_bit(tmp_path):
+    one = painter(steps=3)
+    red = torch.tensor([1.0, 0.0, 0.0])
+    one.limit = lambda strokes, before, rows: type(strokes)(
+        **dict(strokes.items()) | {"color": red.expand_as(strokes.color)}, brush=strokes.brush
+    )
+    fit(one, [Sizes(smallest="2").open(tmp_path)])
+    assert (one.strokes().color == red).all()
+    assert thickness(one.strokes()).min() > 2 - 1e-4
+    strokes = painter().strokes()
+    assert_close(dict(Sizes().within(strokes, 70).items()), dict(strokes.items()), rtol=0, atol=0)

@@ -10,6 +10,7 @@ from brushexp_repaint.as_painted import check_repainting
 from brushexp_repaint.fence import Fence, room_in
 from catalogues import job_of
 from films import pixels_of
+from refusals import refuses
 from skimage import io
 
 from brushexp.cli.program import expand_arguments
@@ -17,7 +18,6 @@ from brushexp.compositing.layers import EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
 from brushexp.config.tasks import task_for
-from brushexp.errors import UserError
 from brushexp.runs.runner import perform
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import half_width_of, strokes_along
@@ -112,9 +112,5 @@ def test_what_cannot_be_repainted_is_told_with_its_cure(folder, monkeypatch, wor
     monkeypatch.chdir(folder)
     image = [] if "image=" in words else ["image=chelsea"]
     cfg = composed(expand_arguments(["task=repaint", *image, *words.split()]))
-    with pytest.raises(UserError, match=message):
-        check_repainting(cfg, [])
-
-
-def test_a_region_asks_for_the_task():
-    assert task_for("paint", {"region": "mask.png", "catalogue": "outputs/x"}) == "repaint"
+    refuses(message, check_repainting, cfg, [])
+    assert task_for("paint", {"region": "mask.png", "catalogue": "plain"}) == "repaint", "a region asks for the task"

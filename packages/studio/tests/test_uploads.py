@@ -1,27 +1,38 @@
-"""What a visitor of the studio sends is a picture, or is refused in a line, and lies below the folder of the studio."""
+"""What a visitor of the studio sends is a picture, or is refused in a line; paintings wait for their turn, and stop."""
 
+import asyncio
 import errno
 import io
 import json
+import re
 import shlex
 import socket
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from unittest.mock import Mock
 from urllib.parse import quote
 
 import numpy as np
 import pytest
 import skimage.data
+from omegaconf import OmegaConf
 from PIL import Image
 from program import ask
+from refusals import refuses
 
 pytest.importorskip("nicegui", reason="the studio is an extra")
+from brushexp_studio import controls as studio_controls
+from brushexp_studio import task as studio_task
+from brushexp_studio.controls import Controls
 from brushexp_studio.photos import Photos
 from brushexp_studio.server import application, running
+from brushexp_studio.tab import likelihood
+from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
-from brushexp_studio.works import Works
+from brushexp_studio.works import Work, Works
 
 pytestmark = pytest.mark.slow
 CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
@@ -89,14 +100,11 @@ def test_files_of_any_name_are_kept_below_the_folder_of_the_studio(tmp_path, nam
     assert words[:2] == ["brushexp", f"image={kept.name}"]
 
 
-def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace(uploads, tmp_path):
+def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace_and_a_full_disk_is_told(uploads, tmp_path, monkeypatch):
     for head in (b"Content-Length: 99999999999", b"Transfer-Encoding: chunked", b"Content-Length: -5"):
         with socket.create_connection(uploads.split("/")[2].split(":")) as connection:
             connection.sendall(b"POST /photos HTTP/1.1\r\nHost: localhost\r\n" + head + b"\r\n\r\nff\r\nabc")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_a_full_disk_is_told(uploads, monkeypatch):
     full = OSError(errno.ENOSPC, "No space left on device")
     with monkeypatch.context() as patched:
         patched.setattr("brushexp_studio.server.NamedTemporaryFile", Mock(side_effect=full))
@@ -120,3 +128,109 @@ def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monk
         found = list(threads.map(lambda k: photos.add(tmp_path, f"{k}.png").name, range(8)))
     assert found == [f"{k}.png" for k in range(8)]
     assert max(most) == 1
+
+
+def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp_path, monkeypatch):
+    gate = Event()
+    monkeypatch.setattr(Works, "_paint", lambda works, work: gate.wait(60))
+    works = Works(tmp_path, {})
+    mine, theirs = (Visit(Mock(), works, [], Wishes(photo=Mock())) for _ in range(2))
+    mine.arrive("first")
+    mine.begun = works.begin(mine.wishes, mine)
+    theirs.begun = works.begin(theirs.wishes, theirs)
+    last = works.begin(theirs.wishes, theirs)
+    theirs.work = mine.begun
+    assert (theirs.stoppable(), mine.stoppable()) == (theirs.begun, mine.begun), "each its own"
+    assert works.before(last) == 2
+    works.stop(theirs.begun)
+    assert [work.number for work in works.all] == [1, 3], "what waits is withdrawn"
+    assert theirs.stoppable() is None, "the other tab is open"
+    mine.is_there = False
+    assert theirs.stoppable() is mine.begun, "the tab is gone"
+    again = Visit(Mock(), works, [])
+    again.join()  # before it is known whose it is
+    again.arrive("first")
+    assert again.stoppable() is again.work is mine.begun, "it was loaded again, while others wait"
+    assert theirs.stoppable() is None
+    gate.set()
+    works._thread.join(60)
+    assert {work.status for work in works.all} == {"done"}
+    assert sorted(["plain", "oil", "own", "ink"], key=likelihood) == ["oil", "ink", "plain", "own"]
+
+
+def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_with_it(tmp_path, monkeypatch):
+    photo = Mock(path="chelsea", size=(300, 451))
+    oil = Wishes(photo=photo, seconds=9.0, side=64)
+    assert oil.at_a_glance() == {"look": "oil", "resolution": 64, "frames": 60, "quality": "draft"}
+    others = ({"look": "ink"}, {"quality": "draft"}, {"size": 2.0})
+    assert [Wishes(photo=photo, **other).at_a_glance() for other in others] == [None] * 3
+    larger = Wishes(photo=photo, quality="draft", size=2.0).overrides()
+    assert (larger["init"], larger["init.length"]) == ("layers", 8), "sizes are those of the look's own start"
+    asked = []
+
+    def iterate(_, **keys):
+        asked.append(keys)
+        yield Mock(
+            image=np.zeros((4, 6, 3), np.uint8), psnr=20.0 + len(asked), strokes=[], step=0, steps=1, painting=None
+        )
+
+    monkeypatch.setattr("brushexp.iterate", iterate)
+    work = Work(1, oil, tmp_path)
+    Works(tmp_path, {})._paint(work)
+    assert [keys.get("quality") for keys in asked] == ["draft", None]
+    assert {number: caption[:20] for number, (_, caption) in work.frames.items()} == {
+        -1: "at a glance · 21.0 d", 0: "step 0 of 1 · 22.0 d",
+    }  # fmt: skip
+
+
+def test_a_painting_is_printed_large_once(tmp_path):
+    work = Work(1, Wishes(photo=Mock()), tmp_path)
+    with pytest.raises(KeyError):
+        work.print_as("png")
+
+    def export(form, folder, size):
+        folder.mkdir(exist_ok=True)
+        path = folder / f"painting.{form}"
+        path.write_text(f"{path.exists()} {size}")
+        return [path]
+
+    work.painting = Mock(export=export)
+    assert [work.print_as("pdf").read_text() for _ in range(2)] == ["False 4096"] * 2
+    with pytest.raises(KeyError):
+        work.print_as("../x")
+
+
+@pytest.mark.parametrize("keep", ["/proc/x", __file__])
+def test_a_folder_that_cannot_keep_paintings_is_refused_before_there_are_any(tmp_path, keep):
+    words = f"cannot write into keep={re.escape(keep)}: .*; choose another folder"
+    refuses(words, studio_task.run, OmegaConf.create({"keep": keep}), tmp_path, 0.0)
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    for module in ("nicegui", "brushexp_studio.server"):
+        monkeypatch.setitem(sys.modules, module, None)
+    refuses(r"pip install 'brushexp\[studio\]'", studio_task.run, OmegaConf.create(), tmp_path, 0.0)
+
+
+def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(monkeypatch):
+    gate, controls = asyncio.Event(), Mock(visit=Mock(wishes=Wishes(photo=Mock(), look="oil")))
+
+    async def slow_for_oil(compute):
+        if (plan := compute())[0] == len("oil"):
+            await gate.wait()
+        return plan
+
+    async def choose():
+        oil = asyncio.create_task(Controls._renew_strokes(controls))
+        await asyncio.sleep(0)
+        controls.visit.wishes.look = "plain"
+        await Controls._renew_strokes(controls)
+        gate.set()
+        await oil
+
+    monkeypatch.setattr(studio_controls, "planned_strokes", lambda wishes: len(wishes.look))
+    monkeypatch.setattr(studio_controls, "own_size", lambda look: {})
+    monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
+    with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
+        pool.submit(asyncio.run, choose()).result()
+    controls.number.show.assert_called_once_with("as the look: 5")

@@ -13,6 +13,7 @@ from brushexp_studio.serving import serve
 from brushexp_studio.view import pages_of
 from omegaconf import OmegaConf
 from program import Program, ask
+from refusals import refuses
 from scenes import random_strokes
 from sweeps import make_run
 
@@ -83,11 +84,9 @@ def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, co
         pages(config, path, tmp_path / "out")
     assert pages(config, path, tmp_path / "out", "renderer=analytic")["/"].is_file()
     path = make_catalogue(tmp_path / "b.h5", "neural", "renderer: {checkpoint: gone.safetensors}\n")
-    with pytest.raises(UserError, match=r"gone\.safetensors.*there is no such file"):
-        pages(config, path, tmp_path / "out")
+    refuses(r"gone\.safetensors.*there is no such file", pages, config, path, tmp_path / "out")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match="neither a run nor a sweep"):
-        pages(config, tmp_path / "empty", tmp_path / "out")
+    refuses("neither a run nor a sweep", pages, config, tmp_path / "empty", tmp_path / "out")
 
 
 @pytest.mark.parametrize(("name", "path"), [("sweep é", "sweep%20%C3%A9"), (os.fsdecode(b"sw\xe9"), "sw%E9")])

@@ -21,12 +21,9 @@ class Tied(Order):
         return torch.full((len(strokes) - 1,), 0.5)
 
 
-def test_python_has_them_by_the_name_of_the_program():
+def test_python_has_them_by_the_name_of_the_program_and_a_plugin_that_breaks_one_is_found():
     assert brushexp.testing.contract is contract
     assert {family for family in FAMILIES if not contract(family)} == {"color", "callbacks", "to"}
-
-
-def test_a_plugin_that_breaks_its_contract_is_found():
     (check,) = contract("order")
     with pytest.raises(AssertionError):
         check(Tied)

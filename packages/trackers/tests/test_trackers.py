@@ -17,8 +17,8 @@ import yaml
 from brushexp_trackers.tensorboard import TensorBoard
 from brushexp_trackers.wandb import WeightsAndBiases, mode_of
 from films import pixels_of
+from refusals import refuses
 
-from brushexp.errors import UserError
 from brushexp.plugins.logger.base import Run
 from brushexp.system.files import write_picture
 
@@ -121,8 +121,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert (run.project, run.run_group, run.display_name, list(run.tags)) == ("brushexp", "my sweep", "0", ["a", "b"])
     assert run.notes == f"look=plain image={tracked.folder}/picture.png steps=20 frames=12 threads=1 report=False"
     config = {item.key: json.loads(item.value_json) for item in run.config.update}
-    assert config["renderer"]["soft"] == 1.5
-    assert config["steps"] == 20
+    assert (config["renderer"]["soft"], config["steps"]) == (1.5, 20)
     rows = [
         {".".join(item.nested_key): json.loads(item.value_json) for item in record.history.item}
         for record in result
@@ -147,8 +146,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
 @pytest.mark.parametrize(("name", "tracker"), [("tensorboard", TensorBoard), ("wandb", WeightsAndBiases)])
 def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, tracker, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)  # for Python it is not there
-    with pytest.raises(UserError, match=rf"needs the package {name}; pip install 'brushexp\[{name}\]'"):
-        tracker()
+    refuses(rf"needs the package {name}; pip install 'brushexp\[{name}\]'", tracker)
 
 
 class FakeWandb:
@@ -209,10 +207,15 @@ def test_wandb_is_offline_unless_somebody_is_logged_in_or_says_otherwise(account
     assert mode_of("disabled") == "disabled"
 
 
-def test_wandb_online_without_an_account_is_refused_before_the_work(account):
+def test_wandb_without_an_account_is_refused_before_the_work_and_offline_when_it_cannot_be_reached(
+    account, tmp_path, caplog
+):
     account()
-    with pytest.raises(UserError, match="nobody is logged in to wandb; run wandb login, or choose"):
-        WeightsAndBiases(mode="online")
+    refuses("nobody is logged in to wandb; run wandb login, or choose", WeightsAndBiases, mode="online")
+    fake = account(api_key="x")
+    WeightsAndBiases().open(Run(tmp_path))
+    assert fake.begun["mode"] == "offline"
+    assert "wandb cannot be reached, so this run is kept offline: no network" in caplog.text
 
 
 @pytest.mark.parametrize(("status", "code"), [("completed", 0), ("interrupted", 130), ("failed", 1)])
@@ -225,10 +228,3 @@ def test_wandb_is_finished_however_the_run_ends(account, status, code, tmp_path)
     with pytest.raises(AttributeError, match="log"):
         tracker.finish(Run(tmp_path, status=status, pictures={"target": tmp_path / "target.png"}))
     assert fake.exit_codes == [code]
-
-
-def test_wandb_goes_offline_when_it_cannot_be_reached(account, tmp_path, caplog):
-    fake = account(api_key="x")
-    WeightsAndBiases().open(Run(tmp_path))
-    assert fake.begun["mode"] == "offline"
-    assert "wandb cannot be reached, so this run is kept offline: no network" in caplog.text

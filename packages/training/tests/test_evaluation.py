@@ -1,8 +1,9 @@
-"""Renderers measured: distances of sample sets, speed, strokes outside the range, and the task that does it all."""
+"""Renderers measured, in range and outside; the task that does it all; the network that unrolls strokes."""
 
 import json
 import math
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,21 +26,24 @@ from brushexp_training.evaluation import (
     premultiply,
     squared_error,
 )
+from brushexp_training.neural import NUMBERS, Neural, shape_numbers
 from brushexp_training.stroke_data import stroke_data
 from brushexp_training.tasks import evaluate
 from brushexp_training.writer import simulate_set
 from hydra.core.hydra_config import HydraConfig
 from PIL import Image
+from refusals import refuses
 from sweeps import read_csv
 from torch.nn import functional
 
+from brushexp.compositing.layers import Layers
 from brushexp.config.check import check
-from brushexp.errors import UserError
 from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.registry import build, build_named, plugins
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 
 NAMES = [plugin.name for plugin in plugins("renderer")]
 CPU = torch.device("cpu")
@@ -102,7 +106,7 @@ def test_fine_detail_is_what_the_mean_of_five_by_five_pixels_lacks(shape):
         torch.testing.assert_close(fine_detail(planes.float()), (planes - mean).float(), atol=1e-6, rtol=0)
 
 
-def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
+def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_without_light_have_none():
     parameters = parameters_of(sample_prior(40))
     truth = torch.rand(40, 4, 32, 32)
     smooth = truth.clone()
@@ -115,9 +119,6 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
         assert figures == pytest.approx(expected | {"bristles_thin": share, "bristles_thick": share}, abs=1e-6)
     parts = [bristle_sums(half[k::2], truth[k::2], parameters[k::2]) for k in range(2)]
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
-
-
-def test_strokes_without_light_have_no_share_of_it():
     parameters = parameters_of(sample_prior(40))
     truth = build_named("engine", "disc", {})(parameters, seed=0).images
     truth = (255 * truth).round() / 255  # as sets keep it
@@ -154,8 +155,7 @@ def test_inception_comes_from_a_file(tmp_path):
     measure = inception_distance(scripted(tmp_path / "i.pt", 2048), CPU)
     images = torch.rand(4, 4, 8, 9)
     measure.add(images, images)
-    assert measure.fid.real_features_sum.shape == (2048,)
-    assert measure.name == "inception"
+    assert (measure.fid.real_features_sum.shape, measure.name) == ((2048,), "inception")
     (tmp_path / "text.pt").write_text("hello")
     scripted(tmp_path / "small.pt", 7)
     for name, message in (
@@ -163,8 +163,7 @@ def test_inception_comes_from_a_file(tmp_path):
         ("text.pt", "is not that network as TorchScript"),
         ("small.pt", r"makes features \(1, 7\); a network that makes \(1, 2048\)"),
     ):
-        with pytest.raises(UserError, match=message):
-            inception_distance(tmp_path / name, CPU)
+        refuses(message, inception_distance, tmp_path / name, CPU)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -223,8 +222,7 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
     metrics = run(*chosen, "engine.window=64")
     assert metrics["file_mb"] == pytest.approx(path.stat().st_size / 1e6)
     assert metrics["parameters"] == sum(weight.numel() for weight in renderer.parameters())
-    with pytest.raises(UserError, match=r"made with engine.window=32, .* other_data=true takes it all the same"):
-        run(*chosen)
+    refuses(r"made with engine.window=32, .* other_data=true takes it all the same", run, *chosen)
     assert run(*chosen, "other_data=true")["n"] == 20
     run(*TINY, "renderer.checkpoint=null")
     assert "neural has random weights; give those of task=train" in caplog.text
@@ -254,14 +252,13 @@ def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config
         engine = build(cfg.engine)
         simulate_set(tmp_path / str(seed), engine, origin_of(cfg.engine, engine), seed, 33)
     refused = ["task=evaluate", f"data={tmp_path / '0'}"]
-    with pytest.raises(UserError, match=r"0 holds strokes of brushes of seed 0, .* on those of seed 7; .* other_data="):
-        check(config(*refused))
+    refuses(r"0 holds strokes of brushes of seed 0, .* on those of seed 7; .* other_data=", check, config(*refused))
     check(config(*refused, "other_data=true"))
     check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
     assert stroke_data(cfg).first_seed == 7
 
 
-def test_errors_are_those_of_the_formulas():
+def test_errors_are_those_of_the_formulas_and_a_colour_without_paint_counts_nothing():
     images, truth = torch.rand(3, 4, 5, 7), torch.rand(3, 4, 5, 7)
     figures = error_figures(error_sums(images[:1], truth[:1]) + error_sums(images[1:], truth[1:]))
     a, b = images[:, 3:], truth[:, 3:]
@@ -270,9 +267,6 @@ def test_errors_are_those_of_the_formulas():
     assert figures["psnr_alpha"] == pytest.approx(-10 * math.log10(float((a - b).square().mean())), rel=1e-5)
     color = ((images[:, :3] - truth[:, :3]).square() * b).sum() / (3 * b.sum())
     assert figures["psnr_color"] == pytest.approx(-10 * math.log10(float(color)), rel=1e-5)
-
-
-def test_a_colour_without_paint_counts_nothing():
     truth = torch.rand(2, 4, 6, 8)
     truth[:, 3, :, 4:] = 0
     images = truth.clone()
@@ -284,3 +278,70 @@ def test_a_colour_without_paint_counts_nothing():
     assert psnr_of(0.01) == pytest.approx(20)
     truth[:, 3] = 0
     assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"
+
+
+def lively(**options) -> Neural:
+    """A tiny network, whose textures differ from texel to texel."""
+    torch.manual_seed(0)
+    renderer = Neural(**{"width": 4, "dense": 16, "code": 3, "brushes": 3, "checkpoint": None, **options})
+    with torch.no_grad():
+        renderer.last.weight.mul_(40)
+        renderer.last.bias[:4] = 0.5
+        for stage in renderer.stages:
+            torch.nn.init.normal_(stage.maps)
+    return renderer.eval().requires_grad_(False)
+
+
+def parameters(n: int = 6) -> torch.Tensor:
+    return parameters_of(sample_prior(n))
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_pictures_of_the_compiled_parts_are_those_of_eager_code(training):
+    renderer, side = lively().train(training), 64
+    strokes = strokes_of(parameters())
+    strokes = replace(strokes, position=strokes.position + 0.5 * side)
+    layers = renderer(strokes)
+    fast, slow = layers.pictures(side), Layers.pictures(layers, side)
+    assert fast[:, 3].std() > 0.05
+    torch.testing.assert_close(fast[:, 3], slow[:, 3], atol=2e-3, rtol=0)
+    torch.testing.assert_close(fast[:, :3] * fast[:, 3:], slow[:, :3] * slow[:, 3:], atol=2e-3, rtol=0)
+    canvas = Tiled()(layers, torch.arange(6), (side, side), torch.ones(3)).image
+    over = torch.ones(3, side, side)
+    for picture in slow.flip(0):  # the first lies on top
+        over = over * (1 - picture[3:]) + picture[:3] * picture[3:]
+    torch.testing.assert_close(canvas, over, atol=1e-2, rtol=0)
+
+
+def test_training_moves_every_weight_and_the_number_of_a_stroke_decides_its_brush_wherever_it_stands():
+    renderer = lively().requires_grad_(True).train()
+    window_pictures(renderer, parameters(9), 64).square().mean().backward()
+    for name, weight in renderer.named_parameters():
+        assert bool(weight.grad.isfinite().all()), name
+        assert bool((weight.grad != 0).any()), name
+    renderer, shapes = lively(), parameters(1).repeat(4, 1)
+    pictures = window_pictures(renderer, shapes, 64, torch.tensor([0, 1, 2, 3]))
+    assert torch.equal(pictures[0], pictures[3])
+    assert (pictures[0] - pictures[1]).abs().max() > 0.01
+    torch.testing.assert_close(window_pictures(renderer, shapes[:2], 64, torch.tensor([5, 4])), pictures[[2, 1]])
+    assert renderer(strokes_of(shapes[:0])).sheets.texels.isfinite().all(), "no strokes are strokes, too"
+    strokes = strokes_of(parameters(3))
+    small, large = (lively()(replace(strokes, scale=torch.full((3,), scale))) for scale in (64.0, 256.0))
+    assert torch.equal(small.sheets.texels, large.sheets.texels)
+    assert torch.equal(small.look, large.look)
+    reduced = lively()(replace(strokes, scale=torch.full((3,), 20.0)))
+    assert reduced.look.tolist() == [1, 3, 5], "windows of fewer pixels see means of texels"
+
+
+def test_what_the_network_is_told_is_of_the_order_of_one_and_unprojected_strokes_are_drawn_as_they_are():
+    assert shape_numbers(parameters(2000)).abs().max() < 6
+    for odd in (torch.zeros(1, 10), torch.full((1, 10), -1.0), 9 * torch.ones(1, 10)):
+        assert shape_numbers(odd).shape == (1, NUMBERS)
+        assert bool(shape_numbers(odd).isfinite().all())
+    far = parameters(2)
+    far[:, 6] = 6.0  # five times as thick as any in training
+    near = parameters_of(clamp_to_prior(strokes_of(far)))
+    free, projected = (lively(project=project)(strokes_of(far)).sheets.texels for project in (False, True))
+    assert not torch.equal(free, projected)
+    assert bool(free.isfinite().all())
+    assert torch.equal(lively(project=False)(strokes_of(near)).sheets.texels, lively()(strokes_of(near)).sheets.texels)

@@ -1,12 +1,14 @@
-"""The fluid brush: each step against a slow, obvious one, and what the whole must do."""
+"""The brush simulators: each step against a slow, obvious one, and what the whole must do."""
 
 import numpy as np
 import pytest
 import torch
 from brushexp_training.engine import _bristles, _deposition
 from brushexp_training.engine.fluid import Fluid
+from torch.testing import assert_close
 
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.registry import build_named
+from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
 RNG = np.random.default_rng(0)
 V = _bristles.VERTICES
@@ -64,17 +66,6 @@ def test_bristles_move_as_one_by_one():
             slow[i] = one_frame_of_one_bristle(*slow[i], root, scale, float(stiffness[i]), 30.0, 0.75, 4)
             np.testing.assert_allclose(p[:, :, i].T, slow[i][0], atol=2e-3)
             np.testing.assert_allclose(velocity[:, :, i].T, slow[i][1], atol=2e-3)
-
-
-def test_a_resting_brush_lies_on_the_canvas_and_is_as_long_as_it_should():
-    brush = Fluid()
-    brush(stroke((-0.5, 0), (0, 0), (0.5, 0)), seed=0)
-    (pose,) = brush._poses
-    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # brush radii
-    assert np.abs(segments - 0.5).mean() < 0.02
-    assert pose[2].min() > -0.05
-    assert np.abs(pose[2, 5:]).mean() < 0.1
-    assert pose[0, -1].mean() < -1, "it trails behind the handle"
 
 
 def test_splats_keep_the_amount_of_paint_on_any_grid():
@@ -170,7 +161,7 @@ def test_advection_agrees_with_cell_by_cell():
             np.testing.assert_allclose(new.reshape(4, side, side)[:, y, x], expected, atol=2e-5)
 
 
-def test_flat_paint_shows_the_recorded_colour():
+def test_flat_paint_shows_the_recorded_colour_and_bristles_streaks_of_the_brush_of_a_stroke():
     parameters = parameters_of(sample_prior(100, seed=3))
     images = Fluid(relief=0.0)(parameters, seed=0).images
     color = 0.5 * (parameters[:, 7:] + 1)
@@ -178,17 +169,11 @@ def test_flat_paint_shows_the_recorded_colour():
     images = Fluid()(parameters, seed=0).images
     off = ((images[:, :3] - color[:, :, None, None]).abs().mean(1) * images[:, 3]).sum() / images[:, 3].sum()
     assert off < 0.015, "light on the ridges changes it little"
-
-
-def test_bristles_leave_streaks():
-    """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
+    # Across the stroke the paint goes up and down more often than a smooth profile, which does it once.
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
     across = alpha[:, 118:138].mean(1)
     rises = ((across[1:-1] > across[:-2] + 1e-3) & (across[1:-1] > across[2:] + 1e-3)).sum()
     assert rises >= 4
-
-
-def test_stroke_number_decides_the_brush():
     parameters = stroke((-0.5, 0), (0, 0.1), (0.5, 0)).expand(4, 10)
     same, other = (Fluid()(parameters, seed=seed).images for seed in (0, 1))
     images = Fluid(brushes=2)(parameters, seed=0).images
@@ -206,14 +191,28 @@ def test_every_setting_of_the_physics_matters(option):
     assert not torch.equal(Fluid(**{option: other.get(option, 3.0)})(parameters, seed=0).images, plain)
 
 
-def test_strokes_of_the_prior_stay_in_their_windows():
+def test_strokes_of_the_prior_stay_in_their_windows_and_a_fuller_load_covers_more():
     alpha = Fluid()(parameters_of(sample_prior(300, seed=1)), seed=0).images[:, 3]
     edge = torch.cat([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], 1)
     assert (edge.max(1).values > 0.1).float().mean() < 0.01
-
-
-def test_a_fuller_load_covers_more_with_any_number_of_bristles():
     parameters = parameters_of(sample_prior(4))
     for bristles in (100, 140, 200):
         little, much = (Fluid(window=32, bristles=bristles, load=load)(parameters, seed=0) for load in (0.1, 1.0))
         assert float(much.images[:, 3].mean()) > 1.1 * float(little.images[:, 3].mean()), bristles
+
+
+WINDOW = 32
+
+
+def test_discs_agree_with_the_loop():
+    parameters, side = parameters_of(sample_prior(3, seed=4)), 2 * WINDOW
+    y, x = np.mgrid[:side, :side] + 0.5
+    drawn = build_named("engine", "disc", {"window": WINDOW})(parameters, seed=1).images[:, 3]
+    strokes = strokes_of(parameters.double())
+    fields = (getattr(strokes, name).numpy() for name in ("start", "control", "end", "width"))
+    for alpha, start, control, end, width in zip(drawn, *fields, strict=True):
+        canvas = np.zeros((side, side))
+        for t in np.arange(100) / 100:
+            u, v = ((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end + 1) * side / 2
+            canvas[np.hypot(x - u, y - v) <= width * side / 2] = 1
+        assert_close(alpha, torch.from_numpy(canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))).float())
