@@ -13,6 +13,8 @@ from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
+DARK = 0.55  # mean of RGB below which the ground is covered, the more the darker
+
 
 @register("init", "dots")
 @dataclass(kw_only=True)
@@ -31,6 +33,7 @@ class Dots(Initializer):
         jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
         variety: of sizes within a layer, the deviation of their logarithm.
         division: how far hues go apart, 0 to 1.
+        under: share of the strokes that cover the ground below the dots where it is dark, 0 to 1.
     """
 
     layers: Annotated[int, between(1, 4)] = 2
@@ -41,13 +44,22 @@ class Dots(Initializer):
     jitter: Annotated[float, between(0, 2)] = 0.22
     variety: Annotated[float, between(0, 1)] = 0.0
     division: Annotated[float, between(0, 1)] = 0.3
+    under: Annotated[float, between(0, 1)] = 0.0
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         layers = InLayers(
             layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
             opacity=1.0, jitter=self.jitter,
         )  # fmt: skip
-        strokes = layers(target, n, generator, focus)
+        under = round(n * self.under)
+        return Strokes.join(
+            *([_shadows(target, under, generator)] if under else []),
+            self._divided(layers(target, n - under, generator, focus), generator),
+        )
+
+    def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
+        """Move the hues of dots apart, and vary their sizes."""
+        n = len(strokes)
         angle = 2 * math.pi * torch.rand(n, generator=generator)
         thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
         room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue
@@ -57,3 +69,9 @@ class Dots(Initializer):
         larger = (self.variety * torch.randn(n, generator=generator)).exp()
         sizes = {name: getattr(strokes, name) * larger[:, None] for name in ("start", "control", "end")}
         return replace(strokes, color=color, width=strokes.width * larger, **sizes)
+
+
+def _shadows(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
+    """Lay n broad strokes that hide the ground where a picture (3, H, W) is dark, and leave it elsewhere."""
+    strokes = InLayers(layers=1, underpainting=True, opacity=1.0)(target, n, generator)
+    return replace(strokes, opacity=(1.5 * (1 - strokes.color.mean(1) / DARK)).clamp(0, 1))

@@ -17,6 +17,7 @@ from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 from brushexp_media.lines import edge_lines, luminance
+from brushexp_media.noise import fractal_noise
 
 Array = np.ndarray
 STEPS = 8  # points of a line on each side of its middle
@@ -26,11 +27,15 @@ GLAZES = 3  # tones of a wash
 DEEP = 0.7  # share of ink in a wash where the picture is black
 EDGE = 0.06  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
-SMOOTH, SMOOTH_WASH = 0.004, 0.012  # deviation of the blur of tones under hatchings and washes, in longer sides
+SMOOTH, SMOOTH_WASH = 0.004, 0.011  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
-FEATURES, FINER = 0.45, 0.6  # share of the contours that are fine ones, and their size over that of the others
-SPARED = 0.2  # share of darkness that hatchings leave to lines and washes where one looks first
-SUBTLE = 0.004  # least difference, over the luma around it, of fine ones
+FEATURES, FINER = 0.6, 0.55  # share of the contours that are fine ones, and their size over that of the others
+SPARED = 0.3  # share of darkness that hatchings and washes leave to lines where one looks first
+SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
+ASIDE = 0.7  # strength of fine ones elsewhere
+SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
+GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
+PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
 DOT = 3.0  # widths below which a contour is no line
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
 FORM, TURN = 0.03, 0.6  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
@@ -79,9 +84,10 @@ class Drawing(Initializer):
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
+        turned = _swayed(forms(picture), random)
         return Strokes.join(
-            self._washes(gaussian_filter(dark, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(dark * spared, SMOOTH * side), forms(picture), n - washes - lines, random),
+            self._washes(gaussian_filter(dark * spared, SMOOTH_WASH * side), washes, random),
+            self._hatching(gaussian_filter(dark * spared, SMOOTH * side), turned, n - washes - lines, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
         )
 
@@ -95,7 +101,8 @@ class Drawing(Initializer):
         curve = np.concatenate(parts)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         darkness = sampled_at(dark, *curve.mean(1).T)
-        return strokes_of(curve, self._widest(side) * (0.25 + 0.35 * darkness), darkness > 0, rgb_of(self.color), n)
+        width = self._widest(side) * (0.15 + 0.4 * darkness) * random.lognormal(0, PRESSED, len(curve))
+        return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
         """Fill dark places with strokes that are as broad as there is room: a wash, and another where it is dark.
@@ -151,20 +158,21 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
         return _traced(picture, coarse, n, length, width, color)
     attended = focus > 0.5 * focus.max()
     few = round(FEATURES * n)
-    features = np.maximum(edge_lines(picture, FINER, SUBTLE), edge_lines(picture, 1.0, SUBTLE)) * inner * attended
+    faint, clear = (
+        np.maximum(edge_lines(picture, FINER, least), edge_lines(picture, 1.0, least)) for least in (SUBTLE, CLEAR)
+    )
+    features = np.where(attended, faint, ASIDE * clear) * inner
     return Strokes.join(
         _traced(picture, coarse, n - few, length, width, color),
-        _traced(picture, features, few, length, FINER * width, color, area=float(attended.sum())),
+        _traced(picture, features, few, length, FINER * width, color),
     )
 
 
-def _traced(
-    picture: Array, lines: Array, n: int, length: float, width: float, color: Array, area: float | None = None
-) -> Strokes:
-    """Trace n lines of a map (H, W) of their strength, in cells that divide an ``area`` in pixels, or all of it."""
+def _traced(picture: Array, lines: Array, n: int, length: float, width: float, color: Array) -> Strokes:
+    """Trace n lines of a map (H, W) of their strength."""
     side = max(picture.shape)
     flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
     strength = sampled_at(lines, x, y)
     # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
@@ -184,6 +192,13 @@ def forms(picture: Array) -> Array:
     return angle.clip(-TURN, TURN)
 
 
+def _swayed(turned: Array, random: np.random.Generator) -> Array:
+    """Turn hatchings (H, W), radians, a little from one group of lines to the next."""
+    y, x = (torch.arange(side, dtype=torch.float64) / (GROUPS * max(turned.shape)) for side in turned.shape)
+    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
+    return turned + SWAY * noise.double().numpy()
+
+
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
@@ -192,12 +207,14 @@ def hatching(
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
     u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
-    v = v + 0.12 * gap * random.standard_normal(v.shape)
+    v = v + 0.4 * gap * random.standard_normal(v.shape)
     c, s = math.cos(angle), math.sin(angle)
     places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
     places = places[((places >= 0) & (places < (width, height))).all(1)]
-    places = places[sampled_at(dark, *places.T) > tone]
-    return followed(places, angle + turned, np.full(len(places), 0.5 * length), dark, tone)
+    deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
+    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 2 * deeper)]
+    reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
+    return followed(places, angle + turned, reach, dark, tone)
 
 
 def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:

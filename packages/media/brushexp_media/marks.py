@@ -18,17 +18,17 @@ from brushexp_media.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-KINDS = ("chalk", "flat", "knife", "wash", "dab")
+KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 
 
 @register("renderer", "marks")
 class Marks(Renderer):
-    """Bezier stroke with the mark of a tool: broken chalk, a flat brush with dry ends, a palette knife, a wash, a dab.
+    """Bezier stroke with the mark of a tool: chalk, a flat or a loaded brush, a palette knife, a wash, a dab.
 
     Textures are drawn by formulas, the same every time; nothing is trained.
 
     Args:
-        kind: chalk, flat, knife, wash or dab.
+        kind: chalk, flat, loaded, knife, wash or dab.
     """
 
     cost = "not measured"
@@ -102,20 +102,35 @@ def flat(variant: int) -> Tensor:
     return torch.stack([opacity, tone.clamp(-0.35, 0.35), (0.45 + 0.4 * hairs).clamp(0.05, 1)])
 
 
+def loaded(variant: int) -> Tensor:
+    """Draw a brush full of paste: round ends, a few furrows of uneven width, and paint pushed to both sides."""
+    across, outside, t, along = _grid()
+    furrows = gradient_noise(along / 30, across / 0.34, 1000 + variant)
+    furrows = furrows + 0.6 * gradient_noise(along / 14, across / 0.15, 1100 + variant)
+    rough = fractal_noise(along / 0.8, across / 0.25, 1200 + variant, 2)
+    inside = 0.97 + 0.05 * rough + 0.1 * furrows - torch.hypot(across, outside)
+    ridge = torch.exp(-(((inside - 0.2) / 0.13) ** 2))
+    dry = ((1 - t) * 3 + 0.9 + 1.2 * furrows + 0.4 * rough).clamp(0, 1)
+    tone = 0.22 * furrows + 0.04 * rough + 0.05 * across * (1 if variant % 2 else -1)
+    film = 0.4 + 0.25 * furrows + 0.28 * ridge + 0.15 * (t - 0.5) + 0.03 * rough
+    return torch.stack([(inside / 0.09).clamp(0, 1) * dry, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
+
+
 def knife(variant: int) -> Tensor:
     """Draw a palette knife: a smooth film with straight sides, ridges pushed aside, and a torn end."""
     across, outside, t, along = _grid()
-    drag = gradient_noise(along / 30, across / 0.5, 600 + variant)
+    drag = gradient_noise(along / 30, across / 0.6, 600 + variant)
     torn = fractal_noise(along / 0.5, across / 0.2, 700 + variant, 2)
-    side = ((1.0 + 0.04 * torn - across.abs()) / 0.05).clamp(0, 1)
-    start = ((0.5 + 0.15 * drag + outside.clamp_max(0)) / 0.08).clamp(0, 1)
-    end = ((0.3 + 0.1 * torn + 0.3 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
+    side = ((1.0 + 0.05 * torn + 0.06 * drag - across.abs()) / 0.05).clamp(0, 1)
+    slant = 0.25 * across * (1 if variant % 2 else -1)  # the blade is set down and lifted askew
+    start = ((0.5 + slant + 0.15 * drag + outside.clamp_max(0)) / 0.08).clamp(0, 1)
+    end = ((0.35 + slant + 0.1 * torn + 0.3 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
     gaps = (2.6 + 1.0 * (1 - t) + 0.3 * torn + 0.6 * drag).clamp(0, 1)
-    ridge = torch.exp(-(((across.abs() - 0.9) / 0.09) ** 2)) * (0.7 + drag).clamp_min(0)
-    lip = torch.exp(-(((outside - 0.2) / 0.12) ** 2))
-    streaks = gradient_noise(along / 20, across / 0.12, 650 + variant)
-    film = 0.35 + 0.12 * drag + 0.15 * streaks + 0.5 * ridge + 0.4 * lip
-    tone = 0.16 * drag + 0.1 * streaks + 0.03 * torn
+    ridge = torch.exp(-(((across - (0.88 if variant % 2 else -0.88)) / 0.1) ** 2)) * (0.9 + drag).clamp_min(0)
+    lip = torch.exp(-(((outside - 0.2 - slant) / 0.12) ** 2))
+    streaks = gradient_noise(along / 20, across / 0.22, 650 + variant)
+    film = 0.4 + 0.16 * drag + 0.06 * streaks + 0.6 * slant + 0.45 * ridge + 0.4 * lip
+    tone = 0.2 * drag + 0.1 * streaks + 0.03 * torn
     return torch.stack([side * start * end * gaps, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 
 
@@ -137,4 +152,4 @@ def dab(variant: int) -> Tensor:
     return torch.stack([(inside / 0.45).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
-DRAWN = {"chalk": chalk, "flat": flat, "knife": knife, "wash": wash, "dab": dab}
+DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded, "knife": knife, "wash": wash, "dab": dab}

@@ -54,7 +54,7 @@ class Toned(Palette):
         least_chroma: chroma that colours which have any are raised towards, 0 for none.
         values: number of groups of lightness; 0 = not grouped.
         grouping: how far lightness goes to its group, 0 to 1.
-        flatness: how much forms are flattened, by total variation; 0 = not.
+        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
         outlines: strength of outlines, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
@@ -73,7 +73,7 @@ class Toned(Palette):
 
     def __call__(self, picture: Tensor) -> Tensor:
         lines = edge_lines(picture.numpy()) if self.outlines else None
-        lab = as_lab(flattened(picture, self.flatness))
+        lab = as_lab(flattened(picture, self.flatness * max(picture.shape) / FLAT_AT))
         lightness = grouped(lab[..., 0], self.values, self.grouping)
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
         chroma = np.hypot(lab[..., 1], lab[..., 2])
@@ -89,6 +89,7 @@ class Toned(Palette):
         return as_picture(lab)
 
 
+FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 SIDE = 512  # longer side in pixels at which another picture's colours are taken
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 

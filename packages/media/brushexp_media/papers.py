@@ -9,18 +9,23 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, at_least, between
+from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.registry import register
+from brushexp_media.grain import REACH, drawn_out
 from brushexp_media.noise import evened, fractal_noise, gradient_noise
 from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
 
 THOUSANDTHS = 1000
 PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
-STEEP = 1.4  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
+STEEP = 2.2  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
 DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
 RIM = 1.5  # deviation of the blur against which edges are found, in grains
+LEFT = 0.5  # share of the paint that is dust which a hollow keeps
+STREAK = 1.4  # grains across a streak
+HAND = 2.5  # deviation of the blur of the picture along whose directions streaks run, in grains
 
 
 @dataclass(kw_only=True, eq=False)
@@ -32,6 +37,7 @@ class GrainedPaper(Paper):
         tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
         pressure: by how much the hand presses unevenly, 0 to 1: a share of ``tooth`` by which it varies.
         dust: how much of the paint is dust that half fills hollows, 0 (none: their borders are crisp) to 1.
+        drag: how much grain is drawn out along the strokes, as a stick does that skips, 0 to 1.
         accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
         roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
         granulation: how much wet pigment settles in hollows, 0 to 2.
@@ -45,6 +51,7 @@ class GrainedPaper(Paper):
     tooth: Annotated[float, between(0, 1)] = 0.15
     pressure: Annotated[float, between(0, 1)] = 0.4
     dust: Annotated[float, between(0, 1)] = 0.0
+    drag: Annotated[float, between(0, 1)] = 0.0
     accents: Annotated[float, between(0, 1)] = 0.0
     roughness: Annotated[float, between(0, 10)] = 0.15
     granulation: Annotated[float, between(0, 2)] = 0.0
@@ -58,8 +65,9 @@ class GrainedPaper(Paper):
         """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
 
     def margin(self, size: tuple[int, int]) -> int:
-        looks_around = self.rims > 0 or self.wander > 0 or self.accents > 0
-        return math.ceil((4 * RIM + 3 * self.wander) * self._grain_of(size)) + 2 if looks_around else 0
+        looks_around = self.rims > 0 or self.wander > 0 or self.accents > 0 or self.drag > 0
+        drawn = (4 * HAND + REACH) * (self.drag > 0)
+        return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if looks_around else 0
 
     def _grain_of(self, size: tuple[int, int]) -> float:
         """Return the size of a grain in pixels."""
@@ -76,7 +84,8 @@ class GrainedPaper(Paper):
         return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
 
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        low, grain = evened(self._heights(rows)).to(flat), self._grain_of(rows.size)
+        grain = self._grain_of(rows.size)
+        low = evened(self._dragged(flat, rows)).to(flat)
         x, y = rows.places
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
@@ -95,7 +104,20 @@ class GrainedPaper(Paper):
         if self.accents:
             detail = (flat - gaussian_blur(flat, RIM * grain)).abs().amax(0)
             skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
-        return ground + (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1) * (flat - ground)
+        covered = (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1)
+        return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
+
+    def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
+        """Compute the heights (h, W) that a stick meets: those of the paper, and streaks along the strokes."""
+        heights = self._heights(rows)
+        if self.drag == 0:
+            return heights
+        x, y = self._in_grains(rows)
+        grain = self._grain_of(rows.size)
+        angle = along_edges(structure_tensor(flat.detach().double().cpu().numpy(), HAND * grain))
+        noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
+        streaks = drawn_out(noise, torch.from_numpy(angle).float(), REACH * grain)
+        return torch.lerp(heights.float(), streaks, self.drag) / math.hypot(self.drag, 1 - self.drag)
 
 
 @register("paper", "cold_pressed")

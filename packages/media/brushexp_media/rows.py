@@ -27,10 +27,13 @@ NEAR = 0.5  # distances of rows nearer than which no mark comes to another
 ELSEWHERE = 0.5  # weight of detail where no row goes on
 DARKER = 0.75  # the underpainting over the picture
 SHORTEST = 0.2  # least length of a mark, over the full one
-UNEVEN = (0.6, 1.4)  # least and largest length of a mark that nothing ends, over the mean
+UNEVEN = (0.35, 1.65)  # least and largest length of a mark that nothing ends, over the mean
+WIDER = 0.25  # deviation of the logarithm of widths from mark to mark
+ASTRAY = 0.25  # share of ``looseness`` that is left where forms are strong
+APART = (0.85, 1.25)  # least and largest distance to the next row, over the mean
 FULL = 1.7  # so many marks of full length would cover the canvas once, since many end before it
-REACH = 1.5  # deviation of the blur of forms, in distances of rows
-CALM = 0.004  # differences of neighbouring pixels below which forms give way to turns
+REACH = 1.0  # deviation of the blur of forms, in distances of rows
+CALM = 0.006  # differences of neighbouring pixels below which forms give way to turns
 TURNS = 0.4  # longer sides from one turn to the next
 OUTLINE = 2.0, 0.8  # length and width of the strongest outline, over those of the finest marks
 THIRDS = 2 * math.pi / 3 * np.arange(3)
@@ -57,6 +60,7 @@ class InRows(Initializer):
         length: of a mark, in distances of rows.
         edges: a mark ends where the picture differs by this from its colour, 0 to 1.
         turning: how much rows turn where there are no forms; at 0 they are level.
+        looseness: by how much marks leave the direction of their row and bend where there are no forms, radians.
         variety: of hue and lightness from mark to mark, 0 to 1.
         outline: colour of outlines, as '#rrggbb'.
     """
@@ -70,6 +74,7 @@ class InRows(Initializer):
     length: Annotated[float, above(0, 100)] = 8.0
     edges: Annotated[float, between(0, 1)] = 0.12
     turning: Annotated[float, between(0, 10)] = 1.0
+    looseness: Annotated[float, between(0, 2)] = 0.25
     variety: Annotated[float, between(0, 1)] = 0.1
     outline: Annotated[str, INK] = "#1b2340"
 
@@ -97,13 +102,17 @@ class InRows(Initializer):
         for number, up_to in enumerate(asked):
             blurred = _blur(picture, BLUR * distance)
             detail = weight * np.abs(blurred - below).sum(0) if number else np.ones_like(weight)
-            flow = along_edges(structure_tensor(blurred, REACH * distance) + calm)
-            rows = Rows(blurred, flow, distance, self.length, self.edges, random)
-            curves.append(rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves)))
-            colors.append(sampled_at(blurred, *np.tensordot(curves[-1], MIDDLE, (1, 0)).T).T)
-            widths.append(np.full(len(curves[-1]), self.width * distance))
+            tensor = structure_tensor(blurred, REACH * distance)
+            loose = self.looseness * (ASTRAY + (1 - ASTRAY) * CALM**2 / (CALM**2 + tensor[0] + tensor[2]))
+            rows = Rows(blurred, along_edges(tensor + calm), loose, distance, self.length, self.edges, random)
+            curve, size = rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves))
+            curves.append(curve)
+            colors.append(sampled_at(blurred, *np.tensordot(curve, MIDDLE, (1, 0)).T).T)
+            widths.append(self.width * distance * size)
             below, distance = blurred, self.ratio * distance
-        curve, color = np.concatenate(curves), _varied(np.concatenate(colors), self.variety, random)
+        curve = np.concatenate(curves)
+        calmer = sampled_at(weight, *curve.mean(1).T).clip(1) ** -0.5  # faces keep their colour
+        color = _varied(np.concatenate(colors), self.variety * calmer[:, None], random)
         marks = strokes_of(curve, np.concatenate(widths), np.ones(len(curve), bool), color, n)
         return marks, distance / self.ratio
 
@@ -111,33 +120,41 @@ class InRows(Initializer):
 class Rows:
     """Rows of marks ``distance`` pixels apart along a flow (H, W), radians, in a picture (3, H, W).
 
-    ``length`` is that of a mark in distances; a mark ends where the picture differs by ``edges`` from its colour.
+    Marks leave it by ``loose`` (H, W), the deviation in radians. ``length`` is that of a mark in distances; a mark
+    ends where the picture differs by ``edges`` from its colour.
     """
 
     def __init__(
-        self, picture: Array, flow: Array, distance: float, length: float, edges: float, random: np.random.Generator
-    ) -> None:
-        self.picture, self.distance, self.length, self.edges, self.random = picture, distance, length, edges, random
+        self, picture: Array, flow: Array, loose: Array, distance: float, length: float, edges: float,
+        random: np.random.Generator,
+    ) -> None:  # fmt: skip
+        self.picture, self.loose, self.distance = picture, loose, distance
+        self.length, self.edges, self.random = length, edges, random
         self.ahead = np.stack([np.cos(flow), np.sin(flow)], -1)
         self.taken: Array = np.zeros(flow.shape, bool)
 
-    def grown(self, detail: Array, n: int) -> Array:
-        """Grow at most ``n`` marks (m, 3, 2), each beside or behind another, first where ``detail`` (H, W) is most."""
+    def grown(self, detail: Array, n: int) -> tuple[Array, Array]:
+        """Grow at most ``n`` marks (m, 3, 2) and their sizes (m,) over the mean.
+
+        Each lies beside or behind another, and those come first where ``detail`` (H, W) is most.
+        """
         y, x = (np.arange(self.distance / 2, side, self.distance) for side in detail.shape)
         places, numbers = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), count()
         marks: list[Array] = []
+        sizes = self.random.lognormal(0, WIDER, n)
         seeds = [(-ELSEWHERE * detail[_pixel(place)], next(numbers), place) for place in places]
         heapq.heapify(seeds)
         while seeds and len(marks) < n:
             mark = self._mark(heapq.heappop(seeds)[2])
             if len(mark) <= SHORTEST * self.length / STEP:
                 continue
+            size = sizes[len(marks)]
             marks.append(mark[[0, len(mark) // 2, -1]])
-            self._take(mark)
-            for place in filter(self._is_inside, self._around(mark)):
+            self._take(mark, NEAR * size * self.distance)
+            for place in filter(self._is_inside, self._around(mark, size)):
                 heapq.heappush(seeds, (-detail[_pixel(place)], next(numbers), place))
         start, middle, end = np.array(marks).reshape(-1, 3, 2).swapaxes(0, 1)
-        return np.stack([start, 2 * middle - (start + end) / 2, end], 1)
+        return np.stack([start, 2 * middle - (start + end) / 2, end], 1), sizes[: len(marks)]
 
     def _is_inside(self, point: Array) -> bool:
         height, width = self.taken.shape
@@ -152,15 +169,16 @@ class Rows:
         if self.taken[_pixel(seed)]:
             return np.empty((0, 2))
         steps = round(self.random.uniform(*UNEVEN) * self.length / STEP / 2)
-        before, after = (self._traced(seed, way, steps) for way in (-1, 1))
+        turn, bend = self.loose[_pixel(seed)] * self.random.standard_normal(2)
+        before, after = (self._traced(seed, way, turn + way * bend * np.linspace(0, 1, steps)) for way in (-1, 1))
         return np.array([*before[::-1], seed, *after])
 
-    def _traced(self, seed: Array, way: int, steps: int) -> list[Array]:
-        """Follow the flow from a seed until the picture has another colour, or another mark is near."""
+    def _traced(self, seed: Array, way: int, turns: Array) -> list[Array]:
+        """Follow the flow, turned at each step, until the picture has another colour, or another mark is near."""
         point, going, points = seed, way * self.ahead[_pixel(seed)], []
         color = self._color(seed)
-        for _ in range(steps):
-            point = point + STEP * self.distance * going
+        for c, s in zip(np.cos(turns), np.sin(turns), strict=True):
+            point = point + STEP * self.distance * np.array([c * going[0] - s * going[1], s * going[0] + c * going[1]])
             if not self._is_inside(point) or self.taken[_pixel(point)]:
                 break
             if np.abs(self._color(point) - color).max() > self.edges:
@@ -170,20 +188,19 @@ class Rows:
             going = turned if turned @ going > 0 else -turned
         return points
 
-    def _take(self, mark: Array) -> None:
-        """Take all places that are too near to the points of a mark (k, 2)."""
-        reach = NEAR * self.distance
+    def _take(self, mark: Array, reach: float) -> None:
+        """Take all places that are nearer than ``reach`` to the points of a mark (k, 2)."""
         (left, top), (right, bottom) = (mark.min(0) - reach).clip(0).astype(int), (mark.max(0) + reach + 1).astype(int)
         box = self.taken[top:bottom, left:right]
         y, x = (np.arange(side) + 0.5 for side in box.shape)
         square = (x[:, None] + left - mark[:, 0]) ** 2 + (y[:, None, None] + top - mark[:, 1]) ** 2
         box |= square.min(-1) < reach**2
 
-    def _around(self, mark: Array) -> list[Array]:
+    def _around(self, mark: Array, size: float) -> list[Array]:
         """Return the places where the next marks of a row begin, and those of its neighbours."""
         first, middle, last = mark[0], mark[len(mark) // 2], mark[-1]
         along = self.distance * (last - first) / max(math.hypot(*(last - first)), 1e-9)
-        across = np.array([-along[1], along[0]])
+        across = size * self.random.uniform(*APART) * np.array([-along[1], along[0]])
         return [last + along, first - along, middle + across, middle - across]
 
 
@@ -202,8 +219,8 @@ def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -
     return np.stack([slope[0] ** 2, slope[0] * slope[1], slope[1] ** 2])
 
 
-def _varied(color: Array, variety: float, random: np.random.Generator) -> Array:
-    """Move colours (m, 3) in directions of hue and lightness drawn at random."""
+def _varied(color: Array, variety: Array, random: np.random.Generator) -> Array:
+    """Move colours (m, 3) by ``variety`` (m, 1) in directions of hue and lightness drawn at random."""
     hue = np.cos(random.uniform(0, 2 * math.pi, len(color))[:, None] + THIRDS)
     return (color + variety * (hue + random.normal(0, 0.7, (len(color), 1)))).clip(0, 1)
 

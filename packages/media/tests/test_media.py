@@ -8,10 +8,11 @@ import pytest
 import torch
 from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
-from brushexp_media.drawing import ANGLES, GLAZES, TURN, forms
+from brushexp_media.drawing import ANGLES, GLAZES, TURN, forms, hatching
 from brushexp_media.lines import LUMA, edge_lines, luminance
 from brushexp_media.marks import KINDS
 from brushexp_media.palettes import as_lab, grouped
+from brushexp_media.rows import NEAR, WIDER
 from brushexp_media.wetness import gaussian_blur
 from brushexp_testing.families import some_strokes
 from scipy.ndimage import gaussian_filter
@@ -162,7 +163,7 @@ def test_any_picture_is_drawn_with_as_many_strokes_as_asked(init, target):
 
 
 def rows_of(target, n, **options):
-    return build_named("init", "rows", {"under": 0.0, "outlines": 0.0, "layers": 1, **options})(
+    return build_named("init", "rows", {"under": 0.0, "outlines": 0.0, "layers": 1, "looseness": 0.0, **options})(
         target, n, torch.Generator().manual_seed(0)
     )[1:]  # without the one that is always there, of the underpainting
 
@@ -188,12 +189,31 @@ def test_rows_lie_beside_each_other_and_end_where_colours_do():
     target[:, 45:] = 0.8
     strokes = rows_of(target, 80, edges=0.1, turning=0.0, variety=0.0)
     places = strokes.position[strokes.opacity > 0]
-    distance = float(strokes.width[0] * strokes.scale[0]) / 1.2  # as `width` is by default
-    apart = (places[:, None, 1] - places[:, 1]).abs()
-    assert float(apart[(apart > 0.01 * distance)].min()) > 0.4 * distance
+    distance = float((strokes.width * strokes.scale)[strokes.opacity > 0].median()) / 1.2  # as `width` is by default
+    apart = torch.cdist(places, places) + 1e9 * torch.eye(len(places))
+    assert float(apart.min()) > NEAR * math.exp(-3 * WIDER) * distance
     away = (places[:, 1] - 45).abs() > distance
     tone = strokes.color[strokes.opacity > 0].mean(1)
     assert bool(((tone > 0.5) == (places[:, 1] > 45))[away].all())
+
+
+def test_marks_vary_in_width_and_leave_their_row_where_there_are_no_forms():
+    calm = torch.full((3, 90, 120), 0.5)
+    rows = rows_of(calm, 150, turning=0.0, looseness=0.4)
+    assert 0.15 < float(slopes(rows).std()) < 0.6
+    assert float((rows.width * rows.scale)[rows.opacity > 0].log().std()) == pytest.approx(WIDER, abs=0.06)
+    y, x = np.mgrid[:90, :120].astype(float)
+    striped = torch.from_numpy(np.broadcast_to(0.5 + 0.4 * np.sin((y + x) / 4), (3, 90, 120)).copy()).float()
+    assert float((slopes(rows_of(striped, 150, looseness=0.4, edges=1.0)) + math.pi / 4).abs().median()) < 0.15
+
+
+def test_colours_vary_less_where_one_looks_first():
+    target, focus = torch.full((3, 90, 120), 0.5), torch.full((90, 120), 0.5)
+    focus[:, 60:] = 9
+    rows = build_named("init", "rows", {"outlines": 0.0})(target, 200, torch.Generator().manual_seed(0), focus)
+    marks = rows[20:][rows.opacity[20:] > 0]  # without the underpainting
+    beside = marks.position[:, 0] < 60
+    assert float(marks.color[~beside].std()) < 0.6 * float(marks.color[beside].std())
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 1.0])
@@ -204,6 +224,14 @@ def test_what_is_black_is_hatched_and_what_is_white_is_not(share):
     inked = strokes.opacity > 0
     assert inked.float().mean() > 0.6
     assert bool((strokes.position[inked, 0] < 80 * share + 6).all())
+
+
+def test_a_hatching_is_sparser_where_it_is_less_dark():
+    dark = np.full((200, 300), 0.55)
+    dark[:, 150:] = 0.9
+    lines = hatching(dark, 0.5, 0.3, np.zeros((1, 1)), 4.0, 12.0, np.random.default_rng(0))
+    right = int((lines[:, 1, 0] > 150).sum())
+    assert right > 1.5 * (len(lines) - right) > 50
 
 
 def test_hatchings_turn_towards_forms():
@@ -222,6 +250,18 @@ def test_dots_go_apart_in_hue_and_their_mean_stays():
     assert_close(even, torch.full_like(even, 0.5))
     assert_close(divided.mean(0), even.mean(0), atol=0.03, rtol=0)
     assert float((divided.amax(1) - divided.amin(1)).median()) > 0.4
+
+
+def test_shadows_below_dots_hide_the_ground_where_it_is_dark():
+    target = torch.full((3, 60, 60), 0.8)
+    target[:, :, 30:] = 0.1
+    dots = build_named("init", "dots", {"under": 0.1})(target, 400, torch.Generator().manual_seed(0))
+    assert len(dots) == 400
+    shadows = dots[:40]
+    left = shadows.color.mean(1) > 0.6
+    assert float(shadows.opacity[left].max()) == 0
+    assert float(shadows.opacity[shadows.color.mean(1) < 0.15].min()) == 1
+    assert float(dots.opacity[40:].min()) == 1
 
 
 def test_dots_of_a_layer_have_many_sizes_and_keep_their_shape():

@@ -32,8 +32,9 @@ def covered(name: str, size: tuple[int, int], color: float = 0.2, **options):
 
 @pytest.mark.parametrize("name", PAPERS)
 @pytest.mark.parametrize("tooth", [0.1, 0.25])
-def test_paint_skips_the_share_that_is_asked(name, tooth):
-    bare = (covered(name, (300, 400), tooth=tooth, grain=8, pressure=0) > 0.6).float().mean()
+@pytest.mark.parametrize("drag", [0.0, 0.6])
+def test_paint_skips_the_share_that_is_asked(name, tooth, drag):
+    bare = (covered(name, (300, 400), tooth=tooth, grain=8, pressure=0, drag=drag) > 0.6).float().mean()
     assert float(bare) == pytest.approx(tooth, abs=0.06)
     assert_close(covered(name, (30, 40), tooth=0), torch.full((3, 30, 40), 0.2))
 
@@ -144,4 +145,29 @@ def test_dust_half_fills_hollows_and_leaves_their_number():
     )
     half = [float(((seen > 0.1) & (seen < 0.9)).float().mean()) for seen in (crisp, dusty)]
     assert half[1] > 1.5 * half[0]
-    assert torch.equal(crisp > 0.5, dusty > 0.5)
+    assert float(dusty.max()) == pytest.approx(1 - papers.LEFT)
+    assert torch.equal(crisp > 0.5, dusty > 0.5 * (1 - papers.LEFT))
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+def test_grain_is_drawn_out_along_strokes(slope):
+    y, x = np.mgrid[:120, :160].astype(float)
+    striped = torch.from_numpy(np.broadcast_to(0.3 + 0.2 * np.sin((y - slope * x) / 3), (3, 120, 160)).copy()).float()
+    paper = build_named("paper", "rough", {"grain": 20.0, "tooth": 0.4, "drag": 1.0, "pressure": 0.0})
+    rows = Rows(0, 120, (120, 160))
+    hollow = (paper.cover(striped, torch.ones(3), rows) - paper.cover(striped, torch.zeros(3), rows))[0]
+    step = (4, round(4 * slope)) if slope else (0, 6)
+    along, across = (
+        float((hollow[20:100, 20:140] - hollow.roll(by, (0, 1))[20:100, 20:140]).abs().mean())
+        for by in (step, (step[1], -step[0]))
+    )
+    assert along < 0.6 * across
+
+
+def test_bands_of_dragged_grain_are_those_of_the_whole():
+    flat = torch.rand(3, 90, 60, generator=torch.Generator().manual_seed(0))
+    paper = build_named("paper", "rough", {"grain": 12.0, "tooth": 0.3, "drag": 0.6, "accents": 0.5})
+    whole, rows = paper.cover(flat, WHITE, Rows(0, 90, (90, 60))), Rows(40, 10, (90, 60))
+    wide = rows.widened(paper.margin(rows.size))
+    band = paper.cover(flat[:, wide.top : wide.top + wide.count], WHITE, wide)[:, 40 - wide.top :][:, :10]
+    assert_close(band, whole[:, 40:50], atol=1e-4, rtol=0)
