@@ -13,7 +13,7 @@ from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-DARK = 0.55  # mean of RGB below which the ground is covered, the more the darker
+DARK = 0.45  # mean of RGB below which the ground is covered, the more the darker
 
 
 @register("init", "dots")

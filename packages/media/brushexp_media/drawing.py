@@ -212,7 +212,7 @@ def hatching(
     places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
     places = places[((places >= 0) & (places < (width, height))).all(1)]
     deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
-    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 2 * deeper)]
+    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
     reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
     return followed(places, angle + turned, reach, dark, tone)
 

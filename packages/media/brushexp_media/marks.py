@@ -89,7 +89,7 @@ def chalk(variant: int) -> Tensor:
 def flat(variant: int) -> Tensor:
     """Draw a flat brush full of body colour: square ends, the last one dry, and streaks of its hairs."""
     across, outside, t, along = _grid()
-    hairs = gradient_noise(along / 40, across / 0.09, 300 + variant)
+    hairs = gradient_noise(along / 40, across / 0.13, 300 + variant)
     hairs = hairs + gradient_noise(along / 25, across / 0.3, 400 + variant)
     grain = fractal_noise(along / 0.7, across / 0.12, 500 + variant, 2)
     side = ((0.98 + 0.03 * grain - across.abs()) / 0.06).clamp(0, 1)
@@ -97,7 +97,7 @@ def flat(variant: int) -> Tensor:
     start = ((reach + (outside.clamp_max(0) + 0)) / 0.1 + 0 * t).clamp(0, 1)
     end = ((reach - outside.clamp_min(0)) / 0.1).clamp(0, 1)
     dry = ((1 - t) * 2.6 + 0.9 + 0.8 * hairs + 0.45 * grain).clamp(0, 1)
-    tone = 0.05 * hairs + 0.1 * (0.5 - t) + 0.05 * across * (1 if variant % 2 else -1)
+    tone = 0.04 * hairs + 0.1 * (0.5 - t) + 0.05 * across * (1 if variant % 2 else -1)
     opacity = side * start * end * dry
     return torch.stack([opacity, tone.clamp(-0.35, 0.35), (0.45 + 0.4 * hairs).clamp(0.05, 1)])
 
