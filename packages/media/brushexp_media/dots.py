@@ -59,14 +59,13 @@ class Dots(Initializer):
 
     def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
         """Move the hues of dots apart, and vary their sizes."""
-        n = len(strokes)
-        angle = 2 * math.pi * torch.rand(n, generator=generator)
+        angle = 2 * math.pi * torch.rand(len(strokes), generator=generator)
         thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
         room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue
         color = (strokes.color + self.division * room.sqrt() * thirds.cos()).clamp(0, 1)
         if not self.variety:
             return replace(strokes, color=color)
-        larger = (self.variety * torch.randn(n, generator=generator)).exp()
+        larger = (self.variety * torch.randn(len(strokes), generator=generator)).exp()
         sizes = {name: getattr(strokes, name) * larger[:, None] for name in ("start", "control", "end")}
         return replace(strokes, color=color, width=strokes.width * larger, **sizes)
 

@@ -50,7 +50,7 @@ class Drawing(Initializer):
 
     Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
     after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
-    fixed but for `TURN`. With a focus there are finer contours and fewer hatchings in it.
+    fixed but for `TURN` and `SWAY`. With a focus there are finer contours and fewer hatchings in it.
 
     Args:
         contours: share of the strokes that are contours, 0 to 1.
@@ -147,8 +147,8 @@ class Drawing(Initializer):
 def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
     """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
 
-    ``length`` and ``width``, in pixels, are those of the strongest. Where a focus (H, W) is more than half of its
-    largest, a share of them is finer, and faint ones are drawn, too: eyes and mouths are made of those.
+    ``length`` and ``width``, in pixels, are those of the strongest. With a focus (H, W) a share of them is finer, and
+    where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
@@ -158,9 +158,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
         return _traced(picture, coarse, n, length, width, color)
     attended = focus > 0.5 * focus.max()
     few = round(FEATURES * n)
-    faint, clear = (
-        np.maximum(edge_lines(picture, FINER, least), edge_lines(picture, 1.0, least)) for least in (SUBTLE, CLEAR)
-    )
+    faint, clear = (np.maximum(*(edge_lines(picture, k, least) for k in (FINER, 1.0))) for least in (SUBTLE, CLEAR))
     features = np.where(attended, faint, ASIDE * clear) * inner
     return Strokes.join(
         _traced(picture, coarse, n - few, length, width, color),

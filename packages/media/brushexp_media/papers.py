@@ -12,8 +12,7 @@ from brushexp.bounds import above, at_least, between
 from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.registry import register
-from brushexp_media.grain import REACH, drawn_out
-from brushexp_media.noise import evened, fractal_noise, gradient_noise
+from brushexp_media.noise import REACH, drawn_out, evened, fractal_noise, gradient_noise
 from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
 
 THOUSANDTHS = 1000
@@ -24,8 +23,7 @@ THICK = 5.0  # times the difference of a colour and the ground at which all of i
 DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
 RIM = 1.5  # deviation of the blur against which edges are found, in grains
 LEFT = 0.5  # share of the paint that is dust which a hollow keeps
-STREAK = 1.4  # grains across a streak
-HAND = 2.5  # deviation of the blur of the picture along whose directions streaks run, in grains
+STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
 
 
 @dataclass(kw_only=True, eq=False)
@@ -84,8 +82,7 @@ class GrainedPaper(Paper):
         return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
 
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        grain = self._grain_of(rows.size)
-        low = evened(self._dragged(flat, rows)).to(flat)
+        low, grain = evened(self._dragged(flat, rows)).to(flat), self._grain_of(rows.size)
         x, y = rows.places
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
@@ -112,8 +109,7 @@ class GrainedPaper(Paper):
         heights = self._heights(rows)
         if self.drag == 0:
             return heights
-        x, y = self._in_grains(rows)
-        grain = self._grain_of(rows.size)
+        (x, y), grain = self._in_grains(rows), self._grain_of(rows.size)
         angle = along_edges(structure_tensor(flat.detach().double().cpu().numpy(), HAND * grain))
         noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
         streaks = drawn_out(noise, torch.from_numpy(angle).float(), REACH * grain)

@@ -197,23 +197,18 @@ def test_rows_lie_beside_each_other_and_end_where_colours_do():
     assert bool(((tone > 0.5) == (places[:, 1] > 45))[away].all())
 
 
-def test_marks_vary_in_width_and_leave_their_row_where_there_are_no_forms():
-    calm = torch.full((3, 90, 120), 0.5)
-    rows = rows_of(calm, 150, turning=0.0, looseness=0.4)
+def test_marks_vary_in_width_and_leave_their_row():
+    rows = rows_of(torch.full((3, 90, 120), 0.5), 150, turning=0.0, looseness=0.4)
     assert 0.15 < float(slopes(rows).std()) < 0.6
     assert float((rows.width * rows.scale)[rows.opacity > 0].log().std()) == pytest.approx(WIDER, abs=0.06)
-    y, x = np.mgrid[:90, :120].astype(float)
-    striped = torch.from_numpy(np.broadcast_to(0.5 + 0.4 * np.sin((y + x) / 4), (3, 90, 120)).copy()).float()
-    assert float((slopes(rows_of(striped, 150, looseness=0.4, edges=1.0)) + math.pi / 4).abs().median()) < 0.15
 
 
 def test_colours_vary_less_where_one_looks_first():
     target, focus = torch.full((3, 90, 120), 0.5), torch.full((90, 120), 0.5)
     focus[:, 60:] = 9
-    rows = build_named("init", "rows", {"outlines": 0.0})(target, 200, torch.Generator().manual_seed(0), focus)
-    marks = rows[20:][rows.opacity[20:] > 0]  # without the underpainting
-    beside = marks.position[:, 0] < 60
-    assert float(marks.color[~beside].std()) < 0.6 * float(marks.color[beside].std())
+    rows = build_named("init", "rows", {"under": 0.0})(target, 200, torch.Generator().manual_seed(0), focus)[1:]
+    beside, inked = rows.position[:, 0] < 60, rows.opacity > 0
+    assert float(rows.color[~beside & inked].std()) < 0.6 * float(rows.color[beside & inked].std())
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 1.0])
@@ -230,8 +225,7 @@ def test_a_hatching_is_sparser_where_it_is_less_dark():
     dark = np.full((200, 300), 0.55)
     dark[:, 150:] = 0.9
     lines = hatching(dark, 0.5, 0.3, np.zeros((1, 1)), 4.0, 12.0, np.random.default_rng(0))
-    right = int((lines[:, 1, 0] > 150).sum())
-    assert right > 1.5 * (len(lines) - right) > 50
+    assert 0.6 < (lines[:, 1, 0] > 150).mean() < 0.9
 
 
 def test_hatchings_turn_towards_forms():
@@ -256,12 +250,9 @@ def test_shadows_below_dots_hide_the_ground_where_it_is_dark():
     target = torch.full((3, 60, 60), 0.8)
     target[:, :, 30:] = 0.1
     dots = build_named("init", "dots", {"under": 0.1})(target, 400, torch.Generator().manual_seed(0))
-    assert len(dots) == 400
-    shadows = dots[:40]
-    left = shadows.color.mean(1) > 0.6
-    assert float(shadows.opacity[left].max()) == 0
-    assert float(shadows.opacity[shadows.color.mean(1) < 0.15].min()) == 1
-    assert float(dots.opacity[40:].min()) == 1
+    opacity, light = dots.opacity[:40], dots.color[:40].mean(1)
+    assert float(opacity[light > 0.6].max()) == 0
+    assert float(torch.cat([opacity[light < 0.14], dots.opacity[40:]]).min()) == 1
 
 
 def test_dots_of_a_layer_have_many_sizes_and_keep_their_shape():
