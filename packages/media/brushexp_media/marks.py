@@ -137,7 +137,7 @@ def knife(variant: int) -> Tensor:
 def wash(variant: int) -> Tensor:
     """Draw a loaded round brush on wet paper: a flat tint whose edge runs, and no height."""
     across, outside, t, along = _grid()
-    runs = 0.15 * fractal_noise(along / 1.1, across / 1.1, 800 + variant, 3)
+    runs = 0.15 * fractal_noise(along / 1.1, across / 1.1, 800 + variant, 2)
     inside = 0.92 + runs - torch.hypot(across, outside)
     return torch.stack([(inside / 0.08).clamp(0, 1), 0 * t, 0 * t])
 

@@ -134,7 +134,7 @@ class Rows:
         self.taken: Array = np.zeros(flow.shape, bool)
 
     def grown(self, detail: Array, n: int) -> tuple[Array, Array]:
-        """Grow at most ``n`` marks (m, 3, 2) of sizes (m,), each beside another, first where ``detail`` (H, W) is most."""
+        """Grow at most ``n`` marks (m, 3, 2) of sizes (m,), each beside another, most detail (H, W) first."""
         y, x = (np.arange(self.distance / 2, side, self.distance) for side in detail.shape)
         places, numbers = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), count()
         marks: list[Array] = []
