@@ -30,7 +30,7 @@ FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no co
 SMOOTH, SMOOTH_WASH = 0.004, 0.011  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
 FEATURES, FINER = 0.6, 0.55  # share of the contours that are fine ones, and their size over that of the others
-SPARED = 0.3  # share of darkness that hatchings and washes leave to lines where one looks first
+SPARED = 0.6  # share of darkness, times that of light, that hatchings and washes leave to lines where one looks first
 SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
 ASIDE = 0.7  # strength of fine ones elsewhere
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
@@ -80,14 +80,14 @@ class Drawing(Initializer):
         picture = target.numpy().astype(np.float64)
         side, dark = max(picture.shape), 1 - luminance(picture)
         weight = None if focus is None else focus.numpy().astype(np.float64)
-        spared = 1.0 if weight is None else 1 - SPARED * weight / weight.max()
+        tone = dark if weight is None else dark * (1 - SPARED * (1 - dark) * weight / weight.max())
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         turned = _swayed(forms(picture), random)
         return Strokes.join(
-            self._washes(gaussian_filter(dark * spared, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(dark * spared, SMOOTH * side), turned, n - washes - lines, random),
+            self._washes(gaussian_filter(tone, SMOOTH_WASH * side), washes, random),
+            self._hatching(gaussian_filter(tone, SMOOTH * side), turned, n - washes - lines, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
         )
 
