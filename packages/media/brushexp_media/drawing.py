@@ -29,10 +29,12 @@ EDGE = 0.06  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.011  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
-FEATURES, FINER = 0.6, 0.55  # share of the contours that are fine ones, and their size over that of the others
+FEATURES, FINER = (
+    0.35,
+    0.55,
+)  # share of contours that are fine ones where one looks first, as many elsewhere; their size
 SPARED = 0.6  # share of darkness, times that of light, that hatchings and washes leave to lines where one looks first
 SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
-ASIDE = 0.7  # strength of fine ones elsewhere
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
@@ -159,18 +161,20 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     attended = focus > 0.5 * focus.max()
     few = round(FEATURES * n)
     faint, clear = (np.maximum(*(edge_lines(picture, k, least) for k in (FINER, 1.0))) for least in (SUBTLE, CLEAR))
-    features = np.where(attended, faint, ASIDE * clear) * inner
     return Strokes.join(
-        _traced(picture, coarse, n - few, length, width, color),
-        _traced(picture, features, few, length, FINER * width, color),
+        _traced(picture, coarse, n - 2 * few, length, width, color),
+        _traced(picture, clear * inner * ~attended, few, length, FINER * width, color),
+        _traced(picture, faint * inner * attended, few, length, FINER * width, color, area=float(attended.sum())),
     )
 
 
-def _traced(picture: Array, lines: Array, n: int, length: float, width: float, color: Array) -> Strokes:
-    """Trace n lines of a map (H, W) of their strength."""
+def _traced(
+    picture: Array, lines: Array, n: int, length: float, width: float, color: Array, area: float | None = None
+) -> Strokes:
+    """Trace n lines of a map (H, W) of their strength, in cells that divide an ``area`` in pixels, or all of it."""
     side = max(picture.shape)
     flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt(lines.size / max(n, 1)))))
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)
     # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
