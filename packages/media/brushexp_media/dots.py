@@ -58,7 +58,6 @@ class Dots(Initializer):
         )
 
     def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
-        """Move the hues of dots apart, and vary their sizes."""
         angle = 2 * math.pi * torch.rand(len(strokes), generator=generator)
         thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
         room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue

@@ -109,10 +109,9 @@ def loaded(variant: int) -> Tensor:
     furrows = furrows + 0.6 * gradient_noise(along / 14, across / 0.15, 1100 + variant)
     rough = fractal_noise(along / 0.8, across / 0.25, 1200 + variant, 2)
     inside = 0.97 + 0.05 * rough + 0.1 * furrows - torch.hypot(across, outside)
-    ridge = torch.exp(-(((inside - 0.2) / 0.13) ** 2))
     dry = ((1 - t) * 3 + 0.9 + 1.2 * furrows + 0.4 * rough).clamp(0, 1)
     tone = 0.22 * furrows + 0.04 * rough + 0.05 * across * (1 if variant % 2 else -1)
-    film = 0.4 + 0.25 * furrows + 0.28 * ridge + 0.15 * (t - 0.5) + 0.03 * rough
+    film = 0.4 + 0.25 * furrows + 0.28 * torch.exp(-(((inside - 0.2) / 0.13) ** 2)) + 0.15 * (t - 0.5) + 0.03 * rough
     return torch.stack([(inside / 0.09).clamp(0, 1) * dry, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 
 

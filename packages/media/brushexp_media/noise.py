@@ -57,8 +57,7 @@ def evened(values: Tensor) -> Tensor:
 def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average noise (H, W) along lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
 
-    Its deviation stays about 1. Source: line integral convolution (Cabral and Leedom, 1993). Differs: lines are
-    straight.
+    Source: line integral convolution (Cabral and Leedom, 1993). Differs: lines are straight; the deviation stays.
     """
     height, width = noise.shape
     row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")

@@ -145,7 +145,6 @@ def test_dust_half_fills_hollows_and_leaves_their_number():
     )
     half = [float(((seen > 0.1) & (seen < 0.9)).float().mean()) for seen in (crisp, dusty)]
     assert half[1] > 1.5 * half[0]
-    assert float(dusty.max()) == pytest.approx(1 - papers.LEFT)
     assert torch.equal(crisp > 0.5, dusty > 0.5 * (1 - papers.LEFT))
 
 
