@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from brushexp_recovery.calibration import signs_of
 from brushexp_recovery.curves import fit_curves
-from brushexp_recovery.finding import LEAST, find_regions
+from brushexp_recovery.finding import find_regions
 from brushexp_recovery.judges import fit_judge, fit_linear
+from brushexp_recovery.looking import LEAST
 from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import RecoveryModel

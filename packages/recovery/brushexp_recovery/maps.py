@@ -36,14 +36,17 @@ class Maps:
 
 
 @torch.no_grad()
-def predict(network: StrokeNetwork, image: Array, copies: int = 2) -> Maps:
-    """Look at a picture (H, W, 3) float32 in [0, 1], in so many of its `COPIES`; in 16 bits where these are faster."""
+def predict(network: StrokeNetwork, image: Array, copies: int = 2, first: int = 0) -> Maps:
+    """Look at a picture (H, W, 3) float32 in [0, 1], in so many of its `COPIES`, from the ``first`` on.
+
+    In 16 bits where these are faster.
+    """
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
     x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
     total = torch.zeros(1, CHANNELS, *x.shape[2:])
     able = torch.cpu._is_avx512_bf16_supported()  # without it 16 bits take six to twelve times as long
-    for quarters, mirrored in COPIES[:copies]:
+    for quarters, mirrored in (COPIES[(first + k) % len(COPIES)] for k in range(copies)):
         copy = torch.rot90(x, quarters, (2, 3))
         copy = copy.flip(3) if mirrored else copy
         with torch.autocast("cpu", torch.bfloat16, enabled=able):

@@ -25,7 +25,7 @@ from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
 __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
 Array = NDArray[Any]
 
-COPIES = 2  # of a picture that are looked at, turned and mirrored
+COPIES = 1  # of what each look shows, turned and mirrored
 SAMPLED = 100_000  # pixels whose colours tell that of the ground
 FOUND = 0.9  # share of the time in which regions are found; in the rest their curves are fitted
 RENDERER = "analytic"  # draws a stroke as it was fitted
@@ -39,7 +39,7 @@ def recover(
     Args:
         image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
-        copies: 1 to 8 turned and mirrored copies of the picture that are looked at; more are slower and surer.
+        copies: 1 to 8 turned and mirrored copies of the picture in each of four looks; more are slower and surer.
         weights: a .safetensors file of task=train model=recovery, or the name of shipped ones.
 
     Returns:

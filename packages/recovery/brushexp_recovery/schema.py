@@ -24,7 +24,7 @@ class RecoverTask(Task):
     image: str = key(MISSING, "a photograph of a painting: a picture file, or the name of a sample", PICTURE)
     width_cm: float | None = key(None, "width of what the picture shows, in cm, to measure strokes in mm", above(0))
     scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
-    copies: int = key(2, "turned and mirrored copies that are looked at; more are slower and surer", between(1, 8))
+    copies: int = key(1, "turned and mirrored copies that each look shows; more are slower and surer", between(1, 8))
     weights: str = key("strokes", "shipped weights, or the .safetensors of task=train model=recovery")
 
     @staticmethod

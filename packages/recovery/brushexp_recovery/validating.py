@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp_recovery.finding import LEAST
+from brushexp_recovery.looking import LEAST
 from brushexp_recovery.maps import Maps
 from brushexp_recovery.network import AFFINE, GEOMETRY
 from brushexp_recovery.regions import pieces_of

@@ -8,7 +8,7 @@ import pytest
 import torch
 from brushexp_recovery import finding, refining
 from brushexp_recovery.curves import Fitted, fit_curve
-from brushexp_recovery.finding import Candidate, find_regions, lay
+from brushexp_recovery.finding import find_regions
 from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, TURN, UNIT
@@ -98,26 +98,6 @@ def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
         assert left <= begin < end <= right
         seen[first:last, begin:end] += 1
     assert (seen == 1).all()
-
-
-def laid(candidates: list[tuple[range, float]], labels: np.ndarray) -> list[float]:
-    """Chances of the regions that are laid, in their order."""
-    made = [Candidate(np.array(pixels), chance, np.zeros(7)) for pixels, chance in candidates]
-    return [one.chance for one in lay(made, labels, int(labels.max()) + 1)]
-
-
-def test_the_surest_region_is_laid_first_and_little_rests_are_dropped():
-    labels = np.full(50, -1, np.int32)
-    regions = [(range(0, 10), 0.5), (range(5, 15), 0.9), (range(9, 30), 0.7), (range(40, 44), 0.2)]
-    assert laid(regions, labels) == [0.9, 0.7, 0.2]  # half of the first is taken
-    np.testing.assert_array_equal(np.bincount(labels + 1), [50 - 29, 10, 15, 4])
-
-
-def test_what_coarser_scales_show_is_laid_only_where_the_first_left_room():
-    labels = np.full(50, -1, np.int32)
-    assert laid([(range(0, 10), 0.5), (range(10, 20), 0.6)], labels) == [0.6, 0.5]
-    assert laid([(range(0, 20), 0.9), (range(18, 28), 0.7)], labels) == [0.7]
-    np.testing.assert_array_equal(np.bincount(labels + 1), [50 - 28, 10, 10, 8])
 
 
 @pytest.mark.parametrize(
