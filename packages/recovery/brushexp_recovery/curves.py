@@ -1,14 +1,12 @@
 """A region becomes a stroke: a quadratic curve, a width and a colour."""
-# mypy: allow-untyped-defs
 
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function
 from brushexp_recovery.finding import Regions
+from brushexp_recovery.looking import pixels_by_region
 
 Array = NDArray[Any]
 
@@ -31,39 +29,11 @@ def fit_curves(regions: Regions, image: Array) -> Fitted:
     """Fit a stroke to each region of a picture (H, W, 3)."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
-    for number, pixels in enumerate(pixels_of(regions.labels, count)):
+    for number, pixels in enumerate(pixels_by_region(regions.labels, count)):
         y, x = np.divmod(pixels, regions.labels.shape[1])
         curve[number], width[number] = fit_curve(np.stack([x, y], 1) + 0.5, regions.told[number])
         color[number] = np.median(image[y, x], 0)
     return Fitted(curve, width, color)
-
-
-def pixels_of(labels: Array, count: int) -> list[Array]:
-    """List the flat numbers, int32, of the pixels of each of ``count`` regions."""
-    flat = labels.ravel()
-    ends = np.zeros(count + 1, np.int64)
-    _count(flat, ends)
-    bounds = np.cumsum(ends)
-    order = np.empty(bounds[-1], np.int32)
-    _group(flat, bounds[:-1].copy(), order)
-    return [order[begin:end] for begin, end in pairwise(bounds)]
-
-
-@function
-def _count(labels, after):
-    for k in labels:
-        if k >= 0:
-            after[k + 1] += 1
-
-
-@function
-def _group(labels, place, order):
-    """Write the numbers of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
-    for pixel in range(len(labels)):
-        k = labels[pixel]
-        if k >= 0:
-            order[place[k]] = pixel
-            place[k] += 1
 
 
 def fit_curve(points: Array, told: Array) -> tuple[Array, float]:

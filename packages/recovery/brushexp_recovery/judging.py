@@ -24,7 +24,7 @@ from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
 from brushexp_recovery.synthesis_paintings import Painted
 from brushexp_recovery.tiling import zoomed
-from brushexp_recovery.tree import Tree, grow, node_features
+from brushexp_recovery.tree import Tree, grow, node_features, overlaps_of
 from brushexp_recovery.truth import pixels_of
 
 Array = NDArray[Any]
@@ -186,30 +186,8 @@ def majority(regions: Array, truth: Array, count: int) -> tuple[Array, Array]:
 def node_examples(one: Known, tree: Tree) -> tuple[Array, Array, Array]:
     """Make examples of nodes: is it a stroke, and what is its IoU with the nearest one."""
     enough = tree.sums[:, 0] >= LEAST
-    overlap = best_overlaps(one, tree)[enough]
+    overlap = overlaps_of(tree, one.pieces.labels, one.truth, int(one.truth.max()) + 1).max(1, initial=0)[enough]
     return node_features(tree)[enough], np.stack([overlap >= HIT, overlap], 1), np.ones(int(enough.sum()))
-
-
-def best_overlaps(one: Known, tree: Tree) -> Array:
-    """Compute the best IoU (S + M,) of each node with a true stroke."""
-    most = int(one.truth.max()) + 2
-    key, number = np.unique(
-        one.pieces.labels.ravel().astype(np.int64) * most + one.truth.ravel() + 1, return_counts=True
-    )
-    size = np.bincount(one.truth.ravel() + 1, minlength=most)
-    held: list[dict[int, int]] = [{} for _ in range(tree.pieces)]
-    for place, count in zip(key.tolist(), number.tolist(), strict=True):
-        held[place // most][place % most] = count
-    for i, j in tree.children.tolist():
-        joined = dict(held[i])
-        for stroke, count in held[j].items():
-            joined[stroke] = joined.get(stroke, 0) + count
-        held.append(joined)
-    area = tree.sums[:, 0]
-    return np.array([
-        max((count / (area[node] + size[stroke] - count) for stroke, count in one_held.items() if stroke), default=0.0)
-        for node, one_held in enumerate(held)
-    ])  # fmt: skip
 
 
 def _fit(judge: Any, examples: list[tuple[Array, Array, Array]], steps: int, seed: int) -> float:

@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from brushexp_recovery.judges import Asked
 from brushexp_recovery.maps import Maps
 from brushexp_recovery.regions import pieces_of
 from brushexp_recovery.tiling import Box, box_size, nearest
-from brushexp_recovery.tree import Tree, cut, grow, node_features
+from brushexp_recovery.tree import Tree, cut, grow, node_features, overlaps_of
 
 Array = NDArray[Any]
 
@@ -33,6 +34,10 @@ class Look:
     nodes: Array  # (N,) of the best cut
     number: Array  # (h, w) int32, which of them is at each pixel; -1 where there is none
 
+    def places(self, size: tuple[int, ...]) -> tuple[Array, ...]:
+        """Return rows and columns that show it as a picture of another size (H, W)."""
+        return np.ix_(*(nearest(extent, own) for extent, own in zip(size, self.pieces.shape, strict=True)))
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -50,8 +55,8 @@ def look_at(maps: Maps, image: Array, judges: tuple[Asked, Asked]) -> Look:
     chance = judges[1](node_features(tree))
     nothing = (tree.sums[:, 20] < 0.5 * tree.sums[:, 0]) | (tree.sums[:, 0] < LEAST)  # ground and crumbs
     value = np.where(nothing, -1.0, CERTAIN * chance[:, 0] + (1 - CERTAIN) * chance[:, 1] - PRICE)
-    nodes, number = np.unique(np.append(cut(tree, value), -1), return_inverse=True)
-    number = (number[:-1] - 1).astype(np.int32)[pieces.labels]
+    nodes, place = np.unique(np.append(-1, cut(tree, value)), return_inverse=True)
+    number = (place[1:] - 1).astype(np.int32)[pieces.labels]
     return Look(pieces.labels, tree, np.where(nothing, 0, chance.mean(1)), nodes[1:], number)
 
 
@@ -61,45 +66,16 @@ def agreed(looks: Sequence[Look]) -> list[Array]:
     A look agrees as far as its best region does: the IoU of the two, times what the judge says of its own. It may be
     any of the tree, also one that the look itself has not chosen. They are compared at the pixels of the first look.
     """
-    height, width = looks[0].pieces.shape
-    rows, columns = ([nearest(size, look.pieces.shape[axis]) for look in looks]
-                     for axis, size in enumerate((height, width)))  # fmt: skip
-    total = []
-    for one, y, x in zip(looks, rows, columns, strict=True):
-        region, votes = one.number[y[:, None], x], np.zeros(len(one.nodes))
-        for other, v, u in zip(looks, rows, columns, strict=True):
-            shared = np.zeros((len(other.worth), len(votes) + 1), np.int32)
-            best = np.zeros(len(votes))
-            _agree(region, other.pieces, v, u, other.tree.children, other.worth, shared, best)
-            votes += best
-        total.append(votes / len(looks))
-    return total
-
-
-@function
-def _agree(region, pieces, rows, columns, children, worth, shared, best):
-    """Write how far the best node of a tree agrees with each region (N,).
-
-    ``shared`` (S + M, N + 1) gets the pixels that a node and a region share; those of the node are its last column.
-    """
-    count, first = len(best), len(worth) - len(children)
-    area = np.zeros(count)
-    for y in range(len(rows)):
-        for x in range(len(columns)):
-            node, k = pieces[rows[y], columns[x]], region[y, x]
-            shared[node, count] += 1
-            if k >= 0:
-                shared[node, k] += 1
-                area[k] += 1
-    for number in range(len(children)):
-        i, j = children[number]
-        for k in range(count + 1):
-            shared[first + number, k] = shared[i, k] + shared[j, k]
-    for node in range(len(worth)):
-        for k in range(count):
-            if shared[node, k] > 0:
-                iou = shared[node, k] / (area[k] + shared[node, count] - shared[node, k])
-                best[k] = max(best[k], iou * worth[node])
+    size = looks[0].pieces.shape
+    places = [look.places(size) for look in looks]
+    agreements = []
+    for one, at in zip(looks, places, strict=True):
+        votes = [
+            (overlaps_of(other.tree, other.pieces[there], one.number[at], len(one.nodes)) * other.worth[:, None]).max(0)
+            for other, there in zip(looks, places, strict=True)
+        ]
+        agreements.append(np.mean(votes, 0))
+    return agreements
 
 
 def regions_in(looks: Sequence[Look], box: Box, core: Box) -> list[Candidate]:
@@ -113,42 +89,41 @@ def regions_in(looks: Sequence[Look], box: Box, core: Box) -> list[Candidate]:
 
 def _listed(look: Look, chance: Array, box: Box, core: Box) -> list[Candidate]:
     """List the regions that a look has chosen, as candidates, if their middles lie in the core."""
-    size = box_size(box)
-    rows, columns = (nearest(extent, zoomed) for extent, zoomed in zip(size, look.number.shape, strict=True))
-    place = np.zeros((len(look.nodes), 3))
-    _sum_places(look.number, rows, columns, place)
-    y, x = (place[:, 1:] / np.maximum(place[:, :1], 1)).T + np.array([[box[0]], [box[2]]])
-    own = (place[:, 0] > 0) & (core[0] <= y) & (y < core[1]) & (core[2] <= x) & (x < core[3])
-    ends = np.cumsum(np.where(own, place[:, 0], 0).astype(np.int64))
-    pixels = np.empty(ends[-1] if len(ends) else 0, np.int32)
-    at = np.where(own, np.concatenate([[0], ends])[:-1], -1)
-    _list_pixels(look.number, rows, columns, at, pixels)
+    size, listed = box_size(box), list[Candidate]()
     told = told_of(look.tree.sums[look.nodes], np.array(look.number.shape) / size, box)
-    parts = np.split(pixels, ends[:-1])
-    return [Candidate(parts[k], float(chance[k]), told[k]) for k in np.flatnonzero(own)]
+    for number, pixels in enumerate(pixels_by_region(look.number[look.places(size)], len(told))):
+        y, x = np.divmod(pixels, size[1])
+        if len(y) and core[0] <= box[0] + y.mean() < core[1] and core[2] <= box[2] + x.mean() < core[3]:
+            listed.append(Candidate(pixels, float(chance[number]), told[number]))
+    return listed
+
+
+def pixels_by_region(labels: Array, count: int) -> list[Array]:
+    """List the flat numbers, int32, of the pixels of each of ``count`` regions."""
+    flat = labels.ravel()
+    ends = np.zeros(count + 1, np.int64)
+    _count(flat, ends)
+    bounds = np.cumsum(ends)
+    order = np.empty(bounds[-1], np.int32)
+    _group(flat, bounds[:-1].copy(), order)
+    return [order[begin:end] for begin, end in pairwise(bounds)]
 
 
 @function
-def _sum_places(number, rows, columns, place):
-    """Add up how many pixels each region has in a tile, and their rows and columns, (N, 3)."""
-    for y in range(len(rows)):
-        for x in range(len(columns)):
-            k = number[rows[y], columns[x]]
-            if k >= 0:
-                place[k, 0] += 1
-                place[k, 1] += y
-                place[k, 2] += x
+def _count(labels, after):
+    for k in labels:
+        if k >= 0:
+            after[k + 1] += 1
 
 
 @function
-def _list_pixels(number, rows, columns, at, pixels):
-    """Write the flat numbers of the pixels of each region from ``at`` (N,) on; -1 leaves a region out."""
-    for y in range(len(rows)):
-        for x in range(len(columns)):
-            k = number[rows[y], columns[x]]
-            if k >= 0 and at[k] >= 0:
-                pixels[at[k]] = y * len(columns) + x
-                at[k] += 1
+def _group(labels, place, order):
+    """Write the numbers of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
+    for pixel in range(len(labels)):
+        k = labels[pixel]
+        if k >= 0:
+            order[place[k]] = pixel
+            place[k] += 1
 
 
 def told_of(sums: Array, scale: Array, box: Box) -> Array:

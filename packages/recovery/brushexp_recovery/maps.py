@@ -14,16 +14,10 @@ from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSET
 Array = NDArray[Any]
 Offset = tuple[int, int]
 
-COPIES = (
-    (0, False),
-    (1, True),
-    (2, False),
-    (3, True),
-    (1, False),
-    (2, True),
-    (3, False),
-    (0, True),
-)  # quarters, mirror
+COPIES = (  # quarters, mirror
+    *((0, False), (1, True), (2, False), (3, True)),
+    *((1, False), (2, True), (3, False), (0, True)),
+)
 
 
 @dataclass(frozen=True)

@@ -83,13 +83,8 @@ def write_measures(
     write_text(folder / "measures.md", "\n\n".join(text) + "\n")
     write_json(folder / "measures.json", json_of(figures, differences, rows.mm))
     write_drawings(folder / "measures.pdf", rows)
-    return [
-        *paths,
-        folder / "measures.md",
-        folder / "measures.json",
-        folder / "measures.pdf",
-        *_xlsx(folder, strokes, tables),
-    ]
+    paths += [folder / f"measures.{suffix}" for suffix in ("md", "json", "pdf")]
+    return paths + _xlsx(folder, strokes, tables)
 
 
 def json_of(figures: Figures, differences: Mapping[str, Interval] | None, mm: float | None) -> dict[str, Any]:

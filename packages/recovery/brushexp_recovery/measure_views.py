@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import gaussian_filter
+
+from brushexp_recovery.blur import blurred
 
 Array = NDArray[Any]
 
@@ -43,7 +44,7 @@ class View:
         """Change a photograph (H, W, 3) in [0, 1]."""
         if self == View():
             return image
-        moved = self.moved(gaussian_filter(image, (blur := 0.5 * max(1 / self.zoom - 1, 0), blur, 0)), order=1)
+        moved = self.moved(blurred(image, (blur := 0.5 * max(1 / self.zoom - 1, 0), blur, 0)), order=1)
         changed = np.clip(self.gain * moved + self.lift, 0, 1)
         return changed if self.quality is None else jpeg(changed, self.quality)
 
@@ -74,10 +75,7 @@ def views_of(count: int, seed: int) -> list[View]:
     low, high = np.log(ZOOMS)
     views = [View()]
     for number in range(1, count):
-        scale, turn = (
-            (number * 0.7549) % 1,
-            (number * 0.5698) % 1,
-        )  # any number of these is evenly spread (Roberts, 2018)
+        scale, turn = (number * 0.7549) % 1, (number * 0.5698) % 1  # any number is evenly spread (Roberts, 2018)
         views.append(View(
             float(np.exp(low + scale * (high - low))), TURN * (2 * turn - 1),
             int(random.integers(*QUALITY)), float(1 + random.uniform(-TONE, TONE)), float(random.uniform(-TONE, TONE)),

@@ -38,11 +38,8 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
             group = file.create_group(GROUP)
-            values = {
-                "confidence": recovered.confidence.astype(np.float32),
-                "labels": recovered.labels.astype(np.int32),
-            }
-            for name, value in values.items():
+            values = recovered.confidence.astype(np.float32), recovered.labels.astype(np.int32)
+            for name, value in zip(UNITS, values, strict=True):
                 packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
                 group.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(UNITS[name])
 

@@ -48,15 +48,9 @@ def rows_of(found: Any, mm: float | None = None) -> Rows:
     curve = curve_of(strokes).double()
     table = table_of(curve, (strokes.width * strokes.scale).double().numpy())
     centre, number = ruler.centre_of(curve).numpy(), up.numpy()
-    columns = {
-        "stroke": number,
-        "order": np.arange(len(number)),
-        "confidence": np.asarray(found.confidence, float)[number],
-        "x": centre[:, 0],
-        "y": centre[:, 1],
-        **table,
-        "seen": pixels_of(labels, len(number))[number],
-    }
+    confidence, seen = np.asarray(found.confidence, float)[number], pixels_of(labels, len(number))[number]
+    columns = {"stroke": number, "order": np.arange(len(number)), "confidence": confidence}
+    columns |= {"x": centre[:, 0], "y": centre[:, 1], **table, "seen": seen}
     outlines = outlines_of(labels, curve)
     return Rows(columns, strokes.color.numpy(), [outlines[k] for k in number], labels.shape, mm)
 

@@ -1,14 +1,13 @@
 """What time, light and the camera do to a picture of a painting."""
 
-import io
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp_recovery.blur import blurred
+from brushexp_recovery.measure_views import jpeg
 from brushexp_recovery.synthesis import Random
 
 Array = NDArray[Any]
@@ -71,10 +70,3 @@ def _weave(height: int, width: int, random: Random) -> Array:
     grain = blurred(random.standard_normal((height, width), np.float32), 1.0)
     threads = np.sin(2 * np.pi * (columns + ox) / px) * np.sin(2 * np.pi * (rows + oy) / py)
     return threads * random.uniform(0, 1.2) + grain * random.uniform(1, 3.2)
-
-
-def jpeg(image: Array, quality: int) -> Array:
-    """Compress a picture (H, W, 3) in [0, 1] as JPEG, and decode it."""
-    file = io.BytesIO()
-    Image.fromarray((image * 255).round().astype(np.uint8)).save(file, "JPEG", quality=quality)
-    return np.asarray(Image.open(file), np.float32) / 255

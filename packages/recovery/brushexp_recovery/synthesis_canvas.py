@@ -53,15 +53,8 @@ def _places(drawn: Drawn, laid: Laid) -> Array:
     chord = drawn.curve[:, 2] - drawn.curve[:, 0]
     length = np.maximum(np.linalg.norm(chord, axis=1), 1e-3)
     way = chord / length[:, None]
-    columns = [
-        drawn.position,
-        drawn.scale[:, None],
-        way,
-        0.5 * length[:, None],
-        laid.sway[:, None],
-        laid.taper[:, None],
-    ]
-    return np.concatenate(columns, 1).astype(F)
+    rest = (drawn.scale, *way.T, 0.5 * length, laid.sway, laid.taper)
+    return np.column_stack([drawn.position, *rest]).astype(F)
 
 
 @inline

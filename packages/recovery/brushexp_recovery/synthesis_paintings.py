@@ -161,11 +161,9 @@ def ground_of(picture: Array, plain: bool, random: Random) -> Array:
     if not plain and random.random() < 0.1:
         return picture
     usual = plain and random.random() < 0.4
-    bare = (
-        np.array(OCHRE)
-        if usual
-        else random.choice([random.random(3), random.uniform(0.5, 1) * np.ones(3), np.array(OCHRE)])
-    )
+    bare = np.array(OCHRE)
+    if not usual:
+        bare = random.choice([random.random(3), random.uniform(0.5, 1) * np.ones(3), bare])
     share = 0.25 if usual else random.choice([0.0, 0.25, 0.6])
     grain = blurred(random.normal(size=picture.shape[:2]), random.uniform(1, 4))
     grain = grain / max(grain.std(), 1e-6) * (0.015 if usual else random.uniform(0, 0.04))

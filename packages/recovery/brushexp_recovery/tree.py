@@ -1,4 +1,5 @@
 """Regions are joined one pair after another; of the tree of all of them the best disjoint nodes are strokes."""
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from brushexp.compat.compiled import function
 from brushexp_recovery.joining import join, join_by_affinity
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.merging import bounded, describe
@@ -86,3 +88,35 @@ def cut(tree: Tree, value: Array) -> Array:
         if chosen[count + number] >= 0:
             chosen[tree.children[number]] = chosen[count + number]
     return chosen[:count]
+
+
+def overlaps_of(tree: Tree, pieces: Array, regions: Array, count: int) -> Array:
+    """Compute the IoU (S + M, ``count``) float32 of the nodes of a tree with regions of a picture (H, W), -1 for none.
+
+    ``pieces`` (H, W) says which piece of the tree is at each pixel.
+    """
+    table = np.zeros((len(tree.sums), count + 1), np.float32)
+    _overlap(pieces, regions, tree.children, table)
+    return table[:, :count]
+
+
+@function
+def _overlap(pieces, regions, children, table):
+    """Count what nodes share with regions, and in the last column their pixels; then divide by the unions."""
+    nodes, count = len(table), table.shape[1] - 1
+    area = np.zeros(count, np.float32)
+    for y in range(pieces.shape[0]):
+        for x in range(pieces.shape[1]):
+            node, k = pieces[y, x], regions[y, x]
+            table[node, count] += 1
+            if k >= 0:
+                table[node, k] += 1
+                area[k] += 1
+    for number in range(len(children)):
+        i, j = children[number]
+        for k in range(count + 1):
+            table[nodes - len(children) + number, k] = table[i, k] + table[j, k]
+    for node in range(nodes):
+        for k in range(count):
+            if table[node, k] > 0:
+                table[node, k] /= area[k] + table[node, count] - table[node, k]

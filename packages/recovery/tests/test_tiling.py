@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_recovery import regions
-from brushexp_recovery.curves import pixels_of
+from brushexp_recovery.looking import pixels_by_region
 from brushexp_recovery.network import OFFSETS
 from brushexp_recovery.regions import GROUP, affinities_of
 from brushexp_recovery.tiling import on_threads
@@ -59,7 +59,7 @@ def test_a_table_of_pairs_grows_when_it_is_full(monkeypatch):
 @pytest.mark.parametrize("count", [0, 7])
 def test_pixels_of_regions_are_listed(count):
     labels = np.random.default_rng(0).integers(-1, max(count - 1, 0), (20, 31)).astype(np.int32)  # the last has none
-    lists = pixels_of(labels, count)
+    lists = pixels_by_region(labels, count)
     assert len(lists) == count
     for number, pixels in enumerate(lists):
         np.testing.assert_array_equal(pixels, np.flatnonzero(labels == number))
