@@ -77,21 +77,17 @@ def fit_judges(model: RecoveryModel, paintings: Iterable[Painted], seed: int, sh
     return losses
 
 
-def fit_beliefs(
-    model: RecoveryModel, mixed: Sequence[Painted], plain: Sequence[Painted], seed: int
-) -> dict[str, float]:
-    """Learn which of two regions lies above, and from plain paintings how far regions are to be believed.
+def fit_beliefs(model: RecoveryModel, paintings: Sequence[Painted], seed: int) -> dict[str, float]:
+    """Learn which of two regions lies above, and how far regions are to be believed; returns F1 and precision.
 
-    They are found as `recover` finds them, clean and weathered. Returns F1 and precision over the plain paintings.
+    They are found as `recover` finds them, in paintings clean and weathered.
     """
     random = np.random.default_rng(seed)
-    found = [found_of(model, painted, aged, random) for painted in (*mixed, *plain) for aged in (False, True)]
-    known = found[2 * len(mixed) :]
-    signs, hits = (np.concatenate([one[k] for one in known]) for k in range(2))
-    meetings, above = (np.concatenate([one[k] for one in found]) for k in (2, 3))
+    found = [found_of(model, painted, aged, random) for painted in paintings for aged in (False, True)]
+    signs, hits, meetings, above = (np.concatenate([one[k] for one in found]) for k in range(4))
     fit_linear(model.confidence, signs, hits)
     fit_linear(model.order, meetings, above)
-    f1 = 2 * hits.sum() / max(len(hits) + sum(one.strokes for one in known), 1)
+    f1 = 2 * hits.sum() / max(len(hits) + sum(one.strokes for one in found), 1)
     return {"f1": float(f1), "precision": float(hits.sum() / max(len(hits), 1))}
 
 

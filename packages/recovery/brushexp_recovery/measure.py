@@ -171,10 +171,10 @@ def _neighbours(centre: torch.Tensor, direction: torch.Tensor, width: torch.Tens
 
 def intervals_of(draws: Array, mm: float | None = None) -> dict[str, Interval]:
     """Sum up draws (views, draws, `KINDS`), in pixels, or in millimetres if ``mm`` are those of a pixel."""
-    intervals = {}
-    for number, (name, kind) in enumerate(KINDS.items()):
-        intervals[name] = _interval(draws[..., number] * kind.factor(mm), kind.axial)
-    return intervals
+    return {
+        name: _interval(draws[..., number] * kind.factor(mm), kind.axial)
+        for number, (name, kind) in enumerate(KINDS.items())
+    }
 
 
 def _interval(values: Array, axial: bool) -> Interval:

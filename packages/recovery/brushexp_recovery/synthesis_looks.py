@@ -49,8 +49,7 @@ class Drawn:
 
 def draw_strokes(laid: Laid, look: Look, seed: int) -> Drawn:
     """Draw strokes in windows; one that an engine cannot draw becomes the nearest that it can."""
-    numbers = (torch.as_tensor(value, dtype=torch.float32) for value in (laid.curve, laid.width, laid.color))
-    curve, width, color = numbers
+    curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in (laid.curve, laid.width, laid.color))
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
     strokes = rewindow(strokes_along(curve, width, color, 1.0, window=window))
     if look.family == "engine" or getattr(plugin_named(look).cls, "strokes", "all") != "all":

@@ -11,11 +11,10 @@ from brushexp.system.progress import showing
 from brushexp_recovery.judging import fit_beliefs, fit_judges
 from brushexp_recovery.model import NAME, RECOVERIES, RecoveryModel, load_model
 from brushexp_recovery.network import StrokeNetwork
-from brushexp_recovery.synthesis_paintings import PICTURES, PLAIN
-from brushexp_recovery.training import HELD_OUT, HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
+from brushexp_recovery.synthesis_paintings import PICTURES
+from brushexp_recovery.training import HELD_OUT_COUNT, VALIDATED, RecoveryData, RecoveryModule
 
 BELIEVED = 34  # held-out paintings from here on are for order and confidence, those before for the judges
-CALIBRATED = PLAIN - HELD_OUT  # and of them those from here on for confidence
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -49,8 +48,7 @@ class RecoveryJob(NetworkJob):
         self.data.paint()
         with showing("learning to judge") as show:
             judged = fit_judges(model, self.data.held_out(BELIEVED, VALIDATED), self.cfg.seed, show)
-        mixed, plain = self.data.held_out(CALIBRATED, BELIEVED), self.data.held_out(HELD_OUT_COUNT, CALIBRATED)
-        judged |= fit_beliefs(model, mixed, plain, self.cfg.seed)
+        judged |= fit_beliefs(model, self.data.held_out(HELD_OUT_COUNT, BELIEVED), self.cfg.seed)
         self.data.teardown("fit")
         figures: dict[str, object] = {**self.module.figures, **judged}
         return {

@@ -57,7 +57,7 @@ def test_judges_learn_from_a_painting(monkeypatch):
     model = RecoveryModel().eval()
     losses = judging.fit_judges(model, [bars()], 0, silent)
     assert all(np.isfinite(loss) for loss in losses.values())
-    figures = judging.fit_beliefs(model, [], [bars(1.0)], 0)
+    figures = judging.fit_beliefs(model, [bars(1.0)], 0)
     assert 0 <= figures["f1"] <= 1
     assert all(np.isfinite(value) for value in figures.values())
 

@@ -53,23 +53,11 @@ def page_of(
     lead = f"{len(rows):,} strokes recovered from {width:,} × {height:,} pixels"
     lead += f", {width * mm / 10:.1f} × {height * mm / 10:.1f} cm" if mm else ""
     return page(
-        "recovered.html.j2",
-        TEMPLATES,
-        name=name,
-        lead=lead + ". " + DIRECTIONS,
-        width=width,
-        height=height,
-        mm=mm,
-        photograph=embed(Image.fromarray(image), max(rows.size), **JPEG)["source"],
-        threshold=threshold,
-        data=data_of(rows, name),
-        words=WORDS,
+        "recovered.html.j2", TEMPLATES, name=name, lead=lead + ". " + DIRECTIONS, width=width, height=height, mm=mm,
+        photograph=embed(Image.fromarray(image), max(rows.size), **JPEG)["source"], threshold=threshold,
+        data=data_of(rows, name), words=WORDS, directions=DIRECTIONS, meaning=MEANING, apart=APART, files=there,
         tables=[(title, [_raised(row) for row in table]) for title, table in (tables or {}).items() if table],
-        directions=DIRECTIONS,
-        meaning=MEANING,
-        apart=APART,
-        files=there,
-    )
+    )  # fmt: skip
 
 
 def data_of(rows: Rows, name: str) -> dict[str, Any]:
