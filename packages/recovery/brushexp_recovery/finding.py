@@ -53,20 +53,21 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     zoom = find_zoom(model, judges, image) if zoom is None else zoom
     over = np.zeros((len(OVER), height, width), np.int8)
 
-    def look(at: tuple[Box, Box]) -> list[Candidate]:
-        box, core = at
-        part, looks = image[box[0] : box[1], box[2] : box[3]], list[Look]()
-        for number, (scale, blur) in enumerate(LOOKS):
-            shown = zoomed(part, zoom * scale)
-            shown = blurred(shown, (blur, blur, 0)) if blur else shown
-            maps = predict(model.network, shown, copies, number)
-            if number == 0:
-                _keep_over(over, maps, box, core)
-            looks.append(look_at(maps, shown, judges))
-        return [_placed(one, box, width) for one in regions_in(looks, box, core)]
+    def look(number: int, box: Box, core: Box) -> Look:  # the maps of a look are freed before the next one
+        scale, blur = LOOKS[number]
+        shown = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * scale)
+        shown = blurred(shown, (blur, blur, 0)) if blur else shown
+        maps = predict(model.network, shown, copies, number)
+        if number == 0:
+            _keep_over(over, maps, box, core)
+        return look_at(maps, shown, judges)
+
+    def find(at: tuple[Box, Box]) -> list[Candidate]:
+        looks = [look(number, *at) for number in range(len(LOOKS))]
+        return [_placed(one, at[0], width) for one in regions_in(looks, *at)]
 
     places, candidates = list(tiles(height, width, zoom, TILE)), list[Candidate]()
-    for done, found in enumerate(on_threads(look, places), start=1):
+    for done, found in enumerate(on_threads(find, places), start=1):
         candidates += found
         show(done / len(places), f"{len(candidates)} strokes")
     labels = np.full(height * width, -1, np.int32)
