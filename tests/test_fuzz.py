@@ -37,7 +37,7 @@ from refusals import refuses
 from safetensors.torch import save
 from sweeps import make_run
 from test_simulate import read_all, write
-from test_verdicts import CLAIMS, PUBLISHED
+from test_thesis import CLAIMS, PUBLISHED
 from tifffile import imwrite
 
 from brushexp.config.check import check

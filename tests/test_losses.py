@@ -1,6 +1,6 @@
-"""Every registered loss: values and gradients of almost nothing, in every precision; and the slope of its value.
+"""Every registered loss: its value, its slope, and both of almost nothing, in every precision.
 
-What a loss is worth is in test_loss_values, on a part of a canvas in test_part_losses.
+Losses on a part of a canvas are in test_features.
 """
 
 import math

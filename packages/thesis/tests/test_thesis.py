@@ -34,7 +34,7 @@ from refusals import refuses
 from scipy import stats
 from scipy.stats import bootstrap, t, ttest_1samp, wilcoxon
 from sweeps import make_run, note, read_csv
-from test_paired import PICTURES, A, C, gap, make_study
+from test_studies import PICTURES, A, C, gap, make_study
 
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.pages.run_page import list_settings
