@@ -3,14 +3,14 @@
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register
 
-SMALLEST = 161  # side in pixels of which the window of 11 x 11 still lies within a sixteenth
+SMALLEST = 176  # side in pixels of which a sixteenth still holds the window of 11 x 11
 
 
 @register("metric", "ms_ssim")
 class MultiscaleSimilarity(Metric):
     """MS-SSIM (Wang, Simoncelli and Bovik, 2003), SSIM at five scales; 1 is identical.
 
-    It is computed by torchmetrics in float64. A picture with a side below 161 pixels has none.
+    It is computed by torchmetrics in float64. A picture with a side below 176 pixels has none.
     """
 
     title = "MS-SSIM"
