@@ -36,8 +36,9 @@ from PIL import Image, ImageCms
 from refusals import refuses
 from safetensors.torch import save
 from sweeps import make_run
-from test_simulate import read_all, write
-from test_thesis import CLAIMS, PUBLISHED
+from test_dataset import read_all, write
+from test_leaderboard import PUBLISHED
+from test_verdicts import CLAIMS
 from tifffile import imwrite
 
 from brushexp.config.check import check

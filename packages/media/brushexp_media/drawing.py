@@ -29,10 +29,8 @@ EDGE = 0.06  # softness of the edge of a wash, in widths of its strokes
 FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.011  # deviation of the blur of tones under hatchings and washes, in longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
-FEATURES, FINER = (
-    0.35,
-    0.55,
-)  # share of contours that are fine ones where one looks first, as many elsewhere; their size
+FEATURES = 0.35  # share of contours that are fine ones where one looks first; as many are elsewhere
+FINER = 0.55  # size of fine contours over that of the others
 SPARED = 0.6  # share of darkness, times that of light, that hatchings and washes leave to lines where one looks first
 SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins

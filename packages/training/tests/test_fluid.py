@@ -68,6 +68,17 @@ def test_bristles_move_as_one_by_one():
             np.testing.assert_allclose(velocity[:, :, i].T, slow[i][1], atol=2e-3)
 
 
+def test_a_resting_brush_lies_on_the_canvas_and_is_as_long_as_it_should():
+    brush = Fluid()
+    brush(stroke((-0.5, 0), (0, 0), (0.5, 0)), seed=0)
+    (pose,) = brush._poses
+    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # brush radii
+    assert np.abs(segments - 0.5).mean() < 0.02
+    assert pose[2].min() > -0.05
+    assert np.abs(pose[2, 5:]).mean() < 0.1
+    assert pose[0, -1].mean() < -1, "it trails behind the handle"
+
+
 def test_splats_keep_the_amount_of_paint_on_any_grid():
     scale, opacity, n = 8.0, 0.02, 5
     p = np.zeros((3, V, n), np.float32)

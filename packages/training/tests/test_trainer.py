@@ -1,44 +1,33 @@
 """Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
 
 import copy
-import json
-import logging
 import math
-import shlex
 from contextlib import nullcontext
-from functools import partial
-from itertools import islice
-from pathlib import Path
 from types import SimpleNamespace
 
 import lightning as L
 import pytest
 import torch
-from brushexp_training import network_module, renderer_module, stroke_data
+from brushexp_training import network_module, renderer_module
 from brushexp_training.datamodule import StrokeBatch, StrokeLoader
 from brushexp_training.dataset import Origin
 from brushexp_training.evaluation import squared_error
-from brushexp_training.network_fitting import MovingAverage, fit_network, renderer_settings
-from brushexp_training.renderer_module import Critic, RendererModule, RendererSettings, balance, relativistic_loss
-from brushexp_training.rules import check_brushes, check_ends
-from brushexp_training.tasks import train
+from brushexp_training.network_fitting import MovingAverage
+from brushexp_training.renderer_module import RendererModule, RendererSettings
+from brushexp_training.rules import check_brushes
 from lightning.pytorch.callbacks import Checkpoint
 from refusals import refuses
-from sweeps import read_csv
 from test_callbacks import Line
 from test_callbacks import fit as fit_line
-from test_simulate import write
 from torch import nn
-from torch.utils.data import DataLoader, IterableDataset
+from torch.utils.data import DataLoader
 
 from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
-from brushexp.registry import build, build_named
+from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, TimedCheckpoint
-from brushexp.system.checkpoint import weights_hash
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
@@ -221,26 +210,6 @@ def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
     assert module.figures == figures
 
 
-def test_the_critic_pulls_as_hard_as_its_weight_says_by_rasgan_with_the_same_schedule_on_a_faster_scale(config):
-    module = module_of(RendererSettings(critic=True, critic_width=2))
-    trainer = fit(module, None, max_epochs=2)
-    own, critic = trainer.optimizers[0].param_groups[0]["lr"], module.critic_optimizer.param_groups[0]["lr"]
-    assert critic == pytest.approx(4 * own)
-    cfg = config("task=train")
-    assert cfg.critic_lr == pytest.approx(4 * cfg.lr)
-    assert renderer_settings(cfg) == RendererSettings()
-    push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
-    added = balance(push, pull, 0.25) - push
-    torch.testing.assert_close(added.norm(), 0.25 * push.norm())
-    torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
-    assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
-    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
-    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
-    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
-    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
-    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
-
-
 # Four steps an epoch: Ctrl-C in the middle of the first one, right after one, and at the end of one; one step an epoch.
 @pytest.mark.parametrize(
     ("step", "n", "settings"),
@@ -316,158 +285,3 @@ def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
     fit_line(tmp_path, plain)
     fit_line(tmp_path, averaged, callbacks=[MovingAverage(0.9)])
     assert 0 < averaged.weight.item() < plain.weight.item()
-
-
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16, torch.float16])
-@pytest.mark.parametrize("score", [1e4, -1e4, 0.0])
-def test_the_loss_and_its_gradient_are_finite_for_any_score(score, dtype):
-    real = torch.full((4,), score, dtype=dtype, requires_grad=True)
-    drawn = torch.full((3,), -score, dtype=dtype, requires_grad=True)
-    loss = relativistic_loss(real, drawn)
-    loss.backward()
-    assert bool(real.grad.isfinite().all())
-    assert bool(drawn.grad.isfinite().all())
-    expected = 2 * torch.tensor(-2 * score, dtype=torch.float64).exp().log1p() if score >= 0 else 4e4
-    assert float(loss.detach()) == pytest.approx(float(expected), rel=1e-2, abs=1e-3)
-
-
-@pytest.mark.parametrize("window", [16, 64, 128])
-def test_the_critic_gives_one_score_a_picture(window):
-    critic = Critic(window, 4)
-    pictures = torch.rand(3, 4, window, window, requires_grad=True)
-    scores = critic(pictures)
-    assert scores.shape == (3,)
-    torch.testing.assert_close(critic(pictures[1:2]), scores[1:2], rtol=1e-4, atol=1e-6)
-    scores.sum().backward()
-    assert bool(pictures.grad.isfinite().all())
-    assert float(pictures.grad.abs().sum()) > 0
-
-
-def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
-    assert train.large_engine(Origin("disc", {"window": 64}, 64)).window == 512
-    assert train.large_engine(Origin("wash", {"window": 64}, 64)).window == 1024
-    small = ("renderer.variants=1", "renderer.rows=16", "renderer.columns=32")
-    data = SimpleNamespace(origin=Origin("disc", {"window": 64}, 64), first_seed=0)
-    before = build_named("renderer", "textured", {"variants": 1, "rows": 16, "columns": 32, "checkpoint": None})
-    renderer = train.first_renderer(config("task=train", "renderer=textured", *small), data)
-    assert not torch.equal(renderer.textures, before.textures)
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory) -> Path:
-    """A set of 96 strokes, of which 64 are for training."""
-    return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
-
-
-@pytest.fixture
-def trained(run_task, stored):
-    common = ["task=train", f"data=[{stored}]", "minutes=null", "batch_size=32", "device=cpu"]
-    return partial(run_task, train, *common)
-
-
-def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path):
-    metrics = trained("epochs=2", "trainer.log_every_n_steps=2", *TINY)
-    names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
-    pictures = {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
-    assert names == {"neural.safetensors", "neural.json", "metrics.json", "curves/metrics.csv"} | pictures
-    assert (metrics["status"], metrics["steps"], metrics["strokes_seen"]) == ("completed", 4, 128)
-    assert metrics["cpu_seconds"] > 0
-    rows = read_csv(tmp_path / "curves" / "metrics.csv")
-    assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
-    path = tmp_path / "neural.safetensors"
-    recipe = RENDERERS.read_recipe(path)
-    written = json.loads((tmp_path / "metrics.json").read_text())
-    assert written["psnr_alpha"] == recipe["figures"]["test"]["psnr_alpha"]
-    assert written["fid_effl0"] > 0
-    assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
-    assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
-    loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
-    assert weights_hash(loaded) == metrics["renderer_hash"]
-
-
-def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog, monkeypatch):
-    caplog.set_level(logging.INFO)
-    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.5)
-    words = ["renderer=inverse_vgg", "renderer.width=4", "renderer.widest=8", "renderer.coordconv=none"]
-    trained("epochs=0", "fid=0", "renderer.dense=[6,5]", "renderer.tint=false", *words)
-    command = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
-    weights = f"renderer.checkpoint={tmp_path / 'inverse_vgg.safetensors'}"
-    assert set(command) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
-    assert build(config(*command).renderer).weights_hash
-
-
-def test_a_network_that_draws_all_strokes_alike_is_not_said_to_paint(trained, monkeypatch, caplog):
-    caplog.set_level(logging.INFO)
-    monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.001)
-    trained("epochs=0", "fid=0", *TINY)
-    assert "it has learned nothing yet" in caplog.text
-    assert "paint with it" not in caplog.text
-
-
-def test_training_goes_on_from_a_checkpoint_and_weights_are_on_disk_before_they_are_judged(
-    trained, tmp_path, monkeypatch
-):
-    first = trained("epochs=1", "renderer=dual", "fid=0")
-    again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
-    assert again["renderer_hash"] == first["renderer_hash"]
-    assert (again["steps"], again["seconds"]) == (0, 0)
-    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
-
-    def evaluate(*_):
-        raise RuntimeError("no memory")
-
-    monkeypatch.setattr(train, "evaluate", evaluate)
-    with pytest.raises(RuntimeError, match="no memory"):
-        trained("epochs=0", "fid=0", *TINY)
-    path = tmp_path / "neural.safetensors"
-    build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
-
-
-def test_a_set_is_simulated_once_and_kept(config, tmp_path):
-    def paths(*more: str) -> list[Path]:
-        cfg = config("task=train", "engine=disc", "simulate=40", "epochs=1", f"sets={tmp_path}", *more)
-        return [one.path for one in stroke_data.stroke_data(cfg).sets]
-
-    (path,) = paths()
-    before = {file: file.stat().st_mtime_ns for file in path.glob("*.h5")}
-    assert paths() == [path]
-    assert {file: file.stat().st_mtime_ns for file in path.glob("*.h5")} == before
-    assert [path] not in (paths("seed=1"), paths("engine.window=128"))
-
-
-@pytest.mark.parametrize(("limit", "steps"), [
-    *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
-    *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
-    ("minutes=0.003", None),  # as many as fit
-])  # fmt: skip
-def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
-    words = ["task=train", "minutes=null", "ema=0"]
-    refuses("set minutes=60", check_ends, config(*words))
-    cfg, module = config(*words, *limit.split()), module_of()
-    check_ends(cfg)
-    fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
-    assert steps in (module.global_step, None)
-    assert steps == 0 or (module.progress == 1 and module.seconds > 0)
-    assert module.figures, "what it has is validated"
-
-
-def test_what_is_learnt_is_left_if_a_step_and_then_the_validation_fail(config, tmp_path, caplog):
-    class Damaged(Strokes):
-        def batches(self, epoch, first):
-            yield from islice(super().batches(epoch, first), 2)
-            raise UserError("shard 0 is damaged")
-
-        def val_dataloader(self):
-            return DataLoader(Nothing(), batch_size=None)
-
-    class Nothing(IterableDataset):
-        def __iter__(self):
-            raise UserError("shard 1 is damaged")
-
-    cfg, module = config("task=train", "minutes=null", "epochs=2", "ema=0"), module_of()
-    failure = fit_network(module, Damaged(), cfg, tmp_path, torch.device("cpu"), [])
-    assert str(failure) == "shard 0 is damaged"
-    assert module.global_step == 2
-    assert "what was learnt is written without its figures: shard 1 is damaged" in caplog.text
-    with pytest.raises(UserError, match="shard 1 is damaged"):
-        fit_network(module_of(), Damaged(), config("task=train", "epochs=0"), tmp_path, torch.device("cpu"), [])

@@ -1,0 +1,56 @@
+"""Palettes give a picture the colours of a medium, and losses of dots ask for their hues and their mean."""
+
+import numpy as np
+import pytest
+import torch
+from brushexp_media.blurred import Blurred
+from brushexp_media.chroma import Chroma
+from brushexp_media.palettes import as_lab, grouped
+from brushexp_media.wetness import gaussian_blur
+from scipy.ndimage import gaussian_filter
+from torch.testing import assert_close
+
+from brushexp.plugins.loss.base import PaintedView
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import Strokes
+
+
+def test_a_blurred_loss_is_blind_to_dots_and_sees_their_mean():
+    target = torch.full((3, 32, 40), 0.5)
+    dots = target + 0.4 * (-1.0) ** (torch.arange(32)[:, None] + torch.arange(40))
+    seen = [float(Blurred(sigma=2)(PaintedView(image, target, Strokes.none()))) for image in (dots, target + 0.1)]
+    assert seen[0] < 1e-3
+    assert seen[1] == pytest.approx(0.01, rel=0.01)
+
+
+def test_blur_agrees_with_scipy():
+    picture = torch.rand(2, 15, 21, dtype=torch.float64)
+    blurred = np.stack([gaussian_filter(one, 1.7, mode="nearest", radius=6) for one in picture.numpy()])
+    assert_close(gaussian_blur(picture, 1.7), torch.from_numpy(blurred))
+
+
+def test_chroma_asks_for_pure_colours_alone():
+    color = torch.tensor([[0.5, 0.5, 0.5], [0.9, 0.1, 0.3]], requires_grad=True)
+    strokes = Strokes(*(torch.zeros(2, *shape) for shape in ((2,), (), (2,), (2,), (2,), ())), color, torch.ones(2))
+    value = Chroma(least=0.5)(PaintedView(torch.zeros(3, 2, 2), torch.zeros(3, 2, 2), strokes))
+    assert float(value.detach()) == pytest.approx(0.125)
+
+
+def test_values_are_grouped():
+    groups = grouped(np.linspace(0, 100, 1001), 4, 1.0)
+    assert np.unique(groups.round(6)).tolist() == [12.5, 37.5, 62.5, 87.5]
+    assert np.array_equal(grouped(np.linspace(0, 100, 11), 0, 1.0), np.linspace(0, 100, 11))
+
+
+def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():
+    ramp = torch.linspace(0, 1, 100).expand(3, 4, 100).contiguous()
+    lab = as_lab(build_named("palette", "toned", {"white": 80, "dark": 20})(ramp))
+    assert lab[..., 0].min() == pytest.approx(20, abs=0.5)
+    assert (lab[..., 0] > 99).mean() == pytest.approx((as_lab(ramp)[..., 0] > 80).mean(), abs=0.02)
+
+
+def test_the_colours_of_another_picture_have_its_mean():
+    picture = torch.rand(3, 20, 30) * 0.3
+    palette = build_named("palette", "picture", {"image": "coffee"})
+    warm = palette(picture).mean((1, 2))
+    assert warm[0] > warm[2] + 0.1
