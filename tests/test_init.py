@@ -192,7 +192,8 @@ def test_a_stroke_that_fits_into_no_window_keeps_its_area(kind):
 OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as the preset has it
 BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient="random"), Random(), InLayers()]
 NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random", "layers"]
-every_init = pytest.mark.parametrize("init", BUILT_IN, ids=NAMES)
+CALM = InLayers(calm=0.1, shadows=1.0)  # as look=oil has it
+every_init = pytest.mark.parametrize("init", [*BUILT_IN, CALM], ids=[*NAMES, "calm_layers"])
 
 
 def noise(height: int, width: int, seed: int = 0) -> Tensor:
@@ -342,6 +343,32 @@ def test_strokes_in_layers_end_where_the_picture_has_another_colour_and_bend_wit
     along = strokes.end[around] - strokes.start[around]
     cosine = (radius * along).sum(1).abs() / (radius.norm(dim=1) * along.norm(dim=1))
     assert cosine.median() < 0.15, "along the edge, not across"
+
+
+def test_calm_strokes_lie_nearly_level_where_nothing_is_and_along_edges_as_ever():
+    target = torch.full((3, 120, 200), 0.4)
+    target[:, :, 20:24] = 0.9  # a mast, and an empty sky
+    plain, calm = (made(InLayers(layers=1, jitter=0, calm=weight), target, 150) for weight in (0.0, 0.3))
+    steep = [
+        (strokes.end - strokes.start)[:, 1].abs() / (strokes.end - strokes.start).norm(dim=1)
+        for strokes in (plain, calm)
+    ]
+    sky, mast = plain.position[:, 0] > 80, (plain.position[:, 0] - 22).abs() < 6
+    assert steep[0][sky].median() > 0.9, "parallel to the mast, far as it is"
+    assert steep[1][sky].median() < 0.4
+    assert steep[1][sky].std() > 0.02, "and not ruled"
+    assert min(float(turned[mast].median()) for turned in steep) > 0.9
+
+
+def test_differences_in_shadows_count_as_those_in_the_light_if_they_are_to():
+    target = 0.1 + 0.05 * noise(60, 90)
+    target[:, :, 45:] = 0.7 + 0.1 * noise(60, 45)  # twice the difference, a seventh of it in proportion
+    dark = [
+        float((strokes.position[strokes.scale < strokes.scale.max(), 0] < 45).float().mean())
+        for strokes in (made(InLayers(jitter=0, shadows=share), target, 200) for share in (0.0, 1.0))
+    ]
+    assert dark[0] < 0.35
+    assert dark[1] > 0.6
 
 
 @pytest.mark.parametrize("cls", [Grid, OVERLAPPING, Slic])

@@ -344,6 +344,19 @@ def test_renderers_of_the_same_weights_share_their_textures_and_these_are_as_mad
     assert first(stroke).sheets is shared
 
 
+def test_a_tone_of_its_own_makes_bristles_as_much_fainter_and_changes_nothing_else():
+    stroke = straight((4, 8), (12, 9))
+    full, half, none = (
+        Textured(variants=2, tone=tone, checkpoint=None).requires_grad_(False)(stroke).sheets.texels
+        for tone in (1.0, 0.5, 0.0)
+    )
+    torch.testing.assert_close(half[:, 1], 0.5 * full[:, 1], atol=0.15, rtol=0)  # detail is clamped to -1 .. 1
+    assert half[:, 1].std() == pytest.approx(0.5 * float(full[:, 1].std()), rel=0.1)
+    assert not none[:, 1].any()
+    for texels in (half, none):
+        assert torch.equal(texels[:, [0, 2]], full[:, [0, 2]])
+
+
 def line(length, width, number=0, zoom=1.0):
     """A level stroke (1,) in pixels, from x = 20 on, in the middle of 40 rows."""
     stroke = straight((20 * zoom, 20 * zoom), ((20 + length) * zoom, 20 * zoom), width=width * zoom)

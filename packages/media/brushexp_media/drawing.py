@@ -11,7 +11,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, anisotropy_of, sampled_at, structure_tensor, worst_of_cells
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
@@ -182,6 +182,17 @@ def _traced(
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > DOT * width)
     return strokes_of(curve, width * pressed, seen, color, n)
+
+
+def anisotropy_of(tensor: Array) -> Array:
+    """Compute how much one direction prevails (...), 0 to 1, from tensors (3, ...) (Bigun and Granlund, 1987).
+
+    >>> anisotropy_of(np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])).tolist()
+    [1.0, 1.0, 0.0]
+    """
+    xx, xy, yy = tensor
+    anisotropy: Array = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, np.finfo(float).tiny)
+    return anisotropy
 
 
 def forms(picture: Array) -> Array:

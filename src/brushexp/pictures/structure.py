@@ -56,17 +56,6 @@ def along_edges(tensor: Array) -> Array:
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
 
 
-def anisotropy_of(tensor: Array) -> Array:
-    """Compute how much one direction prevails (...), 0 to 1, from tensors (3, ...) (Bigun and Granlund, 1987).
-
-    >>> anisotropy_of(np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])).tolist()
-    [1.0, 1.0, 0.0]
-    """
-    xx, xy, yy = tensor
-    anisotropy: Array = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, np.finfo(float).tiny)
-    return anisotropy
-
-
 def sampled_at(picture: Array, x: Array, y: Array) -> Array:
     """Look up values (..., n) of a picture (..., H, W) at places (n,), in the nearest pixels for those outside."""
     height, width = picture.shape[-2:]

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from brushexp.bounds import Rule, above, at_least, between
 from brushexp.pictures.load import named_color
@@ -25,8 +25,9 @@ BLUR = 0.35  # deviation of the blur of the picture of a layer, in pitches of th
 SUBSTEPS = 4  # points of a stroke on each side of its middle
 FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # reach of structure (in pitches), and its weight
 UNDER = 1.5  # width of the strokes of an underpainting over that of the others
+DIM = 0.1  # brightness below which darkness no longer makes a difference larger, 0 to 1
 SHORTEST = 0.5  # least length of a stroke that ends at an edge, over its full length
-INK = Rule(named_color)
+SWELLS, SWING = 4, 0.26  # pitches from one turn of the calm direction to the next; its deviation from level, radians
 
 
 @register("init", "layers")
@@ -45,6 +46,9 @@ class InLayers(Initializer):
         cover: share of the canvas that a layer covers, of what the one below does: the rest stays with larger strokes.
         length: of a stroke, in pitches of its layer.
         width: of a stroke, in pitches of its layer.
+        calm: weight of a direction of its own, nearly level, in means of what the picture says: where that says little,
+            as in a sky, strokes do not ring around what is far away.
+        shadows: how much a difference counts by the brightness it lies in, from not at all, 0, to Weber's law, 1.
         edges: a stroke ends where the picture differs by this from its colour, 0 to 1; smaller follows edges closer.
         underpainting: the lowest layer hides the ground: its strokes are broader and do not stop at edges.
         opacity: 0 to 1.
@@ -57,10 +61,12 @@ class InLayers(Initializer):
     cover: Annotated[float, above(0, 1)] = 0.5
     length: Annotated[float, above(0, 10)] = 2.5
     width: Annotated[float, above(0, 10)] = 0.9
+    calm: Annotated[float, between(0, 100)] = 0.0
+    shadows: Annotated[float, between(0, 1)] = 0.0
     edges: Annotated[float, above(0, 1)] = 0.15
     underpainting: bool = False
     opacity: Annotated[float, between(0, 1)] = 0.95
-    color: Annotated[str | None, INK] = None
+    color: Annotated[str | None, Rule(named_color)] = None
     jitter: Annotated[float, at_least(0)] = 0.15
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
@@ -68,21 +74,22 @@ class InLayers(Initializer):
         weight = np.ones(picture.shape[1:]) if focus is None else focus.numpy().astype(np.float64)
         counts = self._counts(n)
         pitch = math.sqrt(weight.size / counts[0])
-        structure = FarStructure(picture)
+        structure, level = FarStructure(picture), _level(weight.shape, SWELLS * pitch, generator) if self.calm else 0
         parts: list[Strokes] = []
         below = np.broadcast_to(picture.mean((1, 2), keepdims=True), picture.shape)
         for number, count in enumerate(counts):
             if count:
                 side = pitch * self.ratio**number
                 blurred = _blur(picture, BLUR * side)
-                detail = weight * np.abs(blurred - below).sum(0)
+                detail = weight * np.abs(blurred - below).sum(0) / (DIM + blurred.mean(0)) ** self.shadows
                 cells = min(weight.size, max(count, round(count / self.cover**number)))
-                flow = along_edges(structure([(reach * side, share) for reach, share in FAR_AWAY]))
+                tensor = structure([(reach * side, share) for reach, share in FAR_AWAY])
+                if self.calm:
+                    tensor += self.calm * (tensor[0] + tensor[2]).mean() * level
+                flow = along_edges(tensor)
                 places = _places(detail, cells, count)
-                if not parts:
-                    places = _spread_to_edges(places, side, picture.shape[:0:-1])
-                hides = self.underpainting and not parts
-                layer = replace(self, edges=1.0, width=UNDER * self.width) if hides else self
+                places = places if parts else _spread_to_edges(places, side, picture.shape[:0:-1])
+                layer = replace(self, edges=1.0, width=UNDER * self.width) if self.underpainting and not parts else self
                 parts.append(layer._layer(blurred, flow, places, side, generator))
                 below = blurred
         return Strokes.join(*parts)
@@ -103,12 +110,13 @@ class InLayers(Initializer):
         chord = (start + end) / 2
         middle = chord.clip(0.5, limit)
         window = max(roomy_window(side), 1.2 * self.length * side)
+        ink = None if self.color is None else named_color(self.color, "init.color")
         # The curve goes through its place.
         offsets = np.stack([start, 2 * places - chord, end], 1) - middle[:, None]
         return strokes_along(
             torch.from_numpy(offsets.clip(-window / 2, window / 2)),
             min(window, self.width * side),
-            _ink(self.color, torch.from_numpy(color).float()),
+            torch.from_numpy(color).float() if ink is None else (torch.tensor(list(ink)) / 255).repeat(n, 1),
             self.opacity,
             window=window,
             position=torch.from_numpy(middle),
@@ -133,9 +141,11 @@ class InLayers(Initializer):
         return point
 
 
-def _ink(color: str | None, own: Tensor) -> Tensor:
-    ink = None if color is None else named_color(color, "init.color")
-    return own if ink is None else (torch.tensor(list(ink)) / 255).repeat(len(own), 1)
+def _level(size: Sequence[int], pitch: float, generator: torch.Generator) -> Array:
+    """Draw structure tensors (3, H, W) of trace 1 whose direction swings about the level one in every ``pitch``."""
+    knots = torch.randn(1, 1, *(math.ceil(side / pitch) + 1 for side in size), generator=generator, dtype=torch.float64)
+    swing = SWING * nn.functional.interpolate(knots, tuple(size), mode="bicubic", align_corners=True)[0, 0].numpy()
+    return np.stack([np.sin(swing) ** 2, -np.sin(swing) * np.cos(swing), np.cos(swing) ** 2])
 
 
 def _places(detail: Array, cells: int, n: int) -> Array:
