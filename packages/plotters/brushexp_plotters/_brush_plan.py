@@ -23,6 +23,7 @@ MOST_RUNS = 2000  # of strokes of one colour and width
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """Plan what brushes paint and where they are dipped; a UserError if wells or the paper cannot hold it."""
     strokes, curves, widths, frame, paper = on_paper(job, machine)
+    _check_places(machine, frame, paper[1])
     parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
     colors = [hex_of(color) for color in strokes.color.numpy()]
     seen = [k for k in range(len(parts)) if not shapely.is_empty(parts[k]) and widths[k] > 0]
@@ -49,6 +50,20 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     counts = np.bincount([brushes.index(widths[k]) for k in seen], minlength=len(brushes)).tolist()
     names = [f"brush of {width:g} mm" for width in brushes]
     return PenPlan(document, paper, max(brushes, default=0.0), names, counts, len(parts) - len(seen), job.source, notes)
+
+
+def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
+    """Refuse (UserError) a well, water or a cloth where the painting is; ``frame`` has y down, from above."""
+    left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
+    places = [("wells", STIR, place) for place in machine.tray]
+    places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
+    for name, reach, place in places:
+        if place is not None and low < place.imag < high and left < place.real + reach and place.real - reach < right:
+            raise UserError(
+                f"{machine.key}.{name}: {place.real:g} x {place.imag:g} mm lies in the painting, which is from "
+                f"{left:g} x {low:g} to {right:g} x {high:g} mm; put it beside, or leave more room: a larger "
+                f"{machine.key}.paper, a smaller {machine.key}.width_mm, a wider {machine.key}.margin_mm"
+            )
 
 
 def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: int) -> None:

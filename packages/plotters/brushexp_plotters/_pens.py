@@ -55,8 +55,9 @@ class PenPlan:
 
     @property
     def travel(self) -> float:
-        """Distance in mm that pens move without drawing, from one line of a layer to the next."""
-        return float(self.document.pen_up_length()) / MM
+        """Distance in mm that pens move without drawing, from one line to the next, also of another pen."""
+        ends = np.array([line[[0, -1]] for _, _, lines in self.runs() for line in lines]).reshape(-1, 2)
+        return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
         """Describe paper, pens and duration of a machine that ``draws`` and ``moves`` at so many mm per minute."""

@@ -93,6 +93,18 @@ def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_sm
     assert [tool for tool, _ in groupby(tool for tool, _ in lines)] == [1, 2]
 
 
+@pytest.mark.parametrize(("options", "what"), [
+    ({"wells": "20x12:120x60:3x2"}, "wells: 70 x 60 mm lies"),
+    ({"water": "100x100"}, "water: 100 x 100 mm lies"),
+    ({"cloth": "25x100"}, "cloth: 25 x 100 mm lies"),  # which is wiped 20 mm to both sides
+])  # fmt: skip
+def test_a_brush_is_not_dipped_rinsed_or_wiped_in_the_painting(options, what):
+    cure = "put it beside, or leave more room: a larger to.gcode.paper, "
+    where = f"to.gcode.{what} in the painting, which is from 36 x 30 to 261 x 180 mm; {cure}"
+    refuses(where, brush_plan, job_of(by_stages()), Gcode(**{**TRAY, **options}))
+    brush_plan(job_of(by_stages()), Gcode(**TRAY | {"cloth": "10x100"}))
+
+
 @BOTH
 def test_extremes_are_painted_too(tmp_path, kind):
     assert read(kind, job_of(Strokes.none()), tmp_path)[0] == []

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import catalogues
 import numpy as np
@@ -59,6 +59,16 @@ def test_the_picture_of_the_plan_is_the_plan_and_shows_where_the_paint_of_a_stro
     assert read.length() / MM == pytest.approx(plan.drawn, rel=0.001)
     assert (width, height) == pytest.approx((297 * MM, 210 * MM), rel=1e-4)
     assert re.findall(r'stroke="(#\w+)"', picture.read_text()) == [plan.tools[tool - 1] for _, tool, _ in plan.runs()]
+
+
+@BOTH
+def test_the_plan_says_how_far_the_machine_goes_with_and_without_a_line(tmp_path, kind):
+    job = job_of(random_strokes(25, SIZE))
+    lines, exporter = drawn_by(kind, job, tmp_path, colors=4, layers=2)
+    plan = pen_plan(job, exporter)
+    assert plan.drawn == pytest.approx(sum(np.abs(np.diff(line)).sum() for _, line in lines), rel=0.01)
+    ways = [abs(after[0] - before[-1]) for (_, before), (_, after) in pairwise(lines)]
+    assert plan.travel == pytest.approx(sum(ways), rel=0.01)
 
 
 @pytest.mark.parametrize("points", [(0, 30, 10), (5, 5, 20 + 3j), (0, 40 + 0.01j, 0), (3, 30 + 20j, 60 - 5j)])
