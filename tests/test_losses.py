@@ -13,10 +13,12 @@ import torch
 import yaml
 from brushexp_losses.curvature import Curvature
 from brushexp_losses.direction import Direction
+from brushexp_losses.kl import SHRINK, KullbackLeibler
 from brushexp_losses.l1 import MeanAbsoluteError
 from brushexp_losses.perceptual import Perceptual
 from brushexp_losses.sinkhorn import Sinkhorn
 from brushexp_losses.ssim import StructuralSimilarity
+from brushexp_losses.width import Width
 from brushexp_networks.lpips_loss import Lpips
 from brushexp_style.brushwork import brushwork_of
 from brushexp_style.style import KERNELS, Style
@@ -32,9 +34,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from brushexp.features.distance import bundled_distance, perceptual_distance
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.width import Width
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes

@@ -9,6 +9,7 @@ import lightning as L
 import numpy as np
 import pytest
 import torch
+from brushexp_losses.kl import KullbackLeibler
 from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
 from brushexp_policies.patches import Patches, places
@@ -29,7 +30,6 @@ from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic

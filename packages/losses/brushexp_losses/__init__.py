@@ -1,5 +1,5 @@
 """Further losses, as members of the family ``loss``."""
 
-from brushexp_losses import curvature, direction, l1, perceptual, sinkhorn, ssim
+from brushexp_losses import curvature, direction, kl, l1, perceptual, sinkhorn, ssim, width
 
-__all__ = ["curvature", "direction", "l1", "perceptual", "sinkhorn", "ssim"]
+__all__ = ["curvature", "direction", "kl", "l1", "perceptual", "sinkhorn", "ssim", "width"]
