@@ -55,7 +55,7 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
     """Refuse (UserError) a well, water or a cloth where the painting is; ``frame`` has y down, from above."""
     left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
-    places = [("wells", STIR, place) for place in machine.tray]
+    places: list[tuple[str, float, complex | None]] = [("wells", STIR, place) for place in machine.tray]
     places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
     for name, reach, place in places:
         if place is not None and low < place.imag < high and left < place.real + reach and place.real - reach < right:
