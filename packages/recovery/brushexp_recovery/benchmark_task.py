@@ -15,6 +15,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_picture
+from brushexp.system.terminal import as_shown
 from brushexp_recovery.baselines import LEARNT, METHODS
 from brushexp_recovery.benchmark_report import Row, write_figures, write_report
 from brushexp_recovery.benchmark_scenes import KINDS, SEEN, Scene, paint, scenes_of
@@ -59,7 +60,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             rows += [row_of(case, name, given, seconds, folder) for name, (given, seconds) in found.items()]
             write_figures(folder, rows)  # now: the next painting may take minutes
         log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
-    log.info("%s: %s", folder, ", ".join(path.name for path in write_report(folder, rows)))
+    log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in write_report(folder, rows)))
     best = [row for row in rows if row["method"] == "recovery"]
     f1 = {look: [row["f1"] for row in best if row["look"] == look] for look in ("clean", "hard")}
     return {f"f1_{look}": float(np.mean(values)) for look, values in f1.items() if values}

@@ -7,8 +7,9 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import FILE, above, at_least, between
+from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
+from brushexp.config.rules import CATALOGUE
 from brushexp.config.schema import Task
 from brushexp.errors import UserError
 from brushexp.pictures.load import PICTURE
@@ -31,7 +32,9 @@ class MeasureTask(Task):
     alone = "image"
 
     image: str = key("astronaut", "the photograph, cut to the painting's edges", PICTURE)
-    recovered: str | None = key(None, "catalogue.h5 of task=recover of it; null = recover it now", FILE)
+    recovered: str | None = key(
+        None, "folder of task=recover of it, or its catalogue.h5; null = recover it now", CATALOGUE
+    )
     against: str | None = key(None, "a photograph of another painting, to compare with", PICTURE)
     width_cm: float | None = key(None, WIDTH, above(0))
     size_cm: str | None = key(None, SIZE)

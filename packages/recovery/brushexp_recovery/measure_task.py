@@ -15,6 +15,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import load_picture
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import showing
+from brushexp.system.terminal import as_shown
 from brushexp_recovery.finding import Progress
 from brushexp_recovery.measure import KINDS, Sighting, compare, draws_of, intervals_of, is_apart, sight
 from brushexp_recovery.measure_files import MEANING, difference_rows, digits, figure_rows, write_measures
@@ -55,10 +56,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     paths = write_measures(folder, rows, figures, differences, both_mm)
     pixels = to_bytes(torch.from_numpy(image).permute(2, 0, 1))
     paths.append(write_page(folder, pixels, rows, name, tables=tables, threshold=cfg.threshold))
-    log.info("%s: %s", folder, ", ".join(path.name for path in paths))
+    log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in ("strokes", "length", "width", "direction"):
         one, unit = figures["whole"][measure], KINDS[measure].unit_in(mm)
-        log.info("%s %s, 95 %% between %s and %s %s", measure, *map(digits, (one.value, one.low, one.high)), unit)
+        value, low, high = map(digits, (one.value, one.low, one.high))
+        log.info(
+            "%s %s", measure, "none" if value is None else f"{value}, 95 % between {low} and {high} {unit}".rstrip()
+        )
     log.info(MEANING)
     if (remark := remark_on(rows)) is not None:
         log.warning(remark)

@@ -73,6 +73,10 @@ def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(pho
     write_recovered(path, found)
     run = partial(run_task, measure_task, "task=measure", f"recovered={path}", "views=1", "draws=2")
     assert run(f"image={photographs / 'a.png'}")["n_strokes"] == 3
+    (photographs / "run").mkdir()
+    write_recovered(photographs / "run" / "catalogue.h5", found)
+    again = run(f"image={photographs / 'a.png'}", f"recovered={photographs / 'run'}")
+    assert again["n_strokes"] == 3, "the folder of a run stands for its catalogue"
     Image.fromarray(np.zeros((50, 50, 3), np.uint8)).save(photographs / "other.png")
     with pytest.raises(UserError, match="is of a picture of 80 x 60 pixels"):
         run(f"image={photographs / 'other.png'}")
@@ -81,6 +85,15 @@ def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(pho
     figures = score(truth, read_given(path, SIZE, image))
     assert figures["f1"] == 1
     assert figures["reliability"] == [(pytest.approx(0.8), 1, 3)]
+
+
+def test_a_picture_without_strokes_has_no_direction(tmp_path, run_task, monkeypatch, caplog):
+    monkeypatch.setattr(measure_task, "find", lambda image, show: recover(image))
+    Image.fromarray(np.full((60, 80, 3), 255, np.uint8)).save(tmp_path / "white.png")
+    with caplog.at_level("INFO"):
+        result = run_task(measure_task, "task=measure", f"image={tmp_path / 'white.png'}", "views=1", "draws=2")
+    assert result["n_strokes"] == 0
+    assert {"strokes 0, 95 % between 0 and 0", "direction none"} <= set(caplog.messages)
 
 
 def test_strokes_are_not_sought_in_so_few_pixels(tmp_path, run_task):

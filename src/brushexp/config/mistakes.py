@@ -152,7 +152,7 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def meant_by(value: str, kind: Any, meaning: str) -> str | None:
-    """Find the number that somebody meant who typed a unit with it, several sides, or a word for none; None if unknown.
+    """Find what somebody meant who typed a unit, several sides, a word for none, or a text for a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
     ('512', '1920', '120')
@@ -160,9 +160,11 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
     ('null', '0', None)
     >>> meant_by("1e3", int, ""), meant_by("50%", int, ""), meant_by("1:30", float, "seconds of optimisation")
     ('1000', None, '90')
+    >>> meant_by("mask.png", list[str], "parts to measure"), meant_by("[a: 1]", list[str], "")
+    ('[mask.png]', None)
     """
     if kind not in (int, float):
-        return None
+        return f"[{value}]" if get_args(kind) == (str,) and value[:1] != "[" else None
     value = value.strip("'\"").lower()
     if value in UNSET:
         return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
