@@ -22,6 +22,7 @@ LOOKS = sorted(path.stem for path in (SHIPPED / "look").glob("*.yaml"))
 MINE = """# @package _global_
 # my own
 defaults:
+  - _self_
   - override /init: grid
   - override /loss: [mse, kl, width]
 
@@ -86,7 +87,14 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
 @pytest.mark.parametrize(("text", "message"), [
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
+    ("init:\n  shifted: true\n", r"init\.shifted is no option of init=slic; its options, nearest first: "),
     ("- steps\n", "sets nothing"),
+    ("defaults: [oil, _self_]\n", "oil in its defaults chooses no plugin; write '- override /init: slic'; one look"),
+    ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults chooses no plugin"),
+    ("init: slic\n", "init is slic; its options stand below 'init:', and '- override /init: ...' in the defaults"),
+    ("loss: [mse]\n", r"loss is \['mse'\]; its options stand below 'loss:'"),
+    ("loss: mse\n", "loss is mse; its options stand below"),
+    ("loss:\n  mse: 2\n", "loss is 2; its options stand below"),
 ])  # fmt: skip
 def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
     (tmp_path / "look").mkdir()
@@ -99,6 +107,7 @@ def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, messa
     ("look", b"hello", r"is no config; it has lines like 'steps: 100'"),
     ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
     ("experiment", b"", "would set nothing"),
+    ("experiment", b"# @package _global_\ndefaults: oil\n", "has defaults that are no list; .*/look: oil'"),
     ("renderer", b"\x82\xff", "is no YAML .*; correct it, or take it away"),
     ("renderer", b"[" * 9999, "is no YAML"),
     ("renderer", b"!!python/name:os.system", "is no YAML"),
@@ -121,6 +130,9 @@ def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are
     code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1
     assert "look=smoth is not there; choose one of smooth, " in output
+    refuses("--config-dir none: there is no such folder", folders_of, tmp_path, ["--config-dir", "none"])
+    code, output = ended(tmp_path, "--config-dir", "mine", "--cfg", "job", "--package", "order", "order=area")
+    assert (code, "every: 50" in output) == (0, True), "flags stand anywhere"
 
 
 @pytest.mark.parametrize("look", LOOKS)

@@ -17,7 +17,7 @@ from refusals import refuses
 from brushexp.bounds import above, at_least, between, multiple_of, one_of
 from brushexp.cli.help import help_text
 from brushexp.cli.opening import open_with, opening_line
-from brushexp.cli.program import expand_arguments
+from brushexp.cli.program import expand_arguments, settings_first
 from brushexp.config.check import check
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
@@ -240,6 +240,8 @@ def test_a_flag_that_cannot_be_is_told_in_a_line_and_the_home_folder_is_found_be
     monkeypatch.setenv("HOME", "/home/me")
     assert expand_arguments(["output=~/x", "image=~/a.jpg"]) == ["output=/home/me/x", 'image="~/a.jpg"']
     assert expand_arguments(["view", "catalogue=~"]) == ["task=view", "catalogue=/home/me"]
+    words = ["-m", "steps=1", "--cfg", "job", "~order", "--package=loss"]
+    assert settings_first(words) == ["steps=1", "~order", "-m", "--cfg", "job", "--package=loss"]
 
 
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [

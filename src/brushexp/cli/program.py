@@ -50,14 +50,20 @@ def run(start: float) -> None:
     with reporting_errors(words := sys.argv[1:]):
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
-        words, folders = expand_arguments(words), folders_of(Path(), words)
+        words, folders = settings_first(expand_arguments(words)), folders_of(Path(), words)
         typed = parse_arguments(words)[0]
         if typed.help:  # Hydra's own takes seconds to list groups of configs
             print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
         else:
-            sys.argv[1:] = without_folder(words) + search_path(folders)
+            sys.argv[1:] = search_path(folders) + without_folder(words)
             with one_store():
                 job()
+
+
+def settings_first(words: Sequence[str]) -> list[str]:
+    """Put flags behind all settings, which Hydra takes in one place only."""
+    typed, after_flags = parse_arguments(words)
+    return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:

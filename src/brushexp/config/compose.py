@@ -33,6 +33,8 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
     """
     typed = parse_arguments(words)[0].config_dir
     own, groups = root / "conf" if typed is None else Path(typed), chosen_groups() | {"pictures"}
+    if typed is not None and not own.is_dir():
+        raise UserError(f"--config-dir {typed}: there is no such folder; correct the path")
     if typed is None and not any((own / group).is_dir() for group in groups):
         return [SHIPPED]
     for path in sorted(own.glob("*/*.yaml")):
@@ -55,6 +57,8 @@ def _check_file(path: Path) -> None:
         raise UserError(f"{path} is no YAML ({shorten(str(error), 150)}); correct it, or take it away") from error
     if content is not None and not isinstance(content, kind):
         raise UserError(f"{path} is no config; it has lines like '{example}': correct it, or take it away")
+    if isinstance(content, dict) and not isinstance(content.get("defaults") or [], list):
+        raise UserError(f"{path} has defaults that are no list; write each in a line, '- override /look: oil'")
     if path.parent.name in OF_THE_TASK and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
         raise UserError(f"{path} would set nothing; its first line must be: # @package _global_")
 

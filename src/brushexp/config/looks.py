@@ -12,8 +12,9 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
+from brushexp.config.check import unknown_option
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import task_for
 from brushexp.errors import UserError
@@ -70,9 +71,7 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
     """Publish looks for a task, and list the families, without losses, of which they set options."""
     tuned: dict[str, set[str]] = {}
     for name, path in paths.items():
-        values = OmegaConf.load(path)
-        if not isinstance(values, DictConfig):
-            raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
+        values = read_look(path)
         for family, plugin, options in take_out(values, schema.groups):
             check_options(path, family, plugin, options)
             if family == "init" and "layers" in options:
@@ -87,6 +86,27 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
     for loss in tuned.pop("loss", ()):
         make_tunable(loss)
     return set(tuned)
+
+
+def read_look(path: Path) -> DictConfig:
+    """Read the file of a look; a UserError if plugins, or their options, do not stand where Hydra looks for them."""
+    look = OmegaConf.load(path)
+    if not isinstance(look, DictConfig):
+        raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
+    plain: Any = OmegaConf.to_container(look)
+    for part in plain.get("defaults") or []:
+        if part != "_self_" and not (isinstance(part, dict) and all(str(key).startswith("override /") for key in part)):
+            cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
+            raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
+    for family in [family for family in FAMILIES if family in plain]:
+        options = plain[family]
+        for part in [options, *options.values()] if family == "loss" and isinstance(options, dict) else [options]:
+            if not isinstance(part, dict):
+                cure = (
+                    f"its options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
+                )
+                raise UserError(f"{path}: {family} is {part}; {cure}")
+    return look
 
 
 def as_scaled(key: str, value: object) -> object:
@@ -114,8 +134,9 @@ def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str
 def choices_of(look: DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
     """Map the families of a task to what a look, or else the task, chooses."""
     chosen = dict(groups)
-    for entry in look.get("defaults", []):
-        chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
+    for entry in look.get("defaults") or []:
+        if entry != "_self_":
+            chosen |= {str(key).removeprefix("override /"): value for key, value in entry.items()}
     return chosen
 
 
@@ -126,7 +147,9 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
             try:
                 OmegaConf.merge(OmegaConf.structured(plugin.config), options)
             except OmegaConfBaseException as error:
-                raise UserError(f"{path} does not fit {family}={name}: {error.msg}; correct it") from error
+                is_unknown = isinstance(error, ConfigKeyError)
+                reason = unknown_option(str(error.key), plugin) if is_unknown else error.msg
+                raise UserError(f"{path} does not fit {family}={name}: {reason}; correct it") from error
 
 
 def make_tunable(loss: str) -> None:
