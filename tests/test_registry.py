@@ -180,6 +180,18 @@ def loaded(tmp_path, monkeypatch, hydra_restore_singletons):
     return load
 
 
+def test_an_option_without_a_default_is_asked_for(loaded):
+    body = "def __init__(self, *, power: float): ...\n    def forward(self, view): ..."
+    loaded(f"{HEAD.format('loss')}\n@register('loss', 'asks')\nclass Asks(Loss):\n    {body}\n", "asks")
+    refuses(
+        r"^loss=asks needs loss\.asks\.power, which has no default; type loss\.asks\.power=",
+        build_named,
+        "loss",
+        "asks",
+        {},
+    )
+
+
 @pytest.mark.parametrize("family", METHODS)
 def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family):
     contract, method, call = METHODS[family]
@@ -200,6 +212,9 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
 @pytest.mark.parametrize(("text", "message"), [
     ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
     ("@register('loss', 'half')\nclass Half: ...", r"class Half lacks a base class of brushexp\.plugins\.loss\.base"),
+    ("@register('loss', 'half')\nclass Half(Loss):\n    def forward(self, picture, target): ...",
+     r"loss=half \(.*half\.py\): forward\(self, picture, target\) is called as \(self, view\); correct the plugin"),
+    ("@register('loss', 'half')\ndef half(view): ...", "loss=half is <function half .*>, not a class; write one"),
     ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
 ])  # fmt: skip
 def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, message):

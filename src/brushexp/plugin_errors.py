@@ -96,9 +96,22 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
         for method, function in list(vars(base).items()):
             owner = next((part for part in bases if method in vars(part)), None)
             if owner is not None and inspect.isfunction(function) and method != "__init__":
+                _check_arguments(function, vars(owner)[method], f"{family}={name} ({source})")
                 kind = _return_type(vars(owner)[method])
                 words, rule = RULES.get((family, method), (getattr(kind, "__name__", str(kind)), None))
                 setattr(base, method, _checked(function, kind, words, rule, f"{family}={name} ({source})"))
+
+
+def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
+    """Refuse (UserError) a method that cannot be called with the arguments that its contract names."""
+    ours, theirs = (inspect.signature(one).parameters for one in (contract, function))
+    positional = [name for name, one in ours.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
+    named = {name: None for name, one in ours.items() if one.kind is one.KEYWORD_ONLY}
+    try:
+        inspect.signature(function).bind(*positional, **named)
+    except TypeError as error:
+        is_called = f"{function.__name__}({', '.join(theirs)}) is called as ({', '.join(ours)})"
+        raise UserError(f"{who}: {is_called}; correct the plugin") from error
 
 
 def _checked(function: Callable[..., Any], kind: Any, words: Any, rule: Callable[..., bool] | None, who: str) -> Any:

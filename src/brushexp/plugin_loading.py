@@ -66,5 +66,5 @@ def import_or_explain(load: Callable[[], Any], source: str) -> Any:
     except SyntaxError as error:
         raise UserError(f"plugin {source}, line {error.lineno}: {error.msg}; correct it or move it away") from error
     except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise UserError(f"plugin {source} cannot be loaded: {reason}; correct it or move it away") from error

@@ -17,7 +17,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from brushexp.bounds import ANY, Bounds, Rule, bounds_of
 from brushexp.errors import UserError
@@ -121,6 +121,8 @@ def register(family: str, name: str) -> Callable[[C], C]:
         raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
 
     def publish(cls: C) -> C:
+        if not isinstance(cls, type):
+            raise UserError(f"{family}={name} is {cls!r}, not a class; write one, as docs/tutorial.md shows")
         owner = _plugins.get((family, name))
         if owner is not None and owner.cls.__module__ != cls.__module__:
             raise UserError(
@@ -232,6 +234,11 @@ def options_in(node: DictConfig, path: str) -> dict[str, Any]:
     try:
         typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # a worker's types are copies of ours
         options: Any = OmegaConf.to_container(typed, resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        missing = f"{path}.{error.full_key}"
+        raise UserError(
+            f"{plugin.family}={plugin.name} needs {missing}, which has no default; type {missing}=..."
+        ) from error
     except OmegaConfBaseException as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
