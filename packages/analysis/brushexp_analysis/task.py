@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 from brushexp.results.runs import shorten
 from brushexp.results.stroke_table import MEASURES
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.terminal import as_shown
 from brushexp_analysis.figures import write_figure
 from brushexp_analysis.summary import analysis_of, statistics_of
 from brushexp_analysis.summary_text import write_summary
@@ -28,7 +29,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         if setter := analyses[-1].sizes_by:
             log.warning("%s: lengths, widths and areas are set by %s, not by the picture", cfg[option], setter)
     paths = [write_figure(folder / "brushwork.png", analyses), *write_summary(folder, analyses)]
-    log.info("%s: %s", folder, ", ".join(path.name for path in paths))
+    log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     first = analyses[0]
     means = {f"brushwork_{key}": statistics_of(first.values(key), one.axial)["mean"] for key, one in MEASURES.items()}
     return {"n_strokes": len(first.number), **means}

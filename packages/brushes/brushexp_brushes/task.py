@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw
 
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.system.files import write_picture
+from brushexp.system.terminal import as_shown
 from brushexp_brushes.brush import Brush, marks_of
 from brushexp_brushes.marks import Mark
 
@@ -28,7 +29,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     marks, brush = marks_of(cfg.brushes), Brush(files=[*cfg.brushes]).eval()
     write_picture(path := folder / "brushes.png", sheet_of(marks, brush))
     chosen = f"brush={','.join(cfg.brushes)}" if cfg.brushes else "renderer=brush"
-    log.info("%s: %d marks; paint with them: brushexp PICTURE %s", path, len(marks), chosen)
+    count = f"{len(marks)} mark{'' if len(marks) == 1 else 's'}"
+    log.info("%s: %s; paint with it: brushexp PICTURE %s", as_shown(path), count, chosen)
     return {"n_marks": len(marks)}
 
 

@@ -25,6 +25,7 @@ from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
+from brushexp.system.terminal import as_shown
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from brushexp_inverse_vgg.pruning import prune
 
@@ -65,7 +66,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         "picture": "strokes.png",
         "pruned": rows,
     }
-    log.info("%s, %s", folder / "pruning.md", folder / "strokes.png")
+    log.info("%s, %s", as_shown(folder / "pruning.md"), as_shown(folder / "strokes.png"))
     return metrics
 
 

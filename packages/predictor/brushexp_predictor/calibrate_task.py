@@ -19,6 +19,7 @@ from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.system.files import write_text
 from brushexp.system.progress import showing
+from brushexp.system.terminal import as_shown
 from brushexp_predictor.conformal import SHARE, write_scalings
 from brushexp_predictor.coverage import KINDS, Report, coverage_of, examine, fit, join, scaled
 from brushexp_predictor.decoding import FORMS
@@ -62,7 +63,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     short = [{key: f"{value:.3g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows]
     text = markdown_table(short, align="lllrrrrrrl")
     write_text(folder / "coverage.md", text + "\n")
-    log.info("%s: %s, coverage.csv, coverage.md", folder, name)
+    log.info("%s: %s, coverage.csv, coverage.md", as_shown(folder), name)
     return {
         **{f"coverage_{row['of']}_{row['measure']}": row["scaled"] for row in rows if row["by"] == "samples"},
         "psnr_spread": float(np.mean(spreads)),

@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from brushexp.reporting.tables import MISSING, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
+from brushexp.system.terminal import as_shown
 from brushexp_predictor.conformal import SHARE
 from brushexp_predictor.kinds import HALF_TURN, OF_PAINTINGS
 from brushexp_predictor.sample_figure import write_figure
@@ -25,7 +26,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     write_json(folder / "brushwork.json", data_of(brushwork, cfg.image))
     write_text(folder / "brushwork.md", text_of(brushwork, Path(cfg.image).name))
     write_figure(folder / "brushwork.png", brushwork, Path(cfg.image).name)
-    log.info("%s: brushwork.md, brushwork.json, brushwork.png, painting.png", folder)
+    log.info("%s: brushwork.md, brushwork.json, brushwork.png, painting.png", as_shown(folder))
     for name in ("direction", "length", "width"):
         log.info("%s %s", OF_PAINTINGS[name].name, " ".join(texts_of(name, brushwork.measures[name]).values()))
     psnr = [sample.psnr for sample in brushwork.samples]

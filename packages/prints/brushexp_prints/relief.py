@@ -14,6 +14,7 @@ from brushexp.registry import register
 from brushexp.shading.light import UNLIT, normals_of, shade_picture
 from brushexp.system.files import replacing, to_bytes, write_picture
 from brushexp.system.runtime import check_memory
+from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
 WHITE = 2**16 - 1  # level of the highest point in height.png
@@ -50,7 +51,7 @@ class Relief(Exporter):
         write_picture(paths[2], normals)
         white = light.depth * float(height.max())
         highest = f"{white:.6g} pixels above the bare canvas, {100 * white / max(job.size):.4g} % of the longer side"
-        log.info("%s: white is %s", paths[1], highest)
+        log.info("%s: white is %s", as_shown(paths[1]), highest)
         texts = PngInfo()
         texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {highest}")
         texts.add_text("HeightOfWhite", f"{white:.9g}")

@@ -9,6 +9,7 @@ from brushexp.errors import UserError
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
 from brushexp.results.tables import over_seeds, write_run_tables
+from brushexp.system.terminal import as_shown
 from brushexp_studies.comparison import write_front_and_curves
 
 log = logging.getLogger(__name__)
@@ -28,5 +29,5 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     front = write_front_and_curves(folder, paintings)
     write_run_tables(folder, paintings)
     write_sweep_page(folder, paintings)
-    log.info("%s: %d runs compared", front, len(paintings))
+    log.info("%s: %d runs compared", as_shown(front or folder), len(paintings))
     return {"runs": len(paintings)}

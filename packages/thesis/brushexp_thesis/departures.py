@@ -16,6 +16,7 @@ from brushexp.strokes.saved import config_of
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.terminal import as_shown
 
 log = logging.getLogger(__name__)
 THESIS = Path(__file__).with_name("thesis.yaml")
@@ -35,7 +36,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         lines += [f"## {escape_markdown(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
         counts.append(len(rows))
     write_text(folder / "departures.md", "\n".join(lines))
-    log.info("%s: %s settings differ", folder / "departures.md", ", ".join(map(str, counts)))
+    log.info("%s: %s settings differ", as_shown(folder / "departures.md"), ", ".join(map(str, counts)))
     return {"paintings": len(counts), "departures": max(counts)}
 
 

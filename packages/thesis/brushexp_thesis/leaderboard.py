@@ -21,6 +21,7 @@ from brushexp.pages.html import page
 from brushexp.pages.sweep_page import side_for, thumbnail
 from brushexp.results.runs import gather, words_of
 from brushexp.system.files import write_text
+from brushexp.system.terminal import as_shown
 from brushexp_thesis import standings_tables as tables
 from brushexp_thesis.added import add_paintings
 from brushexp_thesis.published import SHIPPED_FIGURES, PublishedFigures, read_published
@@ -44,7 +45,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     entries = entries_of(runs)
     if not entries:
         raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
-    others = sorted({str(path) for path in runs["run"]["folder"]} - {str(entry.folder) for entry in entries})
+    finished = {str(entry.folder) for entry in entries}
+    others = sorted({as_shown(Path(path)) for path in runs["run"]["folder"] if str(path) not in finished})
     if others:
         log.warning("left out, for these are no finished paintings: %s", shorten(", ".join(others), 300))
     sections = sections_of(entries, published)
@@ -55,7 +57,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
     command = shlex.join(["brushexp", *words])
     table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
-    log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))
+    log.info("%s: %d paintings in %d sections", as_shown(table), len(entries), len(sections))
     return {"paintings": len(entries), "status": "completed"}  # without a metrics.json: it is no run itself
 
 

@@ -17,6 +17,7 @@ from brushexp.results.quantities import quantities
 from brushexp.results.runs import words_of
 from brushexp.system.files import write_text
 from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.terminal import as_shown
 from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
 from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
@@ -36,7 +37,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith(("output=", "overwrite="))]
     command = shlex.join(["brushexp", *typed])
     counts = write_verdicts(page, studies, claims, questions, command, set(map(str, paintings)))
-    log.info("%s: %s", page, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    log.info("%s: %s", as_shown(page), ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     return {"studies": len(studies), **{verdict.replace(" ", "_"): count for verdict, count in counts.items()}}
 
 

@@ -152,7 +152,9 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
         refuses(reason, read_published, tmp_path / "wrong.yaml")
 
 
-def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
+def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    caplog.set_level("INFO")
     ours = run_task(paint, "image=coffee", "resolution=32", "strokes=12", "steps=2", "frames=0", "report=false")
     assert ours["cpu_seconds"] > 0
     run, theirs, photos, twins, broken = (tmp_path / name for name in ("run", "theirs", "photos", "twins", "broken"))
@@ -168,7 +170,8 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     write_text(tmp_path / "published.yaml", PUBLISHED)
     result = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
     assert result["paintings"] == 2
-    assert f"no finished paintings: {broken}" in caplog.text
+    assert "no finished paintings: broken" in caplog.text
+    assert "leaderboard.md: 2 paintings in 1 sections" in caplog.messages, "paths as they are typed"
     rows = read_csv(tmp_path / "leaderboard.csv")
     assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
     assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)

@@ -24,6 +24,7 @@ from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
+from brushexp.system.terminal import as_shown
 from brushexp_training.datamodule import StrokeData
 from brushexp_training.network_module import NetworkModule
 from brushexp_training.renderer_module import RendererModule, RendererSettings
@@ -79,7 +80,8 @@ def train_network(
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
     conclude(module, folder, cfg, failure, module.global_step)
     figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in LOGGED_FIGURES if key in metrics)
-    log.info("%s: %s on held-out strokes, %d steps in %.1f s", job.weights, figures, module.global_step, module.seconds)
+    took = f"{module.global_step} steps in {module.seconds:.1f} s"
+    log.info("%s: %s on held-out strokes, %s", as_shown(job.weights), figures, took)
     if job.blank:
         log.warning("it has learned nothing yet: it draws all strokes alike; train longer (minutes=60), or set lr=2e-4")
     else:

@@ -12,6 +12,7 @@ from omegaconf import DictConfig
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build
 from brushexp.system.files import write_picture
+from brushexp.system.terminal import as_shown
 from brushexp_training.dataset import StrokeSet, origin_of, pictures_of
 from brushexp_training.evaluation import stroke_sheet
 from brushexp_training.writer import simulate_set
@@ -35,8 +36,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     strokes = StrokeSet(path)
     pictures = pictures_of(strokes.shards, np.arange(min(SHEET_STROKES, len(strokes))))
     sheet = stroke_sheet(torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255, SHEET_COLUMNS)
-    write_picture(folder / "strokes.png", sheet)
+    write_picture(sheet_path := folder / "strokes.png", sheet)
     size = sum(shard.path.stat().st_size for shard in strokes.shards)
-    log.info("%s: %d strokes, %.1f MB, in %.1f s; %s", path, cfg.n, size / 1e6, seconds, folder / "strokes.png")
+    amount = f"{cfg.n} strokes, {size / 1e6:.1f} MB, in {seconds:.1f} s"
+    log.info("%s: %s; %s", as_shown(path), amount, as_shown(sheet_path))
     speed = simulated / seconds if simulated else None
     return {"n": cfg.n, "seconds": seconds, "strokes_per_second": speed, "bytes": size}
