@@ -25,7 +25,7 @@ from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import folders_of
 from brushexp.config.publish import offer_presets, prepare
-from brushexp.registry import MULTI_SELECT, build
+from brushexp.registry import FAMILIES, MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -128,6 +128,13 @@ BLOCKS = {
 }
 NAMES = {Path(name).stem for name in BLOCKS if name.endswith(".py")}
 PACKAGE = ROOT / "examples" / "plugin-package"
+
+
+def test_there_is_an_example_of_every_family_and_the_tutorial_names_it():
+    files = {path.name: path.read_text() for path in (ROOT / "examples" / "plugins").glob("*.py")}
+    assert set(re.findall(r'@register\("(\w+)"', "".join([*files.values(), *BLOCKS.values()]))) == set(FAMILIES)
+    rows = dict(re.findall(r"^\| `(\w+\.py)` \| `(\w+)` \|", (ROOT / "docs/tutorial.md").read_text(), re.MULTILINE))
+    assert rows == {name: re.search(r'@register\("(\w+)"', text)[1] for name, text in files.items()}
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ class Callback(ABC):
     """A callback of Lightning, beside the steps of a painting or of the training of a network.
 
     It may use every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
-    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; a painter also has ``painter.latest()``, the picture.
+    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; that of a painting also has ``latest()``, the picture.
 
     >>> class Steps(Callback):
     ...     def open(self, folder):

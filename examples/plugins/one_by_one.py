@@ -1,0 +1,30 @@
+"""A blend in one file: ``blend=one_by_one``."""
+
+import torch
+from torch import Tensor
+
+from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
+from brushexp.plugins.blend.base import Blend, match_dtype, pixel_centres
+from brushexp.registry import register
+
+
+@register("blend", "one_by_one")
+class OneByOne(Blend):
+    """One stroke after another over the whole canvas, the lowest first: what all other blends compute faster."""
+
+    def __call__(
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
+    ) -> Canvas:
+        height, width = size
+        background, target = match_dtype(layers, background, target)
+        points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
+        picture = background.expand(height * width, -1)  # (P, C)
+        accuracy = torch.zeros(len(front_to_back), dtype=background.dtype, device=background.device)
+        for stroke in front_to_back.flip(0):
+            alpha, color = layers.sample(stroke[None, None], points)  # (1, 1, P), (1, 1, P or 1, C)
+            alpha, color = alpha[0, 0, :, None], color[0, 0]
+            picture = alpha * color + (1 - alpha) * picture
+            if target is not None:
+                error = alpha[:, 0] * (color - target.reshape(3, -1).T).square().sum(-1)
+                accuracy[stroke] = accuracy_of(error.sum().detach(), alpha.sum().detach())
+        return Canvas(picture.T.reshape(-1, height, width), None if target is None else accuracy)

@@ -1,0 +1,30 @@
+"""A palette in one file: ``palette=sepia``."""
+
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import between
+from brushexp.plugins.palette.base import Palette
+from brushexp.registry import register
+
+INK = (0.36, 0.23, 0.13)
+
+
+@register("palette", "sepia")
+class Sepia(Palette):
+    """Browns between ink and paper, as of old photographs.
+
+    Args:
+        share: of the brown; 0 keeps the picture.
+    """
+
+    def __init__(self, *, share: Annotated[float, between(0, 1)] = 1.0) -> None:
+        self.share = share
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        light = picture.mean(0, keepdim=True)
+        return torch.lerp(
+            picture, torch.lerp(picture.new_tensor(INK)[:, None, None], torch.ones_like(light), light), self.share
+        )

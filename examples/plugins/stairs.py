@@ -1,0 +1,31 @@
+"""An optimiser in one file: ``optimizer=stairs``."""
+
+from collections.abc import Iterable
+from typing import Annotated
+
+from torch import nn, optim
+
+from brushexp.bounds import above, between
+from brushexp.plugins.optimizer.base import Optimizer
+from brushexp.registry import register
+
+
+@register("optimizer", "stairs")
+class Stairs(Optimizer):
+    """Adam, whose rate is halved several times.
+
+    Args:
+        lr: learning rate: how far a step moves the points of a stroke, in half-windows.
+        stairs: how often it is halved.
+    """
+
+    def __init__(self, *, lr: Annotated[float, above(0)] = 0.02, stairs: Annotated[int, between(0, 20)] = 3) -> None:
+        self.lr = lr
+        self.stairs = stairs
+        self.units = dict.fromkeys(("position", "start", "control", "end", "color", "opacity"), 1.0) | {"width": 0.3}
+
+    def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
+        return optim.Adam(parameters, lr=self.lr)
+
+    def share(self, progress: float) -> float:
+        return 0.5 ** int(progress * (self.stairs + 1))
