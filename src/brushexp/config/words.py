@@ -73,8 +73,8 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
         raise UserError(f"{word} is a painting, a run or a sweep, and no picture; {cure}")
     if is_picture and alone:
         return f"image={word}"
-    if is_path(word):
-        raise UserError(f"task={task} takes no file or folder alone; type its key before it, KEY={word}")
+    if is_path(word) or word in samples():
+        raise UserError(f"task={task} takes no picture, file or folder alone; type its key before it, KEY={word}")
     raise UserError(unknown_word(word))
 
 
