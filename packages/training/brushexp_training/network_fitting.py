@@ -16,6 +16,7 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
+from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
 from brushexp.runs.resume import restore_run
@@ -121,6 +122,16 @@ class Stopwatch(Timer):
     """Time a training, and end it after its minutes; a Trainer takes no two callbacks of one class."""
 
 
+def _check_validations(options: DictConfig, batches: int) -> None:
+    """Refuse (UserError) an interval between validations, as a number of batches, that no epoch holds."""
+    limit, interval = options.limit_train_batches, options.val_check_interval
+    if limit is not None:
+        batches = min(batches, limit) if isinstance(limit, int) else int(limit * batches)
+    if isinstance(interval, int) and interval > batches > 0:
+        wrong = f"trainer.val_check_interval={interval} is more than the batches of an epoch, {batches}"
+        raise UserError(f"{wrong}; try trainer.val_check_interval={batches}")
+
+
 def fit_network(
     module: NetworkModule,
     data: L.LightningDataModule,
@@ -132,7 +143,9 @@ def fit_network(
     checkpoint: Path | None = None,
 ) -> BaseException | None:
     """Train until the first limit of the config, then validate the network unless that is done; see `fit`."""
-    options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
+    batches = len(data.train_dataloader())
+    _check_validations(cfg.trainer, batches)
+    options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, batches)}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
     timers: list[Timer] = [Stopwatch(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)]
     if cfg.trainer.max_time is not None:

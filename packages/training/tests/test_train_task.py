@@ -135,6 +135,13 @@ def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path
     assert module.figures, "what it has is validated"
 
 
+@pytest.mark.parametrize(("more", "batches"), [("", 4), ("trainer.limit_train_batches=0.5", 2)])
+def test_validations_farther_apart_than_an_epoch_are_refused(more, batches, config, tmp_path):
+    words = ["task=train", "epochs=1", "trainer.val_check_interval=5", *more.split()]
+    message = f"val_check_interval=5 is more than the batches of an epoch, {batches}; try .*={batches}$"
+    refuses(message, fit_network, module_of(), Strokes(), config(*words), tmp_path, torch.device("cpu"), [])
+
+
 def test_what_is_learnt_is_left_if_a_step_and_then_the_validation_fail(config, tmp_path, caplog):
     class Damaged(Strokes):
         def batches(self, epoch, first):
