@@ -214,6 +214,8 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
     ("@register('loss', 'half')\nclass Half: ...", r"class Half lacks a base class of brushexp\.plugins\.loss\.base"),
     ("@register('loss', 'half')\nclass Half(Loss):\n    def forward(self, picture, target): ...",
      r"loss=half \(.*half\.py\): forward\(self, picture, target\) is called as \(self, view\); correct the plugin"),
+    ("from brushexp.plugins.metric.base import Metric\n@register('metric', 'half')\nclass Half(Metric):\n"
+     "    def __call__(self, comparison): ...", "class Half lacks title, higher_is_better$"),
     ("@register('loss', 'half')\ndef half(view): ...", "loss=half is <function half .*>, not a class; write one"),
     ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
 ])  # fmt: skip

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import wraps
 from numbers import Real
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 import torch
 from torch import Tensor
@@ -89,9 +89,11 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
     """Check each result of a user's class against its contract (a module); a UserError if the class lacks a part."""
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = inspect.getsourcefile(cls)
-    if not bases or inspect.isabstract(cls):
-        missing = ", ".join(sorted(getattr(cls, "__abstractmethods__", ()))) or f"a base class of {contract}"
-        raise UserError(f"{family}={name} ({source}): class {cls.__name__} lacks {missing}")
+    notes = {name: kind for base in bases for name, kind in vars(base).get("__annotations__", {}).items()}
+    unset = [name for name, kind in notes.items() if get_origin(kind) is ClassVar and not hasattr(cls, name)]
+    if not bases or inspect.isabstract(cls) or unset:
+        missing = [*sorted(getattr(cls, "__abstractmethods__", ())), *unset] or [f"a base class of {contract}"]
+        raise UserError(f"{family}={name} ({source}): class {cls.__name__} lacks {', '.join(missing)}")
     for base in (base for base in cls.__mro__ if not base.__module__.startswith((OURS, "torch", "builtins", "abc"))):
         for method, function in list(vars(base).items()):
             owner = next((part for part in bases if method in vars(part)), None)
