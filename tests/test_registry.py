@@ -21,6 +21,7 @@ from brushexp.errors import UserError
 from brushexp.plugin_errors import naming_plugins
 from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.loss.base import PaintedView
+from brushexp.plugins.paper.base import Rows
 from brushexp.registry import PACKAGES, build, build_named, plugins, register, structured_config
 from brushexp.runs import trainer as runs_trainer
 from brushexp.runs.resume import RunRecord
@@ -128,6 +129,8 @@ TARGET = torch.rand(3, *SIZE, generator=torch.Generator().manual_seed(0))
 STROKES = random_strokes(5, SIZE)
 STATE = SimpleNamespace(strokes=STROKES)
 METHODS = {  # family: contract, its method, a call
+    "palette": ("Palette", "__call__", lambda it: it(TARGET)),
+    "paper": ("Paper", "relief", lambda it: it.relief(Rows(0, 8, SIZE))),
     "init": ("Initializer", "__call__", lambda it: it(TARGET, 4, torch.Generator())),
     "renderer": ("Renderer", "forward", lambda it: it(STROKES)),
     "blend": ("Blend", "__call__", lambda it: it(None, torch.arange(5), SIZE, torch.ones(3))),
@@ -157,6 +160,8 @@ CLASS = """
 class Bad{number}({contract}):
     def encode(self, color):  # without which a colour space is none
         return color
+    def cover(self, flat, bare, rows):  # and a paper
+        return flat
     def {method}(self, *_, **__):
         {body}
 """
@@ -190,6 +195,20 @@ def test_an_option_without_a_default_is_asked_for(loaded):
         "asks",
         {},
     )
+
+
+def test_an_attribute_that_a_plugin_lacks_is_named(loaded):
+    text = f"{HEAD.format('order')}\n@register('order', 'lacks')\nclass Lacks(Order):\n    def depth(self, *_): ..."
+    loaded(text, "lacks")
+    message = r"^order=lacks \(.*lacks\.py\): it has no attribute every; correct the plugin$"
+    with pytest.raises(UserError, match=message), naming_plugins(plugins()):
+        build_named("order", "lacks", {}).every  # noqa: B018
+
+
+def test_colours_that_are_none_are_no_target(loaded):
+    text, body = HEAD.format("palette"), "def __call__(self, picture): return picture * float('nan')"
+    loaded(f"{text}\n@register('palette', 'mad')\nclass Mad(Palette):\n    {body}", "mad")
+    refuses("__call__ returns .*, not a picture in .0, 1. of the same size", build_named("palette", "mad", {}), TARGET)
 
 
 @pytest.mark.parametrize("family", METHODS)

@@ -57,6 +57,15 @@ def _is_callback(result: Any, folder: object) -> bool:
 
 
 RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # they hold beside the types that contracts state
+    ("palette", "__call__"): (
+        "a picture in [0, 1] of the same size",
+        lambda result, picture: _is_real(result, picture.shape) and bool(((result >= 0) & (result <= 1)).all()),
+    ),
+    ("paper", "cover"): ("a picture of the same size", lambda result, flat, *_: _is_real(result, flat.shape)),
+    ("paper", "relief"): (
+        "heights (h, W) of 0 or more",
+        lambda result, rows: _is_real(result, (rows.count, rows.size[1])) and bool((result >= 0).all()),
+    ),
     ("init", "__call__"): ("exactly n valid strokes", _are_strokes),
     ("renderer", "draw"): ("finite pictures (n, 4, S, S)", _is_window),
     ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda result, rows, **_: _is_window(result, rows)),
@@ -183,4 +192,7 @@ def mistake_of(error: BaseException, plugins: Iterable[Any]) -> str | None:
             what = f"ends the program (exit code {error.code})" if isinstance(error, SystemExit) else what
             place = f"{owner.family}={owner.name} ({frame.f_code.co_filename}, line {line})"
             return f"{place}: {what}; correct the plugin, or choose another {owner.family}"
+    for file, owner in users:
+        if isinstance(error, AttributeError) and isinstance(error.obj, owner.cls):
+            return f"{owner.family}={owner.name} ({file}): it has no attribute {error.name}; correct the plugin"
     return None
