@@ -16,6 +16,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
+from brushexp.runs.run_folder import check_places
 from brushexp.runs.sweep_jobs import check_jobs
 
 
@@ -62,6 +63,21 @@ def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed()
         ["image=logo"],
         ["image=logo", "steps=9"],
     ]
+
+
+def test_jobs_have_folders_of_their_own_and_no_run_is_moved_away_from_its_files():
+    def places(count, *words):
+        with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
+            check_places(compose("config", overrides=list(words), return_hydra_config=True), count)
+
+    places(2)
+    places(1, "hydra.sweep.subdir=all")
+    places(2, "hydra.sweep.subdir=steps${steps}")
+    cure = r"type 'hydra\.sweep\.subdir=job\$\{hydra\.job\.num\}'"
+    refuses(f"hydra.sweep.subdir=all is one folder for 2 jobs; drop it, or {cure}", places, 2, "hydra.sweep.subdir=all")
+    refuses(
+        "chdir=true moves a run away from the files that its words name; drop it", places, 1, "hydra.job.chdir=true"
+    )
 
 
 @pytest.mark.parametrize(("override", "message"), [

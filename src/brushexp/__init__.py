@@ -10,14 +10,7 @@ if TYPE_CHECKING:
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
-__all__ = [
-    "Painting",
-    "UserError",
-    "create",
-    "list_plugins",
-    "paint",
-    "render",
-]
+__all__ = ["Painting", "UserError", "create", "list_plugins", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),

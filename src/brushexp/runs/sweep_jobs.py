@@ -17,7 +17,7 @@ from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.closing import say_page
-from brushexp.runs.run_folder import check_free, take, take_name
+from brushexp.runs.run_folder import check_free, check_places, take, take_name
 from brushexp.runs.sweep_report import renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
@@ -60,6 +60,7 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
 
     A ``lenient`` one may have others, but none in the folder of an earlier job.
     """
+    check_places(config, len(jobs))
     folder = take_name(config, Path(config.hydra.sweep.dir))
     words = [_without_output(job) for job in jobs]
     if goes_on:
