@@ -3,7 +3,7 @@
 import logging
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -54,20 +54,23 @@ class Settings:
 
     @contextmanager
     def as_asked(self) -> Iterator[None]:
-        """Use the threads of the config; afterwards threads, random generators and Lightning are as before."""
+        """Use the threads of the config, and PyTorch's own precision and device, with gradients; restore all after."""
         import torch  # noqa: PLC0415
         from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
 
         remarks, threads = logging.getLogger("lightning.pytorch"), torch.get_num_threads()
-        level = remarks.level
+        level, dtype = remarks.level, torch.get_default_dtype()
+        place = nullcontext() if torch.get_default_device().type == "cpu" else torch.device("cpu")
+        torch.set_default_dtype(torch.float32)
         remarks.setLevel(max(level, logging.WARNING))  # else it reports its hardware
         use_threads(self.cfg.threads or threads)
         try:
-            with isolate_rng():
+            with isolate_rng(), torch.inference_mode(False), place:
                 yield
         finally:
             remarks.setLevel(level)
             torch.set_num_threads(threads)
+            torch.set_default_dtype(dtype)
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
@@ -99,8 +102,7 @@ def write_pictures(settings: Settings, folder: Path) -> Settings:
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
         OmegaConf.update(cfg, key, path)
-        named = expand_shorthand(f"{key}={path}")
-        words = [named if word.partition("=")[0] == key else word for word in words]
+        words = [expand_shorthand(f"{key}={path}") if word.partition("=")[0] == key else word for word in words]
     return replace(settings, cfg=cfg, words=words)
 
 
