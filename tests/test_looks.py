@@ -91,10 +91,10 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
     ("- steps\n", "sets nothing"),
     ("defaults: [oil, _self_]\n", "oil in its defaults chooses no plugin; write '- override /init: slic'; one look"),
     ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults chooses no plugin"),
-    ("init: slic\n", "init is slic; its options stand below 'init:', and '- override /init: ...' in the defaults"),
-    ("loss: [mse]\n", r"loss is \['mse'\]; its options stand below 'loss:'"),
-    ("loss: mse\n", "loss is mse; its options stand below"),
-    ("loss:\n  mse: 2\n", "loss is 2; its options stand below"),
+    ("init: slic\n", "init is slic; options stand below 'init:', and '- override /init: ...' in the defaults"),
+    ("loss: [mse]\n", r"loss is \['mse'\]; options stand below 'loss:'"),
+    ("loss: mse\n", "loss is mse; options stand below"),
+    ("loss:\n  mse: 2\n", "loss is 2; options stand below"),
 ])  # fmt: skip
 def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
     (tmp_path / "look").mkdir()

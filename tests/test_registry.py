@@ -57,7 +57,9 @@ def test_plugins_in_folders_of_the_environment_are_found_and_a_taken_name_and_an
 
     refuses(r"loss=mse is taken by brushexp\.plugins\.loss\.mse", register("loss", "mse"), Mse)
     refuses("unknown plugin family 'losses'; choose one of painter, palette, init, ", register, "losses", "x")
-    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
+    text = PLUGIN.format(name="upside").replace("-strokes", "SIGN * strokes")
+    (tmp_path / "upside.py").write_text(f"from brushexp_plugins._shared import SIGN\n{text}")
+    (tmp_path / "_shared.py").write_text("SIGN = -1")
     (tmp_path / "_helper.py").write_text("this is no plugin")
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
     assert "upside" in load_plugins(ROOT / "plugins")

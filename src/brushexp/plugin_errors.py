@@ -105,7 +105,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
         raise UserError(f"{family}={name} ({source}): class {cls.__name__} lacks {', '.join(missing)}")
     for base in (base for base in cls.__mro__ if not base.__module__.startswith((OURS, "torch", "builtins", "abc"))):
         for method, function in list(vars(base).items()):
-            owner = next((part for part in bases if method in vars(part)), None)
+            owner = next((part for part in bases if inspect.isfunction(vars(part).get(method))), None)
             if owner is not None and inspect.isfunction(function) and method != "__init__":
                 _check_arguments(function, vars(owner)[method], f"{family}={name} ({source})")
                 kind = _return_type(vars(owner)[method])

@@ -98,14 +98,12 @@ def read_look(path: Path) -> DictConfig:
         if part != "_self_" and not (isinstance(part, dict) and all(str(key).startswith("override /") for key in part)):
             cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
             raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
-    for family in [family for family in FAMILIES if family in plain]:
-        options = plain[family]
-        for part in [options, *options.values()] if family == "loss" and isinstance(options, dict) else [options]:
-            if not isinstance(part, dict):
-                cure = (
-                    f"its options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
-                )
-                raise UserError(f"{path}: {family} is {part}; {cure}")
+    chosen = {family: plain[family] for family in FAMILIES if family in plain}
+    losses = chosen["loss"].values() if isinstance(chosen.get("loss"), dict) else ()
+    for family, options in [*chosen.items(), *(("loss", one) for one in losses)]:
+        if not isinstance(options, dict):
+            cure = f"options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
+            raise UserError(f"{path}: {family} is {options}; {cure}")
     return look
 
 
