@@ -40,6 +40,20 @@ def grouped(lightness: Array, values: int, blend: float) -> Array:
     return lightness + blend * (middle - lightness)
 
 
+def spread_out(lightness: Array, share: float) -> Array:
+    """Draw lightness (0 to 100) apart until all tones are as frequent; ``share`` 0 leaves it, 1 is all.
+
+    Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Differs: the histogram is that of the picture.
+    """
+    if share == 0:
+        return lightness
+    count, ends = np.histogram(lightness, TONES, (0, 100))
+    counted = np.minimum(count, STEEPEST * lightness.size / TONES)
+    counted += (lightness.size - counted.sum()) / TONES
+    even = np.interp(lightness, ends, 100 / lightness.size * np.append(0, counted.cumsum()))
+    return lightness + share * (even - lightness)
+
+
 @register("palette", "toned")
 @dataclass(kw_only=True, eq=False)
 class Toned(Palette):
@@ -49,12 +63,14 @@ class Toned(Palette):
         dark: lightness (CIELAB L*) of black.
         light: lightness of white.
         white: L* of the picture from which on the painting has ``light``; 100 for none.
+        spread: how far tones go apart until the picture has as much of each, 0 to 1.
         gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
         chroma: factor of chroma.
         least_chroma: chroma that colours which have any are raised towards, 0 for none.
         values: number of groups of lightness; 0 = not grouped.
         grouping: how far lightness goes to its group, 0 to 1.
         flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
+        irradiation: how much lighter a thing becomes beside a darker one, and that darker, 0 to 2.
         outlines: strength of outlines, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
@@ -62,34 +78,49 @@ class Toned(Palette):
     dark: Annotated[float, between(0, 100)] = 0.0
     light: Annotated[float, between(0, 100)] = 100.0
     white: Annotated[float, between(1, 100)] = 100.0
+    spread: Annotated[float, between(0, 1)] = 0.0
     gamma: Annotated[float, between(0.1, 10)] = 1.0
     chroma: Annotated[float, between(0, 5)] = 1.0
     least_chroma: Annotated[float, between(0, 100)] = 0.0
     values: Annotated[int, between(0, 64)] = 0
     grouping: Annotated[float, between(0, 1)] = 0.5
     flatness: Annotated[float, between(0, 2)] = 0.0
+    irradiation: Annotated[float, between(0, 2)] = 0.0
     outlines: Annotated[float, between(0, 1)] = 0.0
     warmth: Annotated[float, between(0, 50)] = 0.0
 
     def __call__(self, picture: Tensor) -> Tensor:
         lines = edge_lines(picture.numpy()) if self.outlines else None
         lab = as_lab(flattened(picture, self.flatness * max(picture.shape) / FLAT_AT))
-        lightness = grouped(lab[..., 0], self.values, self.grouping)
+        lightness = grouped(spread_out(lab[..., 0], self.spread), self.values, self.grouping)
+        if self.irradiation:
+            lightness = lightness + self.irradiation * (lightness - _around(lightness))
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
         chroma = np.hypot(lab[..., 1], lab[..., 2])
         raised = self.chroma * chroma
         raised += (self.least_chroma - raised).clip(0) * (chroma / 8).clip(0, 1)
         share = raised / chroma.clip(1e-6)
         lab[..., 0] = self.dark + tone * (self.light - self.dark)
-        lab[..., 1:] *= share[..., None] * (1 - ((tone - 0.9) / 0.1).clip(0, 1) * (self.white < 100))[..., None]
-        lab[..., 2] += self.warmth * (2 * tone - 1)
+        bleached = ((tone - 0.9) / 0.1).clip(0, 1) * (2 - 2 * chroma / CLEAR).clip(0, 1) * (self.white < 100)
+        lab[..., 1:] *= (share * (1 - bleached))[..., None]
+        lab[..., 2] += self.warmth * (2 * tone - 1) * (1 - bleached)
         if lines is not None:
             strength = self.outlines * lines[..., None]
             lab += strength * (np.array(OUTLINE) - lab)
         return as_picture(lab)
 
 
+def _around(lightness: Array) -> Array:
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    around: Array = gaussian_filter(lightness, IRRADIATED * max(lightness.shape))
+    return around
+
+
+IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
+TONES, STEEPEST = 64, 2.5  # groups of tones that are counted, and how often one counts at most, over the mean
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
+CLEAR = 45.0  # chroma from which on a colour does not become white, however light
 SIDE = 512  # longer side in pixels at which another picture's colours are taken
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 

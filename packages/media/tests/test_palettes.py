@@ -5,7 +5,7 @@ import pytest
 import torch
 from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
-from brushexp_media.palettes import as_lab, grouped
+from brushexp_media.palettes import CLEAR, STEEPEST, as_lab, as_picture, grouped, spread_out
 from brushexp_media.wetness import gaussian_blur
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
@@ -54,3 +54,35 @@ def test_the_colours_of_another_picture_have_its_mean():
     palette = build_named("palette", "picture", {"image": "coffee"})
     warm = palette(picture).mean((1, 2))
     assert warm[0] > warm[2] + 0.1
+
+
+def test_tones_go_apart_until_all_are_as_frequent():
+    lightness = np.random.default_rng(0).normal(50, 18, (80, 90)).clip(0, 100)
+    assert np.array_equal(spread_out(lightness, 0.0), lightness)
+    half, whole = (spread_out(lightness, share) for share in (0.5, 1.0))
+    assert lightness.std() < half.std() < whole.std()
+    assert whole.std() == pytest.approx(100 / np.sqrt(12), rel=0.1)
+    order = lightness.argsort(None)
+    assert (np.diff(whole.ravel()[order]) >= 0).all()
+
+
+def test_even_pictures_stay_even_when_tones_go_apart():
+    lightness = 60 + 2 * np.random.default_rng(0).random((40, 50))
+    assert np.ptp(spread_out(lightness, 1.0)) < (STEEPEST + 1) * np.ptp(lightness)
+
+
+def test_light_things_beside_dark_ones_become_lighter():
+    picture = torch.full((3, 60, 200), 0.4)
+    picture[:, :, 100:] = 0.6
+    plain, more = (as_lab(build_named("palette", "toned", {"irradiation": by})(picture))[30, :, 0] for by in (0.0, 0.5))
+    change = more - plain
+    assert change[101] > 3
+    assert change[98] < -3
+    assert np.abs(change[[20, 180]]).max() < 0.1
+
+
+def test_white_keeps_clear_colours():
+    lab = np.broadcast_to(np.array([[88.0, 0.0, 8.0], [88.0, 0.0, 1.2 * CLEAR]])[:, None], (2, 40, 3))
+    seen = as_lab(build_named("palette", "toned", {"white": 85})(as_picture(lab)))
+    assert np.hypot(*seen[0, 0, 1:]) < 3
+    assert np.hypot(*seen[1, 0, 1:]) > 0.4 * CLEAR
