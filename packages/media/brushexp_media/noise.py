@@ -9,8 +9,8 @@ from torch.nn import functional
 
 CELLS = 1024  # after so many cells the noise repeats
 DEVIATION = 0.215  # of `gradient_noise`, about
-REACH, SAMPLES = 6.0, 9  # how far a line goes to either side, in grains, and at how many places noise is looked up
-EVENED = 3.0  # deviation of noise over that of its means along lines
+REACH, SAMPLES = 6.0, 15  # how far a line goes to either side, in grains, and at how many places noise is looked up
+EVENED = 3.8  # deviation of noise over that of its means along lines
 TURN = 0.6  # radians by which each octave is turned, so that no axes of cells are seen
 
 

@@ -15,7 +15,8 @@ from brushexp.registry import register
 from brushexp_media.noise import REACH, drawn_out, evened, fractal_noise, gradient_noise
 from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
 
-THOUSANDTHS = 1000
+THOUSANDTHS, HUNDREDTHS = 1000, 100
+WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # of the edge of a border: deviation over its breadth; longer sides; grains
 PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
 STEEP = 2.2  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
@@ -42,6 +43,7 @@ class GrainedPaper(Paper):
         rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
         blooms: how unevenly a wash dries, 0 to 2.
         wander: how far wet edges wander, in grains.
+        border: how much of the paper stays bare along its edges, in hundredths of the longer side.
         seed: of the grain.
     """
 
@@ -56,6 +58,7 @@ class GrainedPaper(Paper):
     rims: Annotated[float, between(0, 10)] = 0.0
     blooms: Annotated[float, between(0, 2)] = 0.0
     wander: Annotated[float, at_least(0)] = 0.0
+    border: Annotated[float, between(0, 50)] = 0.0
     seed: Annotated[int, between(0, 2**31 - 1)] = 0
 
     @abstractmethod
@@ -86,14 +89,16 @@ class GrainedPaper(Paper):
         x, y = rows.places
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
+        ground = bare[:, None, None]
         density = self.granulation * (0.5 - low)
         if self.blooms:
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
         if self.rims:
             density = density + self.rims * density_of_edges(flat, RIM * grain)
-        ground = bare[:, None, None]
         painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
         flat = gather_pigment(flat, painted * density)
+        if self.border:
+            flat = ground + self._inside(rows).to(flat) * (flat - ground)
         if self.tooth == 0:
             return flat
         pressed = self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, UNEVEN)
@@ -103,6 +108,14 @@ class GrainedPaper(Paper):
             skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
         covered = (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1)
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
+
+    def _inside(self, rows: Rows) -> Tensor:
+        """Compute how much of each pixel (h, W) lies within the border, whose edge wavers like one drawn by hand."""
+        x, y = rows.places
+        height, width = (side / max(rows.size) for side in rows.size)
+        reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
+        edge = self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
+        return ((reach - edge) * THOUSANDTHS / self.grain / FADE + 0.5).clamp(0, 1)
 
     def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
         """Compute the heights (h, W) that a stick meets: those of the paper, and streaks along the strokes."""

@@ -164,3 +164,15 @@ def test_bands_of_drawn_out_grain_are_those_of_the_whole():
     wide = rows.widened(paper.margin(rows.size))
     whole, band = (paper.cover(flat[:, r.top : r.top + r.count], WHITE, r) for r in (Rows(0, 90, (90, 60)), wide))
     assert_close(band[:, 40 - wide.top :][:, :10], whole[:, 40:50], atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_paper_stays_bare_along_its_edges(name):
+    painted = covered(name, (90, 120), tooth=0, border=10.0)[0]
+    bare = painted == 1
+    assert bool(bare[[2, -3]].all())
+    assert bool(bare[:, [2, -3]].all())
+    assert_close(painted[25:-25, 25:-25], torch.full((40, 70), 0.2))
+    breadths = bare[:45].float().sum(0)[20:-20]
+    assert 6 < float(breadths.mean()) < 18
+    assert float(breadths.std()) > 0.3  # a hand drew the edge
