@@ -1,6 +1,5 @@
 """Place dots of divided colour: each purer than the picture, and their mean the picture."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -8,12 +7,20 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, between
+from brushexp.pictures.color import to_lab, to_rgb
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-DARK = 0.45  # mean of RGB below which the ground is covered, the more the darker
+DARK = 0.5  # mean of RGB below which the ground is covered, the more the darker
+RUBBED = 0.1  # opacity of each of the strokes that tint it elsewhere
+MOST = 100.0  # chroma by which dots of division 1 leave the colour of their place
+WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
+SHADE = 55.0  # L* below which a place is in shadow
+GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
+OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
+TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
 
 
 @register("init", "dots")
@@ -21,8 +28,9 @@ DARK = 0.45  # mean of RGB below which the ground is covered, the more the darke
 class Dots(Initializer):
     """Dabs in layers, larger ones everywhere and smaller ones where there is detail, whose hues go apart.
 
-    The colour of each is that of the picture, moved by ``division`` in a direction of hue drawn at random. Source:
-    Signac (1899); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
+    Each has the lightness of its place and goes from its hue by ``division``: most to a purer one, some to the colour
+    of the light (orange where it is light, blue in shadow), some to the opposite; greys are orange and blue. Source:
+    Signac (1899), Chevreul (1839); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
 
     Args:
         layers: of dabs, from large to small.
@@ -31,9 +39,8 @@ class Dots(Initializer):
         width: of a dab, in distances of its layer; below 1 ground shows between them.
         length: of a dab, in distances of its layer.
         jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
-        variety: of sizes within a layer, the deviation of their logarithm.
         division: how far hues go apart, 0 to 1.
-        under: share of the strokes that cover the ground below the dots where it is dark, 0 to 1.
+        under: share of the strokes that cover the ground below the dots where it is dark, and tint it elsewhere.
     """
 
     layers: Annotated[int, between(1, 4)] = 2
@@ -42,7 +49,6 @@ class Dots(Initializer):
     width: Annotated[float, above(0, 10)] = 0.9
     length: Annotated[float, above(0, 10)] = 0.3
     jitter: Annotated[float, between(0, 2)] = 0.22
-    variety: Annotated[float, between(0, 1)] = 0.0
     division: Annotated[float, between(0, 1)] = 0.3
     under: Annotated[float, between(0, 1)] = 0.0
 
@@ -58,18 +64,22 @@ class Dots(Initializer):
         )
 
     def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
-        angle = 2 * math.pi * torch.rand(len(strokes), generator=generator)
-        thirds = angle[:, None] + torch.arange(3) * (2 * math.pi / 3)
-        room = 1 - (2 * strokes.color.mean(1, keepdim=True) - 1).abs()  # neither black nor white has a hue
-        color = (strokes.color + self.division * room.sqrt() * thirds.cos()).clamp(0, 1)
-        if not self.variety:
-            return replace(strokes, color=color)
-        larger = (self.variety * torch.randn(len(strokes), generator=generator)).exp()
-        sizes = {name: getattr(strokes, name) * larger[:, None] for name in ("start", "control", "end")}
-        return replace(strokes, color=color, width=strokes.width * larger, **sizes)
+        """Move the hues of strokes apart, and their lightness hardly, so that no dot is a speck."""
+        n, lab = len(strokes), torch.from_numpy(to_lab(strokes.color.double().numpy()))
+        kind, sign = torch.rand(2, n, 1, generator=generator, dtype=torch.float64)
+        turn, light = torch.randn(2, n, generator=generator, dtype=torch.float64)
+        hue = lab[:, 1:] + GREY * torch.where(sign < 0.5, -1, 1) * WARM
+        angle = torch.atan2(hue[:, 1], hue[:, 0]) + TURNED * turn
+        own = torch.stack([angle.cos(), angle.sin()], 1)
+        of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
+        by = torch.where(kind < OPPOSITE, -own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
+        room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
+        lab[:, 1:] += MOST * self.division * room * by
+        lab[:, 0] += MOST * self.division * UNEVEN * light
+        return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
 
 
 def _shadows(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
-    """Lay n broad strokes that hide the ground where a picture (3, H, W) is dark, and leave it elsewhere."""
+    """Lay n broad strokes that hide the ground where a picture (3, H, W) is dark, and tint it elsewhere."""
     strokes = InLayers(layers=1, underpainting=True, opacity=1.0)(target, n, generator)
-    return replace(strokes, opacity=(1.5 * (1 - strokes.color.mean(1) / DARK)).clamp(0, 1))
+    return replace(strokes, opacity=(1.5 * (1 - strokes.color.mean(1) / DARK)).clamp(RUBBED, 1))

@@ -79,7 +79,7 @@ def chalk(variant: int) -> Tensor:
     streaks = gradient_noise(along / 6, across / 0.3, 200 + variant)
     inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # half widths to the edge
     press = 0.5 * (2 * (3 * variant % VARIANTS) / (VARIANTS - 1) - 1.2)
-    opacity = (inside / 0.45).clamp(-1, 1) * 0.7 + 0.55 * grain + 1.1 * streaks + press - 0.02
+    opacity = (inside / 0.36).clamp(-1, 1) * 0.7 + 0.55 * grain + 1.1 * streaks + press - 0.02
     opacity = opacity.mul(1.6).add(0.5).clamp(0, 1)
     opacity = opacity * (inside > -0.12)
     tone = 0.05 * grain.clamp(-2, 2) + 0.1 * streaks
@@ -148,7 +148,7 @@ def dab(variant: int) -> Tensor:
     uneven = 0.16 * fractal_noise(along / 1.5, across / 1.5, 900 + variant, 2)
     inside = 0.95 + uneven - torch.hypot(across, outside)
     tone = 0.12 * gradient_noise(along / 3, across / 0.6, 950 + variant)
-    return torch.stack([(inside / 0.45).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
+    return torch.stack([(inside / 0.36).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
 DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded, "knife": knife, "wash": wash, "dab": dab}

@@ -189,37 +189,6 @@ def test_hatchings_turn_towards_forms():
     assert np.abs(forms(np.random.default_rng(0).random((3, 40, 40)))).max() <= TURN
 
 
-def test_dots_go_apart_in_hue_and_their_mean_stays():
-    target = torch.full((3, 60, 60), 0.5)
-    make = lambda division: build_named("init", "dots", {"division": division})  # noqa: E731
-    even, divided = (make(d)(target, 400, torch.Generator().manual_seed(0)).color for d in (0.0, 0.4))
-    assert_close(even, torch.full_like(even, 0.5))
-    assert_close(divided.mean(0), even.mean(0), atol=0.03, rtol=0)
-    assert float((divided.amax(1) - divided.amin(1)).median()) > 0.4
-
-
-def test_shadows_below_dots_hide_the_ground_where_it_is_dark():
-    target = torch.full((3, 60, 60), 0.8)
-    target[:, :, 30:] = 0.1
-    dots = build_named("init", "dots", {"under": 0.1})(target, 400, torch.Generator().manual_seed(0))
-    opacity, light = dots.opacity[:40], dots.color[:40].mean(1)
-    assert float(opacity[light > 0.6].max()) == 0
-    assert float(torch.cat([opacity[light < 0.14], dots.opacity[40:]]).min()) == 1
-
-
-def test_dots_of_a_layer_have_many_sizes_and_keep_their_shape():
-    target = torch.rand(3, 60, 60, generator=torch.Generator().manual_seed(1))
-    make = lambda variety: build_named("init", "dots", {"layers": 1, "variety": variety})(  # noqa: E731
-        target, 400, torch.Generator().manual_seed(0)
-    )
-    alike, varied = make(0.0), make(0.3)
-    larger = varied.width / alike.width
-    assert float(larger.log().std()) == pytest.approx(0.3, abs=0.03)
-    assert float(larger.median()) == pytest.approx(1, abs=0.05)
-    assert_close(varied.start, alike.start * larger[:, None])
-    assert torch.equal(varied.position, alike.position)
-
-
 def test_where_one_looks_first_faint_lines_are_drawn_and_finer():
     target = torch.full((3, 96, 128), 0.8)
     for x in (32, 96):
