@@ -25,9 +25,11 @@ ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half 
 BROADEST = 0.06  # width of a wash, in longer sides
 GLAZES = 3  # tones of a wash
 DEEP = 0.7  # share of ink in a wash where the picture is black
-EDGE = 0.06  # softness of the edge of a wash, in widths of its strokes
-FRAME = 0.012  # longer sides: nearer to the edge of the picture lines are no contours
-SMOOTH, SMOOTH_WASH = 0.004, 0.011  # deviation of the blur of tones under hatchings and washes, in longer sides
+EDGE, LOST = 0.06, 0.45  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
+FOUND = 4.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
+FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
+SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
+MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
 FEATURES = 0.35  # share of contours that are fine ones where one looks first; as many are elsewhere
 FINER = 0.55  # size of fine contours over that of the others
@@ -37,8 +39,10 @@ SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
 DOT = 3.0  # widths below which a contour is no line
+MORE, POINTS = 3, 12  # lines that are traced over those that are drawn; places of a line that are compared
+APART, BESIDE = 0.7, 0.6  # widths between two lines, but for so much of their length
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
-FORM, TURN = 0.03, 0.6  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+FORM, TURN = 0.02, 1.2  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
 INK = Rule(named_color)
 
@@ -82,6 +86,7 @@ class Drawing(Initializer):
         weight = None if focus is None else focus.numpy().astype(np.float64)
         tone = dark if weight is None else dark * (1 - SPARED * (1 - dark) * weight / weight.max())
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
+        tone = tone * _within_margin(tone.shape, random)
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         turned = _swayed(forms(picture), random)
@@ -101,35 +106,42 @@ class Drawing(Initializer):
         curve = np.concatenate(parts)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         darkness = sampled_at(dark, *curve.mean(1).T)
-        width = self._widest(side) * (0.15 + 0.4 * darkness) * random.lognormal(0, PRESSED, len(curve))
+        width = self._widest(side) * (0.08 + 0.5 * darkness**2) * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
         """Fill dark places with strokes that are as broad as there is room: a wash, and another where it is dark.
 
-        Each has one of `GLAZES` tones, that of its place, and lies over lighter ones.
+        Each has one of `GLAZES` tones, that of its place, and lies over lighter ones. Its edge is crisp where the
+        picture has one nearby, and lost where forms are soft.
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
         tones, light = self._above(self.wash_tones, dark), rgb_of(self.wash)
         flow = along_edges(structure_tensor(dark[None], SMOOTH_WASH * max(dark.shape)))  # along the edges of the wash
+        xx, _, yy = structure_tensor(dark[None], 0.0)
+        steep = np.sqrt(xx + yy) * max(dark.shape)
         areas = [float((dark > tone).sum()) for tone in tones]
         first = round(n * areas[0] / max(sum(areas), 1))
         parts = []
         for tone, count in zip(tones, (first, n - first), strict=True):
-            room = distance_transform_edt(np.pad(dark > tone, 1, mode="edge"))[1:-1, 1:-1]
-            room = room.clip(0, BROADEST / 2 * max(dark.shape))
+            room, ends = distance_transform_edt(np.pad(dark > tone, 1, mode="edge"), return_indices=True)
+            room, ends = room[1:-1, 1:-1].clip(0, BROADEST / 2 * max(dark.shape)), ends[:, 1:-1, 1:-1] - 1
             rows, columns = np.nonzero(room)
             chosen = random.integers(len(rows), size=count if len(rows) else 0)
             deep = ((dark[rows[chosen], columns[chosen]] - tones[0]) / max(1 - tones[0], EVEN)).clip(0, 1)
-            deep = np.ceil(deep * GLAZES) / GLAZES
+            deep = np.floor(deep * GLAZES).clip(0, GLAZES - 1) / (GLAZES - 1)
             order = np.argsort(deep, kind="stable")
             deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
             places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
             curve = followed(places, flow, 6 * half, room, 0.8 * half)
             color = light + DEEP * deep[:, None] * (rgb_of(self.color) - light)
             strokes = strokes_of(curve, 2 * half, half > 0, color, count)
-            parts.append(replace(strokes, softness=EDGE * strokes.width))
+            lost = np.zeros(count)
+            y, x = ends[:, rows, columns]
+            lost[: len(rows)] = (1 - sampled_at(steep, x, y) / FOUND).clip(0, 1)
+            softness = (EDGE + LOST * torch.from_numpy(lost).float()) * strokes.width
+            parts.append(replace(strokes, softness=softness))
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
@@ -176,12 +188,28 @@ def _traced(
     strength = sampled_at(lines, x, y)
     # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
-    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[:n]
+    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
     pressed = 0.35 + 0.65 * strength
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > DOT * width)
-    return strokes_of(curve, width * pressed, seen, color, n)
+    kept = _apart(curve[seen], picture.shape[1:], APART * width)[:n]
+    return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
+
+
+def _apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
+    """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels: one line, not many."""
+    t = np.linspace(0, 1, POINTS)[:, None, None]
+    points = ((1 - t) ** 2 * curve[:, 0] + 2 * t * (1 - t) * curve[:, 1] + t**2 * curve[:, 2]).swapaxes(0, 1)
+    rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
+    taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
+    for number, (y, x) in enumerate(zip(rows, columns, strict=True)):
+        if taken[y, x].mean() > BESIDE:
+            continue
+        kept.append(number)
+        for row, column in zip(y, x, strict=True):
+            taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
+    return np.array(kept, int)
 
 
 def anisotropy_of(tensor: Array) -> Array:
@@ -198,16 +226,28 @@ def anisotropy_of(tensor: Array) -> Array:
 def forms(picture: Array) -> Array:
     """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
     side = max(picture.shape)
-    flow = along_edges(structure_tensor(picture, FORM * side))
-    angle = (flow - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    tensor = structure_tensor(picture, FORM * side)
+    angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
     return angle.clip(-TURN, TURN)
+
+
+def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
+    """Find what lies within a margin (H, W) that the draughtsman leaves, whose edge wavers."""
+    y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
+    reach = np.minimum(x, y[:, None])
+    return reach > MARGIN * (1 + WAVER * _noise(size, WAVES, random))
+
+
+def _noise(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
+    """Compute noise (H, W) in cells of so many longer sides, of mean 0 and deviation 1."""
+    y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
+    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
+    return noise.double().numpy()
 
 
 def _swayed(turned: Array, random: np.random.Generator) -> Array:
     """Turn hatchings (H, W), radians, a little from one group of lines to the next."""
-    y, x = (torch.arange(side, dtype=torch.float64) / (GROUPS * max(turned.shape)) for side in turned.shape)
-    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
-    return turned + SWAY * noise.double().numpy()
+    return turned + SWAY * _noise(turned.shape, GROUPS, random)
 
 
 def hatching(

@@ -104,7 +104,9 @@ def test_colours_of_one_luma_have_a_line_between_them():
 
 
 @pytest.mark.parametrize("init", ["drawing", "rows"])
-@pytest.mark.parametrize("target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2)])
+@pytest.mark.parametrize(
+    "target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2), torch.zeros(3, 1, 9)]
+)
 def test_any_picture_is_drawn_with_as_many_strokes_as_asked(init, target):
     n = min(50, target[0].numel())
     strokes = build_named("init", init, {})(target, n, torch.Generator().manual_seed(0))
