@@ -88,7 +88,7 @@ def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_loo
     ("look=plain", 0.028, 0.03),
     ("look=plain init=slic", 0.1, 0.03),
     ("look=plain optimizer=adam", 0.028, 0.02),
-    ("look=oil", 0.05, 0.01),
+    ("look=oil", 0.05, 0.02),
     ("look=vangogh", 0.1, 0.008),
 ])  # fmt: skip
 def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_its_look(words, effort, rate):
