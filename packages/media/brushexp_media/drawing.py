@@ -16,7 +16,7 @@ from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
-from brushexp_media.lines import edge_lines, luminance
+from brushexp_media.lines import anisotropy_of, edge_lines, find_apart, luminance
 from brushexp_media.noise import fractal_noise
 
 Array = np.ndarray
@@ -39,8 +39,7 @@ SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
 DOT = 3.0  # widths below which a contour is no line
-MORE, POINTS = 3, 12  # lines that are traced over those that are drawn; places of a line that are compared
-APART, BESIDE = 0.7, 0.6  # widths between two lines, but for so much of their length
+MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
 FORM, TURN = 0.02, 1.2  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
@@ -193,41 +192,15 @@ def _traced(
     pressed = 0.35 + 0.65 * strength
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > DOT * width)
-    kept = _apart(curve[seen], picture.shape[1:], APART * width)[:n]
+    kept = find_apart(curve[seen], picture.shape[1:], APART * width)[:n]
     return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
-
-
-def _apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
-    """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels: one line, not many."""
-    t = np.linspace(0, 1, POINTS)[:, None, None]
-    points = ((1 - t) ** 2 * curve[:, 0] + 2 * t * (1 - t) * curve[:, 1] + t**2 * curve[:, 2]).swapaxes(0, 1)
-    rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
-    taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
-    for number, (y, x) in enumerate(zip(rows, columns, strict=True)):
-        if taken[y, x].mean() > BESIDE:
-            continue
-        kept.append(number)
-        for row, column in zip(y, x, strict=True):
-            taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
-    return np.array(kept, int)
-
-
-def anisotropy_of(tensor: Array) -> Array:
-    """Compute how much one direction prevails (...), 0 to 1, from tensors (3, ...) (Bigun and Granlund, 1987).
-
-    >>> anisotropy_of(np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])).tolist()
-    [1.0, 1.0, 0.0]
-    """
-    xx, xy, yy = tensor
-    anisotropy: Array = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, np.finfo(float).tiny)
-    return anisotropy
 
 
 def forms(picture: Array) -> Array:
     """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
     side = max(picture.shape)
-    tensor = structure_tensor(picture, FORM * side)
-    angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    flow = along_edges(structure_tensor(picture, FORM * side))
+    angle = (flow - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
     return angle.clip(-TURN, TURN)
 
 

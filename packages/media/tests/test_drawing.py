@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.drawing import EDGE, LOST, _apart, contours
+from brushexp_media.drawing import EDGE, LOST, contours
+from brushexp_media.lines import find_apart
 
 from brushexp.registry import build_named
 
@@ -19,8 +20,8 @@ def line(y):
 
 def test_lines_beside_others_are_left_out():
     curves = np.stack([line(20.0), line(21.0), line(30.0), line(20.0) + np.array([30, 0])])
-    assert _apart(curves, (60, 90), 3.0).tolist() == [0, 2, 3]
-    assert _apart(curves[:0], (60, 90), 3.0).tolist() == []
+    assert find_apart(curves, (60, 90), 3.0).tolist() == [0, 2, 3]
+    assert find_apart(curves[:0], (60, 90), 3.0).tolist() == []
 
 
 def test_an_outline_is_drawn_once():
