@@ -124,7 +124,7 @@ def vectors(runs: Iterable[Path]) -> None:
 
 def page(run: Path) -> None:
     """Print how long the page of a run takes to write and to open, and how smoothly it replays."""
-    from brushexp_studio.view import finished_in  # noqa: PLC0415
+    from brushexp_studio.view import read_painting  # noqa: PLC0415
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415
@@ -132,7 +132,7 @@ def page(run: Path) -> None:
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     prepare(ROOT)
-    finished = finished_in(run, export_job(load_catalogue(run / "catalogue.h5")))
+    finished = read_painting(run, export_job(load_catalogue(run / "catalogue.h5")))
     write_run_page(run, finished)  # to compile and load all code
     begin = time.perf_counter()
     path = write_run_page(run, finished)
