@@ -14,6 +14,7 @@ import torch
 from brushexp_losses.direction import Direction
 from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
+from brushexp_policies.adaptive import Adaptive
 from brushexp_policies.patches import Patches
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -30,7 +31,6 @@ from brushexp.errors import UserError
 from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
-from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.runs.tracking import Trackers, make_trackers

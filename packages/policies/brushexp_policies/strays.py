@@ -8,11 +8,11 @@ import torch
 
 from brushexp.bounds import at_least, between
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
-from brushexp.plugins.density.rounds import CHANNELS
 from brushexp.registry import register
 from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import area_of, direction_of, mean_direction, neighbours_of
+from brushexp_policies.rounds import CHANNELS
 
 MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in disorder have about 0.28
 
