@@ -151,7 +151,8 @@ def painter_of(
     order = Remembered(parts.order, ring.to(device), passing)
     parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
     catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
-    return StrokeOptimizer(catalogue, parts, target, background, seed=cfg.seed, focus=focus).to(device), order
+    kept = {"seed": cfg.seed, "focus": focus, "variety": cfg.variety}
+    return StrokeOptimizer(catalogue, parts, target, background, **kept).to(device), order
 
 
 def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:

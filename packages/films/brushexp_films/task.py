@@ -84,6 +84,7 @@ class PaintedFilm:
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
+        painter.variety = 0.0  # strokes that move on get the colours that fit, and others would not
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)

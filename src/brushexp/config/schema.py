@@ -156,6 +156,9 @@ class PaintTask(Task):
         "mean", "colour of the bare canvas: mean (of the picture), transparent (as it), ivory, '#rrggbb'", COLOR
     )
     wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
+    variety: float = key(
+        0, "broken colour: how far strokes go from the colour that fits best, to warm and cool, 0 to 1", between(0, 1)
+    )
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", above(0))

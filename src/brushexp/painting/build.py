@@ -66,9 +66,11 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     strokes, budget = first_strokes(cfg, target, parts.density, focus)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     catalogue = Catalogue(strokes, parts.optimizer.units)
+    moves = cfg.catalogue is None or any(stage.steps for stage in parts.stages) or cfg.seconds
     painter = StrokeOptimizer(
-        catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
-    )
+        catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse,
+        variety=cfg.variety if moves else 0.0,  # strokes of a painting that stay as they are have been varied
+    )  # fmt: skip
     painter.pictures |= pictures
     return painter
 

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -17,6 +18,7 @@ from brushexp.painting.painting_module import Epoch, PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
+from brushexp.painting.variety import broken_colors
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
@@ -73,12 +75,13 @@ class StrokeOptimizer(PaintingModule):
         focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
+        variety: float = 0.0,  # how far colours of finished strokes are broken, 0 to 1
     ) -> None:
         schedule = Schedule([stage.steps for stage in components.stages])
         super().__init__(components, Picture(target, focus, background, components.blend), schedule)
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue = self.moving = catalogue  # moving is what a step changes: all, or some as a catalogue of theirs
-        self.coarse = coarse
+        self.coarse, self.variety = coarse, variety
         self.limit: Callable[[Strokes, Strokes | None, Tensor | None], Strokes] = lambda strokes, before, rows: strokes
         self.generator = torch.Generator().manual_seed(seed)
         self.budget = budget or len(catalogue)
@@ -215,7 +218,7 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Hand the strokes, no more than were asked for, to the last renderer, which draws what a run leaves."""
+        """Hand the strokes, no more than were asked for, to the last renderer, and break their colours."""
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
@@ -223,6 +226,11 @@ class StrokeOptimizer(PaintingModule):
         if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
+        if self.variety:
+            strokes = self.strokes()
+            colors = broken_colors(strokes, self.picture, self.variety, self.generator)
+            self.catalogue.replace(replace(strokes, color=colors))
+            self.picture.forget()
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""

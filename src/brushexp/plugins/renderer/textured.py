@@ -52,6 +52,7 @@ class Textured(Renderer):
         rows: texels across, to ``SPREAD`` half widths on either side.
         columns: texels along, ``LONG`` times as long, beyond the ends too.
         tone: strength of paler and darker bristles, over that of the textures.
+        fullness: how full of paint the brush is: it covers as so many strokes do, and gaps between bristles close.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             bristles drawn at random.
     """
@@ -63,13 +64,14 @@ class Textured(Renderer):
         rows: Annotated[int, Bounds(16, 256, step=16)] = 96,
         columns: Annotated[int, Bounds(32, 1024, step=32)] = 256,
         tone: Annotated[float, between(0, 1)] = 1.0,
+        fullness: Annotated[float, between(1, 16)] = 1.0,
         checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
         if 2 * columns <= rows:
             cure = f"set renderer.columns={32 * (rows // 64 + 1)} or more"
             raise UserError(f"renderer.columns={columns} leaves no room for a stroke of renderer.rows={rows}; {cure}")
-        self.variants, self.tone = variants, tone
+        self.variants, self.tone, self.fullness = variants, tone, fullness
         self.loop = Loop(3 * columns // 8, 3 * columns // 8)
         self.textures = nn.Parameter(random_bristles(variants, rows, columns))
         self._ready: tuple[object, Sheets] | None = None
@@ -121,29 +123,31 @@ class Textured(Renderer):
 
     def _sheets(self) -> Sheets:
         if self.training or (self.textures.requires_grad and torch.is_grad_enabled()):
-            return _sheets_of(self.textures, self.tone, self.loop, self.levels, rounded=False)
+            return _sheets_of(self.textures, self.tone, self.fullness, self.loop, self.levels, rounded=False)
         key = (self.textures._version, self.textures.data_ptr(), self.textures.device)
         if self._ready is None or self._ready[0] != key:
             kind = self.textures.shape, self.textures.dtype, self.textures.device
             values = self.textures.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes()
-            self._ready = (key, _round_sheets(values, *kind, self.tone, self.loop, self.levels))
+            self._ready = (key, _round_sheets(values, *kind, self.tone, self.fullness, self.loop, self.levels))
         return self._ready[1]
 
 
 @lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew
 def _round_sheets(
-    values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, tone: float, loop: Loop, levels: int
-) -> Sheets:
+    values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, tone: float, fullness: float,
+    loop: Loop, levels: int,
+) -> Sheets:  # fmt: skip
     """Make frozen textures in 8 bits, which takes as long as a step."""
     with torch.inference_mode(False), torch.no_grad():
         textures = torch.frombuffer(bytearray(values), dtype=dtype).view(shape).to(device)
-        return _sheets_of(textures, tone, loop, levels, rounded=True)
+        return _sheets_of(textures, tone, fullness, loop, levels, rounded=True)
 
 
-def _sheets_of(textures: Tensor, tone: float, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
+def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
     """Make all sizes, from twice their own down, of textures (V, 3, rows, columns) before sigmoid, tanh, sigmoid."""
     opacity, tones, height = textures.unbind(1)
-    values = torch.stack([opacity.sigmoid(), tone * tones.tanh(), height.sigmoid()], dim=1)
+    covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
+    values = torch.stack([covering, tone * tones.tanh(), height.sigmoid()], dim=1)
     finest = Loop(2 * loop.begin, 2 * loop.length)
     return sheets_of(double_textures(values, loop), levels, finest, rounded=rounded)
 
