@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.pictures.abstraction import flattened
-from brushexp.pictures.color import recolor, to_lab, to_rgb
+from brushexp.pictures.color import palette, recolor, to_lab, to_rgb
 from brushexp.pictures.load import PICTURE, load_picture
 from brushexp.plugins.palette.base import Palette
 from brushexp.registry import register
@@ -54,6 +54,32 @@ def spread_out(lightness: Array, share: float) -> Array:
     return lightness + share * (even - lightness)
 
 
+def limited(chroma: Array, most: Array) -> Array:
+    """Bend chroma so that it stays below ``most``: half of that is left as it is."""
+    half = most.clip(1e-6) / 2
+    bent: Array = np.minimum(chroma, half) + half * (1 - np.exp(-(chroma - half).clip(0) / half))
+    return bent
+
+
+def harmonised(ab: Array, hues: int, share: float) -> Array:
+    """Draw a* and b* (H, W, 2) towards the nearest of so many colours, found by k-means; the chroma stays.
+
+    What is far from all of them, a small accent, keeps its hue; roots of areas count, so that few are.
+    """
+    colors, counts = np.unique((ab.reshape(-1, 2) / BIN).round(), axis=0, return_counts=True)
+    colors *= BIN
+    weight = np.sqrt(counts) * np.hypot(*colors.T)
+    inks = palette(np.pad(colors, ((0, 0), (1, 0))), weight, hues)[:, 1:]
+    if not len(inks):
+        return ab
+    far = np.square(ab[..., None, :] - inks).sum(-1)
+    near = np.exp((far.min(-1, keepdims=True) - far) / (2 * SOFT**2))
+    share = share * np.exp(-far.min(-1, keepdims=True) / (2 * ACCENT**2))
+    drawn = ab + share * (near @ inks / near.sum(-1, keepdims=True) - ab)
+    drawn *= (np.hypot(*ab.T).T / np.hypot(*drawn.T).T.clip(1e-6))[..., None]
+    return drawn
+
+
 @register("palette", "toned")
 @dataclass(kw_only=True, eq=False)
 class Toned(Palette):
@@ -67,6 +93,9 @@ class Toned(Palette):
         gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
         chroma: factor of chroma.
         least_chroma: chroma that colours which have any are raised towards, 0 for none.
+        most_chroma: chroma that colours stay below, the lightest below less, unless they are yellow; 0 for none.
+        hues: number of colours, found in the picture, that its hues are drawn towards; 0 for none.
+        harmony: how far, 0 to 1.
         values: number of groups of lightness; 0 = not grouped.
         grouping: how far lightness goes to its group, 0 to 1.
         flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
@@ -82,6 +111,9 @@ class Toned(Palette):
     gamma: Annotated[float, between(0.1, 10)] = 1.0
     chroma: Annotated[float, between(0, 5)] = 1.0
     least_chroma: Annotated[float, between(0, 100)] = 0.0
+    most_chroma: Annotated[float, between(0, 200)] = 0.0
+    hues: Annotated[int, between(0, 16)] = 0
+    harmony: Annotated[float, between(0, 1)] = 0.5
     values: Annotated[int, between(0, 64)] = 0
     grouping: Annotated[float, between(0, 1)] = 0.5
     flatness: Annotated[float, between(0, 2)] = 0.0
@@ -99,6 +131,11 @@ class Toned(Palette):
         chroma = np.hypot(lab[..., 1], lab[..., 2])
         raised = self.chroma * chroma
         raised += (self.least_chroma - raised).clip(0) * (chroma / 8).clip(0, 1)
+        if self.most_chroma:
+            yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # as light as it is, it may be pure
+            raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
+        if self.hues:
+            lab[..., 1:] = harmonised(lab[..., 1:], self.hues, self.harmony)
         share = raised / chroma.clip(1e-6)
         lab[..., 0] = self.dark + tone * (self.light - self.dark)
         bleached = ((tone - 0.9) / 0.1).clip(0, 1) * (2 - 2 * chroma / CLEAR).clip(0, 1) * (self.white < 100)
@@ -117,6 +154,8 @@ def _around(lightness: Array) -> Array:
     return around
 
 
+BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
+ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
 TONES, STEEPEST = 64, 2.5  # groups of tones that are counted, and how often one counts at most, over the mean
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation

@@ -23,6 +23,10 @@ ACCENT = 6.0  # times the difference from the blurred picture at which the hand 
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
 DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
 RIM = 1.5  # deviation of the blur against which edges are found, in grains
+RUNS, RAN = 3.0, 1.5  # grains: how far edges run where paper is wet, and deviation of the blur there
+WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of the paper from a dry place to a wet one
+SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
+HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
 LEFT = 0.5  # share of the paint that is dust which a hollow keeps
 STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
 
@@ -43,6 +47,8 @@ class GrainedPaper(Paper):
         rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
         blooms: how unevenly a wash dries, 0 to 2.
         wander: how far wet edges wander, in grains.
+        lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
+        charged: by how much a wash changes its hue from place to place, warmer and cooler, 0 to 2.
         border: how much of the paper stays bare along its edges, in hundredths of the longer side.
         seed: of the grain.
     """
@@ -58,6 +64,8 @@ class GrainedPaper(Paper):
     rims: Annotated[float, between(0, 10)] = 0.0
     blooms: Annotated[float, between(0, 2)] = 0.0
     wander: Annotated[float, at_least(0)] = 0.0
+    lost: Annotated[float, between(0, 1)] = 0.0
+    charged: Annotated[float, between(0, 2)] = 0.0
     border: Annotated[float, between(0, 50)] = 0.0
     seed: Annotated[int, between(0, 2**31 - 1)] = 0
 
@@ -66,8 +74,8 @@ class GrainedPaper(Paper):
         """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
 
     def margin(self, size: tuple[int, int]) -> int:
-        looks_around = self.rims > 0 or self.wander > 0 or self.accents > 0 or self.drag > 0
-        drawn = (4 * HAND + REACH) * (self.drag > 0)
+        looks_around = max(self.rims, self.wander, self.lost, self.charged, self.accents, self.drag) > 0
+        drawn = (4 * HAND + REACH) * (self.drag > 0) + 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
         return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if looks_around else 0
 
     def _grain_of(self, size: tuple[int, int]) -> float:
@@ -89,12 +97,21 @@ class GrainedPaper(Paper):
         x, y = rows.places
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
+        hue = flat.new_zeros(())
+        if self.lost or self.charged:
+            ran = gaussian_blur(wandered(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain)
+            detail = gaussian_blur((flat - ran).abs().amax(0, keepdim=True), NEARBY * grain)[0]
+            dry = (SPARED * detail).clamp(0, 1)  # what is small is painted when the rest has dried
+            wet = evened(fractal_noise(x / WET, y / WET, self.seed + 53, 3)).to(flat) - dry
+            flat = torch.lerp(flat, ran, ((wet - 1 + self.lost) / SOAKED).clamp(0, 1))
+            hue = self.charged * (1 - dry) * fractal_noise(x / HUES, y / HUES, self.seed + 57, 3).to(flat)
         ground = bare[:, None, None]
         density = self.granulation * (0.5 - low)
         if self.blooms:
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
         if self.rims:
             density = density + self.rims * density_of_edges(flat, RIM * grain)
+        density = density + hue * flat.new_tensor(COOLER)[:, None, None]
         painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
         flat = gather_pigment(flat, painted * density)
         if self.border:

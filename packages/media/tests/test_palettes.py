@@ -5,7 +5,16 @@ import pytest
 import torch
 from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
-from brushexp_media.palettes import CLEAR, STEEPEST, as_lab, as_picture, grouped, spread_out
+from brushexp_media.palettes import (
+    CLEAR,
+    STEEPEST,
+    as_lab,
+    as_picture,
+    grouped,
+    harmonised,
+    limited,
+    spread_out,
+)
 from brushexp_media.wetness import gaussian_blur
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
@@ -86,3 +95,37 @@ def test_white_keeps_clear_colours():
     seen = as_lab(build_named("palette", "toned", {"white": 85})(as_picture(lab)))
     assert np.hypot(*seen[0, 0, 1:]) < 3
     assert np.hypot(*seen[1, 0, 1:]) > 0.4 * CLEAR
+
+
+def test_chroma_stays_below_its_limit_and_half_of_that_stays():
+    chroma = np.linspace(0, 200, 401)
+    bent = limited(chroma, np.full(401, 60.0))
+    assert np.array_equal(bent[chroma <= 30], chroma[chroma <= 30])
+    assert (np.diff(bent) > 0).all()
+    assert 55 < bent.max() < 60
+
+
+def test_the_lightest_colours_have_less_chroma_than_others_but_for_yellow():
+    lab = np.broadcast_to(np.array([[50.0, 50.0, 0.0], [90.0, -40.0, 0.0], [85.0, 0.0, 50.0]])[:, None], (3, 40, 3))
+    seen = as_lab(build_named("palette", "toned", {"most_chroma": 70})(as_picture(lab)))
+    red, pale, yellow = np.hypot(*seen[:, 0, 1:].T)
+    assert red > 44
+    assert pale < 35
+    assert yellow > 45
+
+
+def test_hues_are_drawn_towards_the_few_of_the_picture_and_keep_their_chroma():
+    random = np.random.default_rng(0)
+    middle = np.array([[30.0, 0.0], [-15.0, 26.0]])[random.integers(2, size=(40, 50))]
+    ab = middle + random.normal(0, 5, (40, 50, 2))
+    ab[7, 9] = middle[7, 9] = accent = 2.0, -40.0
+    drawn = harmonised(ab, 2, 0.5)
+    off = [np.abs(np.angle(each.view(complex) / middle.view(complex))).mean() for each in (ab, drawn)]
+    assert 0.45 < off[1] / off[0] < 0.7
+    assert np.allclose(drawn[7, 9], accent, atol=1)  # far from both
+    assert np.allclose(np.hypot(*drawn.T), np.hypot(*ab.T))
+
+
+def test_greys_have_no_hues_to_be_drawn_towards():
+    grey = np.zeros((4, 5, 2))
+    assert np.array_equal(harmonised(grey, 3, 1.0), grey)

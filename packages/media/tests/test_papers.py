@@ -21,7 +21,7 @@ from brushexp.shading.light import Light, overlay
 from brushexp.strokes.saved import Saved
 
 PAPERS = [plugin.name for plugin in plugins("paper") if not plugin.cls.is_smooth]
-WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5}
+WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5, "lost": 0.4, "charged": 0.5}
 WHITE = torch.ones(3)
 
 
@@ -160,10 +160,28 @@ def test_grain_is_drawn_out_along_strokes(axis):
 
 def test_bands_of_drawn_out_grain_are_those_of_the_whole():
     flat, rows = torch.rand(3, 90, 60, generator=torch.Generator().manual_seed(0)), Rows(40, 10, (90, 60))
-    paper = build_named("paper", "rough", {"grain": 12.0, "tooth": 0.3, "drag": 0.6, "accents": 0.5})
+    wet = {"lost": 0.5, "charged": 0.5}
+    paper = build_named("paper", "rough", {"grain": 6.0, "tooth": 0.3, "drag": 0.6, "accents": 0.5} | wet)
     wide = rows.widened(paper.margin(rows.size))
     whole, band = (paper.cover(flat[:, r.top : r.top + r.count], WHITE, r) for r in (Rows(0, 90, (90, 60)), wide))
     assert_close(band[:, 40 - wide.top :][:, :10], whole[:, 40:50], atol=1e-4, rtol=0)
+
+
+def test_edges_are_lost_where_paper_is_wet_and_crisp_elsewhere():
+    picture, rows = torch.full((3, 300, 300), 0.9), Rows(0, 300, (300, 300))
+    picture[:, :, 150:] = 0.3
+    paper = build_named("paper", "cold_pressed", {"tooth": 0, "lost": 0.5, "grain": 4.0})
+    soft = ((paper.cover(picture, WHITE, rows)[0] - picture[0]).abs() > 0.1).float().sum(1)
+    assert 0.05 < float((soft > 2).float().mean()) < 0.7
+    assert 0.5 < float((soft == 0).float().mean()) < 0.95
+
+
+def test_a_wash_is_warmer_here_and_cooler_there_and_bare_paper_is_white():
+    seen = covered("cold_pressed", (200, 300), color=0.5, tooth=0, charged=1.0)
+    warmth = seen[0] - seen[2]
+    assert 0.03 < float(warmth.std()) < 0.3
+    assert abs(float(warmth.mean())) < 0.1
+    assert torch.equal(covered("cold_pressed", (60, 80), color=1.0, tooth=0, charged=1.0), torch.ones(3, 60, 80))
 
 
 @pytest.mark.parametrize("name", PAPERS)
