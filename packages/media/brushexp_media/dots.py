@@ -19,8 +19,8 @@ MOST = 100.0  # chroma by which dots of division 1 leave the colour of their pla
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
-OPPOSITE, LIGHT, PURER = 0.17, 0.25, 0.55  # shares of dots of the opposite and of the light, and how far others go
-TURNED, UNEVEN = 0.6, 0.1  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
+OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
+TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
 
 
 @register("init", "dots")
@@ -73,7 +73,7 @@ class Dots(Initializer):
         own = torch.stack([angle.cos(), angle.sin()], 1)
         of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
         by = torch.where(kind < OPPOSITE, -own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
-        room = (1 - (lab[:, :1] / 50 - 1).square()).clamp_min(0).sqrt()  # neither black nor white has a hue
+        room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
         lab[:, 1:] += MOST * self.division * room * by
         lab[:, 0] += MOST * self.division * UNEVEN * light
         return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
