@@ -20,7 +20,17 @@ log = logging.getLogger(__name__)
 
 STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
-    *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
+    *(
+        "steps",
+        "steps_per_stroke",
+        "coarse",
+        "warm_up",
+        "finish_steps",
+        "effort",
+        "early_stop",
+        "checkpoint_every",
+        "variety",
+    ),
 }
 INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect
     "strokes": ("detail", "pixels_per_stroke", "max_strokes"),
@@ -121,6 +131,10 @@ def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
         log.warning("strokes of catalogue=%s are laid in a new order; order=fixed keeps theirs", cfg.catalogue)
     if cfg.catalogue is not None and (init := sorted({key for key in keys if key.partition(".")[0] == "init"})):
         log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
+    if cfg.psnr is not None and cfg.variety:
+        log.warning(
+            "psnr=%g is what steps reach, and variety=%g takes some of it; variety=0 keeps it", cfg.psnr, cfg.variety
+        )
     for key, others in INSTEAD.items():
         if key in keys and (idle := [other for other in others if other in keys]):
             log.warning("%s= says it already: %s has no effect; type one of them", key, ", ".join(idle))
