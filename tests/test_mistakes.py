@@ -1,7 +1,6 @@
 """Every mistake ends in one line: what is wrong, and what to type instead; what else the terminal says is plain."""
 
 import logging
-import os
 import re
 import sys
 from io import BytesIO, StringIO, TextIOWrapper
@@ -24,7 +23,6 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.tasks import TASKS
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
-from brushexp.results.runs import newest_run
 from brushexp.runs.run_folder import take_name, warn_of_launcher
 from brushexp.system.progress import showing
 from brushexp.system.terminal import IN_LOG, Terminal, as_shown
@@ -386,7 +384,7 @@ def test_a_launcher_of_a_single_run_is_told(typed, said, caplog):
     assert caplog.messages == [f"{word} {told}" for word in said]
 
 
-def test_runs_of_one_second_have_folders_of_their_own_and_the_newest_is_found(config, tmp_path, monkeypatch):
+def test_runs_of_one_second_have_folders_of_their_own(config, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     first, second, named = config(), config(), config("output=outputs/mine")
     place = Path(first.output)
@@ -395,11 +393,6 @@ def test_runs_of_one_second_have_folders_of_their_own_and_the_newest_is_found(co
     assert take_name(second, Path(second.output)) == Path(f"{place}_2")
     assert (first.output, second.output) == (str(place), f"{place}_2"), "and so for every job of a sweep"
     assert take_name(named, Path(named.output)) == Path("outputs/mine")
-    refuses("no run is in outputs/ here; name what to look at: brushexp view FOLDER", newest_run)
-    for folder, changed in ((place, 100), (Path(f"{place}_2"), 50)):
-        (folder / "report.html").touch()
-        os.utime(folder / "report.html", (changed, changed))
-    assert newest_run() == place
 
 
 def test_a_run_says_where_its_profile_is_and_goes_on_in_its_own_folder(tmp_path):

@@ -16,8 +16,8 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
-from brushexp.runs.run_folder import check_places
-from brushexp.runs.sweep_jobs import check_jobs
+from brushexp.runs.run_folder import check_place
+from brushexp.runs.sweep_jobs import check_jobs, moved
 
 
 def jobs(settings, arguments=(), pictures=()):
@@ -65,19 +65,28 @@ def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed()
     ]
 
 
-def test_jobs_have_folders_of_their_own_and_no_run_is_moved_away_from_its_files():
-    def places(count, *words):
+def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_away_from_its_files():
+    def places(pictures, *words):
         with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
-            check_places(compose("config", overrides=list(words), return_hydra_config=True), count)
+            cfg = compose("config", overrides=["strokes=4", *words], return_hydra_config=True)
+            check_place(cfg)
+            loader = GlobalHydra.instance().config_loader()
+            return check_jobs(loader, cfg, [["strokes=4", *words, f"image={one}"] for one in pictures])
 
-    places(2)
-    places(1, "hydra.sweep.subdir=all")
-    places(2, "hydra.sweep.subdir=steps${steps}")
-    cure = r"type 'hydra\.sweep\.subdir=job\$\{hydra\.job\.num\}'"
-    refuses(f"hydra.sweep.subdir=all is one folder for 2 jobs; drop it, or {cure}", places, 2, "hydra.sweep.subdir=all")
+    assert places(["camera", "coffee"]) == ["0", "1"]
+    assert places(["camera"], "hydra.sweep.subdir=all") == ["all"]
+    assert places(["camera", "coffee"], "hydra.sweep.subdir=x${image}") == ["xcamera", "xcoffee"]
+    by_words = places(["camera", "coffee"], "hydra.sweep.subdir='${hydra.job.override_dirname}'")
+    assert by_words == ["image=camera,strokes=4", "image=coffee,strokes=4"]
+    cure = r"drop it, or type 'hydra\.sweep\.subdir=job\$\{hydra\.job\.num\}'"
+    for subfolder, same in (("all", "all"), ("o${seed}", "o0")):
+        message = f"job 1 .*: hydra.sweep.subdir={same} is the folder of an earlier job, too; {cure}"
+        refuses(message, places, ["camera", "coffee"], f"hydra.sweep.subdir={subfolder}")
     refuses(
-        "chdir=true moves a run away from the files that its words name; drop it", places, 1, "hydra.job.chdir=true"
-    )
+        "chdir=true moves a run away from the files that its words name; drop it",
+        places, ["camera"], "hydra.job.chdir=true",
+    )  # fmt: skip
+    assert moved(["seed=1", "hydra.sweep.subdir=a"], "b c") == ["seed=1", "hydra.sweep.subdir=b c"]
 
 
 @pytest.mark.parametrize(("override", "message"), [

@@ -12,6 +12,7 @@ from hydra.core.singleton import Singleton
 from hydra.core.utils import JobReturn, setup_globals
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
+from hydra_plugins.brushexp_jobs import execute_job, number_jobs
 from omegaconf import DictConfig
 
 
@@ -42,7 +43,6 @@ class DaskLauncher(Launcher):
         from distributed import Client, LocalCluster  # noqa: PLC0415
 
         from brushexp.errors import UserError  # noqa: PLC0415
-        from brushexp.runs.sweep_jobs import number_jobs  # noqa: PLC0415
         from brushexp.system.runtime import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
@@ -66,8 +66,6 @@ class DaskLauncher(Launcher):
 
 def _work(state: Any, *job: Any) -> JobReturn:
     """Run a job in a process in which Hydra has not been set up."""
-    from brushexp.runs.sweep_jobs import execute_job  # noqa: PLC0415
-
     setup_globals()
     Singleton.set_state(state)
     return execute_job(*job)

@@ -13,6 +13,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.utils import JobReturn
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
+from hydra_plugins.brushexp_jobs import execute_job, number_jobs
 from omegaconf import DictConfig
 
 PR_SET_PDEATHSIG = 1  # option of prctl(2)
@@ -47,7 +48,6 @@ class ProcessesLauncher(Launcher):
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """Run the jobs, and wait for all of them; a job that dies ends the sweep."""
-        from brushexp.runs.sweep_jobs import number_jobs  # noqa: PLC0415
         from brushexp.system.runtime import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
@@ -81,8 +81,6 @@ class ProcessesLauncher(Launcher):
 
     def _serve(self, pipe: Pipe, parent: int, of_parent: Sequence[Pipe]) -> None:
         """Run jobs in a fork until there are no more, or its parent is killed or hears no more."""
-        from brushexp.runs.sweep_jobs import execute_job  # noqa: PLC0415
-
         for other in of_parent:
             other.close()  # so that the parent alone has its ends
         os.setpgrp()  # a Ctrl-C comes from the parent alone, and not from the terminal

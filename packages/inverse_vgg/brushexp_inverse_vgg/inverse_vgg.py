@@ -6,12 +6,13 @@ from itertools import pairwise
 from typing import Annotated
 
 import torch
+from brushexp_training.neural import initialise
 from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer, initialise
+from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
 from brushexp.registry import register
 from brushexp.strokes.prior import WIDTH
 from brushexp.system.reading import in_short

@@ -37,9 +37,9 @@ class PruneTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_training.rules import check_trainable  # noqa: PLC0415
         from brushexp_training.stroke_data import check_origin  # noqa: PLC0415
 
-        from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
         from brushexp_inverse_vgg.pruning import check_prunable  # noqa: PLC0415
 
         if not cfg.ratios:

@@ -45,7 +45,7 @@ class ViewTask(Task):
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         """Check that there is something to look at."""
-        from brushexp.results.runs import newest_run  # noqa: PLC0415  (``--help`` does not need it)
+        from brushexp_studio.view import newest_run  # noqa: PLC0415  (``--help`` does not need it)
 
         if cfg.catalogue is None:
             newest_run()

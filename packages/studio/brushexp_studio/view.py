@@ -13,7 +13,7 @@ from brushexp.painting.finished import Finished
 from brushexp.pictures.decode import open_picture
 from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
-from brushexp.results.runs import gather, newest_run, read_result
+from brushexp.results.runs import gather, read_result
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.run_files import METRICS_FILE
@@ -21,6 +21,7 @@ from brushexp.system.terminal import as_shown
 from brushexp_studio.serving import serve, show_until_interrupted
 
 log = logging.getLogger(__name__)
+SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder of a run
 PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
 
 
@@ -90,3 +91,11 @@ def read_painting(folder: Path, job: ExportJob) -> Finished:
             except UserError as error:
                 log.warning("%s is left out: %s", path, error)
     return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})
+
+
+def newest_run(folder: Path = Path("outputs")) -> Path:
+    """Find the run, or the sweep, that has changed its page or catalogue last; a UserError if there is none."""
+    places = {path.parent: path.stat().st_mtime for name in SHOWN for path in sorted(folder.glob(f"*/{name}"))}
+    if not places:
+        raise UserError(f"no run is in {folder}/ here; name what to look at: brushexp view FOLDER")
+    return max(places, key=lambda place: places[place])

@@ -5,12 +5,13 @@ import re
 import signal
 import socket
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 import torch
 from brushexp_studio.serving import serve
-from brushexp_studio.view import pages_of
+from brushexp_studio.view import newest_run, pages_of
 from omegaconf import OmegaConf
 from program import Program, ask
 from refusals import refuses
@@ -36,6 +37,17 @@ def painted_run(folder, **chosen):
 def pages(config, catalogue, into, *overrides):
     into.mkdir(exist_ok=True)
     return pages_of(config("task=view", f"catalogue='{catalogue}'", *overrides), catalogue, into)
+
+
+def test_the_newest_run_is_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refuses("no run is in outputs/ here; name what to look at: brushexp view FOLDER", newest_run)
+    places = [Path("outputs/a"), Path("outputs/b")]
+    for folder, changed in zip(places, (100, 50), strict=True):
+        folder.mkdir(parents=True)
+        (folder / "report.html").touch()
+        os.utime(folder / "report.html", (changed, changed))
+    assert newest_run() == places[0]
 
 
 def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):

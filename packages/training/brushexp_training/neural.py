@@ -14,7 +14,7 @@ from brushexp.bounds import between, one_of
 from brushexp.compositing.layers import EDGE, REACH, SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import Loop, sheets_of
-from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer, initialise
+from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -169,3 +169,11 @@ def shape_numbers(parameters: Tensor) -> Tensor:
     thick = 1.5 * (half.log() + 2.4)
     sizes = [1.5 * (length - 0.8), (length / half).log() - 2, width, thick]
     return torch.cat([*sizes, 4 * along, 2 * across, 0.25 * across * length / half, (end - start) / length, color], 1)
+
+
+def initialise(module: nn.Module) -> None:
+    """Draw weights as He et al. (2015), so that differences of strokes reach the last layer, unlike by default."""
+    if isinstance(module, nn.Conv2d | nn.Linear):
+        nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+        if module.bias is not None:
+            nn.init.zeros_(module.bias)

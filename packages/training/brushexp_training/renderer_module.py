@@ -12,10 +12,11 @@ from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from brushexp.pictures.similarity import psnr_of
-from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
+from brushexp.plugins.renderer.base import Renderer, window_pictures
 from brushexp_training.datamodule import StrokeBatch
 from brushexp_training.evaluation import error_figures, error_sums, fine_detail, premultiply
 from brushexp_training.network_module import NetworkModule
+from brushexp_training.rules import check_trainable
 
 BETAS = (0.9, 0.99)  # betas of Adam for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move

@@ -13,6 +13,7 @@ from brushexp.registry import keep_built
 from brushexp.system.runtime import check_memory
 
 if TYPE_CHECKING:
+    from brushexp.plugins.renderer.base import Renderer
     from brushexp_training.dataset import Origin
 
 BYTES_PER_TRAINED_PIXEL = 48  # a network's strokes need RGBA of the picture, of what it should be, and of its gradient
@@ -33,7 +34,6 @@ STROKES = Rule(_check_set)
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that training ends, and that the strokes fit the network."""
-    from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp_training.stroke_data import origin_for  # noqa: PLC0415
 
     check_ends(cfg)
@@ -94,3 +94,12 @@ def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     from brushexp_training.stroke_data import check_origin  # noqa: PLC0415
 
     check_origin(cfg)
+
+
+def check_trainable(renderer: "Renderer", window: int) -> None:
+    """Raise a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
+    if not any(parameter.requires_grad for parameter in renderer.parameters()):
+        raise UserError("this renderer has no weights to train; try renderer=neural")
+    if (own := getattr(renderer, "window", window)) != window:
+        difference = f"renderer.window={own}, but the strokes have {window} pixels"
+        raise UserError(f"{difference}; set renderer.window={window}")

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
-SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder of a run
 REMOVED = "(removed)"  # value of an override "~key"
 TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
 LARGEST_NUMBER = 1e300  # larger numbers of a result are taken for missing
@@ -64,14 +63,6 @@ def has_finished(folder: Path) -> bool:
 def has_ended(folder: Path) -> bool:
     """Tell whether a run has finished or failed, and was not killed or interrupted."""
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in ("interrupted", AT_WORK)
-
-
-def newest_run(folder: Path = Path("outputs")) -> Path:
-    """Find the run, or the sweep, that has changed its page or catalogue last; a UserError if there is none."""
-    places = {path.parent: path.stat().st_mtime for name in SHOWN for path in sorted(folder.glob(f"*/{name}"))}
-    if not places:
-        raise UserError(f"no run is in {folder}/ here; name what to look at: brushexp view FOLDER")
-    return max(places, key=lambda place: places[place])
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:

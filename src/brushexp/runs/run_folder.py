@@ -45,7 +45,7 @@ class RunFolder(Callback):
         try:
             if config.hydra.sweeper.get("resume"):
                 raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
-            check_places(config)
+            check_place(config)
             check(config, words)
             warn_of_launcher(config)
             take(take_name(config, Path(config.hydra.run.dir)), config)
@@ -55,14 +55,10 @@ class RunFolder(Callback):
             raise SystemExit(f"brushexp: {message}") from error
 
 
-def check_places(cfg: DictConfig, jobs: int = 1) -> None:
-    """Refuse (UserError) a run that is moved away from the files that its words name, and jobs in one folder."""
+def check_place(cfg: DictConfig) -> None:
+    """Refuse (UserError) a run that is moved away from the files that its words name."""
     if cfg.hydra.job.chdir:
         raise UserError("hydra.job.chdir=true moves a run away from the files that its words name; drop it")
-    subfolder: str = OmegaConf.to_container(cfg.hydra.sweep, resolve=False)["subdir"]  # type: ignore[index, call-overload]
-    if jobs > 1 and "${" not in subfolder:
-        cure = "drop it, or type 'hydra.sweep.subdir=job${hydra.job.num}'"
-        raise UserError(f"hydra.sweep.subdir={subfolder} is one folder for {jobs} jobs; {cure}")
 
 
 def warn_of_launcher(cfg: DictConfig) -> None:

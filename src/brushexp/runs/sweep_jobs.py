@@ -6,18 +6,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.utils import JobReturn, JobStatus, configure_log, filter_overrides, run_job, setup_globals
-from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, OmegaConf, open_dict
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.config.check import check
+from brushexp.config.words import verbatim
 from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.closing import say_page
-from brushexp.runs.run_folder import check_free, check_places, take, take_name
+from brushexp.runs.run_folder import check_free, check_place, take, take_name
 from brushexp.runs.sweep_report import renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
@@ -32,18 +31,27 @@ Words = Sequence[str]
 log = logging.getLogger(__name__)
 
 
-def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be."""
-    refused, composed = [], dict[tuple[str, ...], DictConfig]()
+def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
+    """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be.
+
+    No two jobs may have one folder. Return these folders, below that of the sweep.
+    """
+    refused, composed, places = [], dict[tuple[str, ...], DictConfig](), list[str]()
+    alike = () if "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep) else (PICTURE, SUBFOLDER)
     for number, job in enumerate(jobs):
         try:
-            others = tuple(word for word in job if not word.startswith((PICTURE, SUBFOLDER)))
+            others = tuple(word for word in job if not word.startswith(alike))
             if others not in composed:  # composing takes a while, and the picture changes nothing else
                 composed[others] = loader.load_sweep_config(config, list(job))
             cfg = composed[others].copy()
+            cfg.hydra.job.num = number
             for word in job:
-                if word.startswith(PICTURE):
-                    cfg.image = override_value(word)
+                if word.startswith((PICTURE, SUBFOLDER)):
+                    OmegaConf.update(cfg, word.partition("=")[0], override_value(word))
+            if (place := str(cfg.hydra.sweep.subdir)) in places:
+                cure = "drop it, or type 'hydra.sweep.subdir=job${hydra.job.num}'"
+                raise UserError(f"{SUBFOLDER}{place} is the folder of an earlier job, too; {cure}")
+            places.append(place)
             check(cfg, job)
         except UserError as error:
             is_plain = lenient and str(error).startswith(PICTURE)  # a picture of a folder: it says which
@@ -53,6 +61,7 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
     drop_built()  # each job builds its own
     for reason in refused:
         log.warning("%s; it is skipped", reason)
+    return places
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
@@ -60,7 +69,7 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
 
     A ``lenient`` one may have others, but none in the folder of an earlier job.
     """
-    check_places(config, len(jobs))
+    check_place(config)
     folder = take_name(config, Path(config.hydra.sweep.dir))
     words = [_without_output(job) for job in jobs]
     if goes_on:
@@ -109,8 +118,7 @@ def launch_jobs(
     """
     folder = Path(config.hydra.sweep.dir)
     jobs = {number: list(job) for number, job in enumerate(batch, first)}
-    if goes_on:
-        jobs = {number: _name_folder(job, number) for number, job in jobs.items()}  # numbers then have gaps
+    if goes_on:  # numbers then have gaps
         jobs = {number: job for number, job in jobs.items() if not _is_done(folder / str(override_value(job[-1])))}
         log.info("%d of %d jobs have finished already", len(batch) - len(jobs), len(batch))
     try:
@@ -128,38 +136,9 @@ def launch_jobs(
         raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {', '.join(failed)}; {table} says why")
 
 
-def number_jobs(config: DictConfig, jobs: Sequence[Words], first: int) -> dict[int, list[str]]:
-    """Log the jobs that a launcher begins, make the folder of their sweep, and return them by their numbers."""
-    setup_globals()
-    configure_log(config.hydra.hydra_logging, config.hydra.verbose)
-    Path(config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
-    numbered = {number: list(job) for number, job in enumerate(jobs, first)}
-    for number, job in numbered.items():
-        log.info("\t#%d : %s", number, " ".join(filter_overrides(job)))
-    return numbered
-
-
-def execute_job(
-    number: int, words: list[str], context: HydraContext, config: DictConfig, task_function: TaskFunction
-) -> JobReturn:
-    """Run a job of a sweep in this process, for launchers."""
-    job = context.config_loader.load_sweep_config(config, words)
-    with open_dict(job):
-        job.hydra.job.id, job.hydra.job.num = f"{job.hydra.job.name}_{number}", number
-    HydraConfig.instance().set_config(job)
-    return run_job(
-        hydra_context=context,
-        config=job,
-        task_function=task_function,
-        job_dir_key="hydra.sweep.dir",
-        job_subdir_key="hydra.sweep.subdir",
-    )
-
-
-def _name_folder(job: Words, number: int) -> list[str]:
-    """Move the word that names the folder of a job to its end; without one the folder is its number."""
-    named = [word for word in job if word.startswith(SUBFOLDER)] or [f"{SUBFOLDER}{number}"]
-    return [*(word for word in job if not word.startswith(SUBFOLDER)), named[-1]]
+def moved(job: Words, place: str) -> list[str]:
+    """Move a job to a folder, which its last word names."""
+    return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 
 def override_value(word: str) -> Any:

@@ -178,14 +178,6 @@ class PatchRenderer(Renderer):
         return torch.stack([strokes.position[:, 1] - reach, strokes.position[:, 1] + reach], dim=1)
 
 
-def initialise(module: nn.Module) -> None:
-    """Draw weights as He et al. (2015), so that differences of strokes reach the last layer, unlike by default."""
-    if isinstance(module, nn.Conv2d | nn.Linear):
-        nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
-        if module.bias is not None:
-            nn.init.zeros_(module.bias)
-
-
 def check_trained(renderer: Renderer, choice: str) -> None:
     """Raise a UserError if a renderer that draws nothing of use without trained weights has none; ``choice`` is typed.
 
@@ -198,15 +190,6 @@ def check_trained(renderer: Renderer, choice: str) -> None:
     cure = f"train it: brushexp task=train renderer={choice} output=outputs/{choice}"
     file = f"renderer.checkpoint=outputs/{choice}/{name}.safetensors"
     raise UserError(f"renderer={choice} has no trained weights here, and would draw noise; {cure}, then add {file}")
-
-
-def check_trainable(renderer: Renderer, window: int) -> None:
-    """Raise a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
-    if not any(parameter.requires_grad for parameter in renderer.parameters()):
-        raise UserError("this renderer has no weights to train; try renderer=neural")
-    if (own := getattr(renderer, "window", window)) != window:
-        difference = f"renderer.window={own}, but the strokes have {window} pixels"
-        raise UserError(f"{difference}; set renderer.window={window}")
 
 
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
