@@ -67,22 +67,6 @@ def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task,
     assert np.array_equal(painting.image, pixels_of(tmp_path / "painting.png"))
 
 
-def test_a_painting_is_the_same_whatever_is_the_default_of_the_program_around():
-    words = {"look": "plain", "resolution": 24, "strokes": 12, "steps": 3}
-    picture = brushexp.paint("astronaut", **words).image
-    dtype = torch.get_default_dtype()
-    for other in (torch.float64, torch.bfloat16):
-        try:
-            torch.set_default_dtype(other)
-            assert np.array_equal(brushexp.paint("astronaut", **words).image, picture)
-            assert torch.get_default_dtype() == other
-        finally:
-            torch.set_default_dtype(dtype)
-    for around in (torch.inference_mode(), torch.no_grad(), torch.device("meta")):
-        with around:
-            assert np.array_equal(brushexp.paint("astronaut", **words).image, picture)
-
-
 def test_a_painting_on_a_transparent_canvas_has_the_alpha_of_its_picture(run_task, tmp_path):
     alpha = np.zeros((24, 32), np.uint8)
     alpha[4:20, 6:20], alpha[4:20, 20:26] = 255, 128

@@ -4,6 +4,7 @@ from os import PathLike
 from pathlib import Path
 
 from brushexp import Painting
+from brushexp.api.settings import undisturbed
 from brushexp.config.keys import keys_of
 from brushexp.strokes.storage import load_catalogue
 from brushexp_analysis.schema import AnalyseTask
@@ -25,6 +26,7 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
     """
     for name, value in {"radius": radius, "visible": visible}.items():
         keys_of(AnalyseTask)[name].bounds.check(name, value)
-    saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
     name = "painting" if isinstance(painting, Painting) else str(painting)
-    return analysis_of(saved, name, name, radius, visible)
+    with undisturbed():
+        saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+        return analysis_of(saved, name, name, radius, visible)

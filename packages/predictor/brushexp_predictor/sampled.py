@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.api.settings import settings_of
+from brushexp.api.settings import settings_of, undisturbed
 from brushexp.pictures.load import load_picture
 from brushexp.system.progress import showing
 from brushexp_predictor.conformal import Scalings, doubt_of, read_scalings
@@ -79,7 +79,8 @@ def sample_brushwork(
         UserError: what is wrong with the picture, the weights, the intervals or another argument.
     """
     settings = settings_of("sample", locals())  # which holds the picture
-    return sample_with(settings.cfg)
+    with undisturbed():
+        return sample_with(settings.cfg)
 
 
 def sample_with(cfg: DictConfig) -> SampledBrushwork:

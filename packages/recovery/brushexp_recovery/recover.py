@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.api.settings import settings_of
+from brushexp.api.settings import settings_of, undisturbed
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
@@ -51,8 +51,8 @@ def recover(
     """
     options = {"image": image, "scale": scale, "copies": copies, "weights": str(weights)}
     settings = settings_of("recover", options)  # which holds the picture
-    picture = load_picture(settings.cfg.image, None)
-    with showing("finding strokes") as show:
+    with undisturbed(), showing("finding strokes") as show:
+        picture = load_picture(settings.cfg.image, None)
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
 
 

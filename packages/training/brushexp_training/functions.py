@@ -5,7 +5,7 @@ from os import PathLike
 from typing import Any
 
 from brushexp.api.parts import create
-from brushexp.api.settings import settings_of
+from brushexp.api.settings import settings_of, undisturbed
 from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, plugin_of
@@ -27,8 +27,9 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
     >>> parameters.shape, strokes.images.shape
     (torch.Size([2, 10]), torch.Size([2, 4, 32, 32]))
     """
-    parameters = parameters_of(sample_prior(n, seed))
-    return parameters, create("engine", engine, **options)(parameters, seed=seed)
+    with undisturbed():
+        parameters = parameters_of(sample_prior(n, seed))
+        return parameters, create("engine", engine, **options)(parameters, seed=seed)
 
 
 def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **overrides: Any) -> Renderer:

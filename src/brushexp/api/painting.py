@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from brushexp.api.settings import Settings, settings_of, write_pictures
+from brushexp.api.settings import Settings, settings_of, undisturbed, write_pictures
 from brushexp.errors import UserError
 from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
@@ -87,7 +87,8 @@ class Painting:
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
         """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8; ``light``: with lamp."""
         job = _sized(self.finished.job, size)
-        return (job if light else replace(job, light=UNLIT)).picture()
+        with undisturbed():
+            return (job if light else replace(job, light=UNLIT)).picture()
 
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
@@ -107,8 +108,8 @@ class Painting:
         job = _sized(self.finished.job, size)
         exporter.check(len(job.strokes), job.size)
         Path(folder).mkdir(parents=True, exist_ok=True)
-        paths: list[Path] = exporter.write(job, Path(folder))
-        return paths
+        with undisturbed():
+            return list[Path](exporter.write(job, Path(folder)))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write the files of a run (painting.png, catalogue.h5, report.html, ...) over those of another painting.
@@ -121,7 +122,7 @@ class Painting:
         if into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
         job = self.finished.job
-        with recorded(into):
+        with recorded(into), undisturbed():
             settings = write_pictures(self.settings, into)
             note_words(into, settings.cfg, settings.words)
             job = replace(job, saved=replace(job.saved, config=settings.yaml))

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from brushexp.api.settings import load
+from brushexp.api.settings import load, undisturbed
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.renderer.base import Renderer
@@ -42,7 +42,8 @@ def create(family: str, name: str, **options: Any) -> Any:
     2.0
     """
     list_plugins(family)
-    built = build_named(family, name, options)
+    with undisturbed(gradients=False):
+        built = build_named(family, name, options)
     return built.requires_grad_(False) if isinstance(built, Renderer) else built
 
 
@@ -87,13 +88,14 @@ def render(
         raise UserError(f"background has shape {tuple(background.shape)}; give red, green and blue in [0, 1]")
     if options and not isinstance(renderer, str):
         raise UserError(f"{', '.join(options)} would be options of a renderer that is made already; give its name")
-    order = torch.arange(len(strokes)) if depth is None else depth
-    chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
-    paper = torch.ones(3) if background is None else background
-    like = strokes.position
-    front_to_back = order.to(like.device).argsort(descending=True)
-    compositor = Compositor(create("blend", blend), create("color", color))
-    return compositor(chosen.to(like.device)(strokes), front_to_back, canvas, paper.to(like)).image
+    with undisturbed(gradients=False):
+        order = torch.arange(len(strokes)) if depth is None else depth
+        chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
+        paper = torch.ones(3) if background is None else background
+        like = strokes.position
+        front_to_back = order.to(like.device).argsort(descending=True)
+        compositor = Compositor(create("blend", blend), create("color", color))
+        return compositor(chosen.to(like.device)(strokes), front_to_back, canvas, paper.to(like)).image
 
 
 def _canvas(size: object) -> tuple[int, int]:

@@ -54,23 +54,35 @@ class Settings:
 
     @contextmanager
     def as_asked(self) -> Iterator[None]:
-        """Use the threads of the config, and PyTorch's own precision and device, with gradients; restore all after."""
+        """Use the threads of the config, as in `undisturbed`; restore all after."""
         import torch  # noqa: PLC0415
         from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
 
         remarks, threads = logging.getLogger("lightning.pytorch"), torch.get_num_threads()
-        level, dtype = remarks.level, torch.get_default_dtype()
-        place = nullcontext() if torch.get_default_device().type == "cpu" else torch.device("cpu")
-        torch.set_default_dtype(torch.float32)
+        level = remarks.level
         remarks.setLevel(max(level, logging.WARNING))  # else it reports its hardware
         use_threads(self.cfg.threads or threads)
         try:
-            with isolate_rng(), torch.inference_mode(False), place:
+            with isolate_rng(), undisturbed():
                 yield
         finally:
             remarks.setLevel(level)
             torch.set_num_threads(threads)
-            torch.set_default_dtype(dtype)
+
+
+@contextmanager
+def undisturbed(gradients: bool = True) -> Iterator[None]:
+    """Use PyTorch's own precision and device, and gradients unless only what is around decides; restore all after."""
+    import torch  # noqa: PLC0415
+
+    dtype, gradients = torch.get_default_dtype(), gradients or torch.is_grad_enabled()
+    place = nullcontext() if torch.get_default_device().type == "cpu" else torch.device("cpu")
+    torch.set_default_dtype(torch.float32)
+    try:
+        with torch.inference_mode(False), torch.set_grad_enabled(gradients), place:
+            yield
+    finally:
+        torch.set_default_dtype(dtype)
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
