@@ -30,7 +30,7 @@ from brushexp.system.terminal import IN_LOG, Terminal, as_shown
 ROOT = Path(__file__).parents[1]
 MISTAKES = {
     # words, keys and choices
-    "outputs/x/catalogue.h5": "look at it with brushexp view outputs/x/catalogue.h5, or write it anew with brushexp ex",
+    "outputs/x/catalogue.h5": "go on with its strokes: PICTURE catalogue=outputs/x/catalogue.h5 in place of outputs/x",
     "nonsense": "--help lists the keys",
     "watercolur": "is no file, no task and no key=value; did you mean watercolour",
     "docs/image/": "docs/image/ is no file, no task and no key=value; did you mean docs/images/?",
@@ -41,9 +41,9 @@ MISTAKES = {
     "docs/images/BRUSHIFY.JPG": "is not there; did you mean docs/images/brushify.jpg",
     "https://example.com/a.jpg": "is an address; download the picture, and give the path of its file",
     "light=off": "try light=315,45, or light.depth=0 for none",
-    "to=pdf": "what else you want, when it is painted: brushexp export FOLDER to=jpg",
-    "image=clip.mp4 to=gif": "when it is painted: brushexp export FOLDER/frames/000000.h5 to=jpg",
-    "look=tubes to=plan": "when it is painted: brushexp export FOLDER to=jpg",
+    "to=pdf": "drop to=pdf, and when it is painted, type: brushexp export FOLDER to=pdf",
+    "image=clip.mp4 to=gif": "when it is painted, type: brushexp export FOLDER/frames/000000.h5 to=gif",
+    "look=tubes to=plan": "when it is painted, type: brushexp export FOLDER to=plan",
     "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
     "resolution=1e3": "is not a whole number; try resolution=1000",
     "+loss=kl": "+loss=kl adds to no list; type all of them: loss=[...,kl]",

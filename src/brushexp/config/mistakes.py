@@ -58,7 +58,8 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
         if match[1] == "to" and (painted := TASKS[task].painted):
-            more = f"; what else you want, when it is painted: brushexp export {painted} to=jpg"
+            form = re.sub(r"[][]", "", next(word for word in arguments if word.startswith("to=")))
+            more = f"; drop {form}, and when it is painted, type: brushexp export {painted} {form}"
         return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         found = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]

@@ -69,8 +69,8 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
-        cure = f"look at it with brushexp view {word}, or write it anew with brushexp export {word}"
-        raise UserError(f"{word} is a painting, a run or a sweep, and no picture; {cure}")
+        cure = f"brushexp view or export {word}, or go on with its strokes: PICTURE catalogue={word} in place of {word}"
+        raise UserError(f"{word} is a painting, a run or a sweep, and no picture; type {cure}")
     if is_picture and alone:
         return f"image={word}"
     if is_path(word) or word in samples():
