@@ -1,4 +1,4 @@
-"""Focus: the map of what matters, what losses and strokes do with it; and abstraction, which leaves faces alone."""
+"""Focus: the map of what matters, and what losses and strokes do with it."""
 
 import math
 from pathlib import Path
@@ -13,16 +13,13 @@ from brushexp_policies.patches import Patches
 from painters import painter_of as some_painter
 from painters import take
 from PIL import Image
-from skimage import data
 from torch import Tensor
 from torch.testing import assert_close
 
-import brushexp
 from brushexp.errors import UserError
 from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.similarity import dissimilarity, statistics
@@ -74,7 +71,7 @@ ATTENDED = {  # top, bottom, left, right: her face; the cup and its handle; eyes
 
 @pytest.mark.parametrize("name", ATTENDED)
 def test_what_people_look_at_wins(name):
-    attended, box = focus_map("auto", load_picture(name, 128)), ATTENDED[name]
+    attended, box = focus_map("auto", load_picture(name, 128))[0], ATTENDED[name]
     assert attended.dtype == torch.float32
     assert 0 <= float(attended.min()) <= 0.02
     assert 0.9 < float(attended.max()) <= 1
@@ -100,8 +97,8 @@ def test_a_face_is_found_and_a_cat_is_none():
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 3), (40, 30), (300, 7)])
 def test_every_picture_has_a_map_and_in_an_even_one_nothing_matters(size):
     for level in (0.0, 0.3, 1.0):
-        assert torch.equal(attention(torch.full((3, *size), level)), torch.zeros(size))
-    attended = attention(torch.rand(3, *size))
+        assert torch.equal(attention(torch.full((3, *size), level), []), torch.zeros(size))
+    attended = attention(torch.rand(3, *size), [])
     assert attended.shape == size
     assert attended.isfinite().all()
     assert 0 <= float(attended.min()) <= float(attended.max()) <= 1
@@ -128,17 +125,17 @@ def test_a_mask_is_read_as_grey_at_the_size_of_the_picture(tmp_path):
     pixels[5:10, 12:24] = (255, 255, 255)
     pixels[15:] = (0, 255, 0)
     target = torch.rand(3, 20, 30)
-    exact = focus_map(mask_file(tmp_path / "mask.png", pixels), target)
+    exact = focus_map(mask_file(tmp_path / "mask.png", pixels), target)[0]
     assert exact.dtype == torch.float32
     assert (exact[5:10, 12:24] == 1).all()
     assert (exact[:5] == 0).all()
     assert_close(exact[15:], torch.full((5, 30), 0.587))
-    larger = focus_map(str(tmp_path / "mask.png"), torch.rand(3, 60, 90))
+    larger = focus_map(str(tmp_path / "mask.png"), torch.rand(3, 60, 90))[0]
     assert larger.shape == (60, 90)
     assert float(larger[22, 54]) == pytest.approx(1, abs=0.05)
     assert 0 <= float(larger.min()) <= float(larger.max()) <= 1
     for mask, size in (((171, 256), (342, 512)), ((17, 25), (171, 256)), ((1, 1), (5, 9))):  # sides may be rounded
-        assert focus_map(mask_file(tmp_path / "m.png", np.ones(mask, np.uint8)), torch.rand(3, *size)).shape == size
+        assert focus_map(mask_file(tmp_path / "m.png", np.ones(mask, np.uint8)), torch.rand(3, *size))[0].shape == size
 
 
 def test_masks_of_every_depth_and_none_where_they_are_transparent(tmp_path):
@@ -149,7 +146,7 @@ def test_masks_of_every_depth_and_none_where_they_are_transparent(tmp_path):
         (np.full((4, 8), 40000, np.uint16), [40000 / 65535] * 8),
         (np.zeros((4, 8), bool), [0.0] * 8),
     ):
-        result = focus_map(mask_file(tmp_path / "mask.png", pixels), torch.rand(3, 4, 8))
+        result = focus_map(mask_file(tmp_path / "mask.png", pixels), torch.rand(3, 4, 8))[0]
         assert_close(result[0], torch.tensor(row))
 
 
@@ -262,38 +259,13 @@ def test_the_keys_make_weights_and_leave_the_map_and_the_focused_psnr_weighs_err
     assert "psnr_focus" not in measure(metrics, a, b)
     assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(result["psnr"], abs=1e-4)
     target = load_picture("coffee", 64)
-    assert compute_focus(config(), target) == (None, None)
-    weights, attended = compute_focus(config("focus=auto", "focus_strength=4"), target)
+    assert compute_focus(config(), target) == (None, None, [])
+    weights, attended, _ = compute_focus(config("focus=auto", "focus_strength=4"), target)
     assert weights.shape == attended.shape == target.shape[1:]
     write_picture(tmp_path / "mask.png", attended.expand(3, -1, -1))
-    again, _ = compute_focus(config(f"focus={tmp_path / 'mask.png'}", "focus_strength=4"), target)
+    again, *_ = compute_focus(config(f"focus={tmp_path / 'mask.png'}", "focus_strength=4"), target)
     assert_close(again, weights, rtol=0, atol=0.01)
     chosen = ["image=chelsea", "resolution=48", "steps=3", "frames=0", "report=false", "device=cpu", "focus=auto"]
     assert run_task(paint, *chosen)["psnr_focus"] > 5
     with Image.open(tmp_path / "focus.png") as image:
         assert image.size == (48, 32)
-
-
-@pytest.fixture(scope="module")
-def paintings():
-    portrait = data.astronaut()[:192, 128:320]
-    return [brushexp.paint(portrait, abstraction=value, steps=4) for value in (0, 0.7, 1)]
-
-
-def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leaves_faces_and_what_is_typed(paintings):
-    counts = [len(painting.strokes) for painting in paintings]
-    assert counts == sorted(counts, reverse=True)
-    assert counts[0] == pytest.approx(40 * counts[-1], rel=0.05)
-    distances = [painting.metrics["perceptual"] for painting in paintings]
-    assert distances == sorted(distances)
-    assert faces(torch.from_numpy(paintings[1].image).float().movedim(-1, 0) / 255)
-    painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
-    assert len(painting.strokes) == 50
-    picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
-    attended = torch.zeros(40, 60)
-    attended[:, 30:] = 1
-    flat = simplified(picture, 1, attended)
-    assert torch.equal(flat[:, :, 30:], picture[:, :, 30:])
-    assert flat[:, :, :30].std() < 0.5 * picture[:, :, :30].std()
-    assert simplified(picture, 0, attended) is picture
-    assert simplified(picture[:, :1, :1], 0.5, None).shape == (3, 1, 1)

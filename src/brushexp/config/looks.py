@@ -18,12 +18,12 @@ from brushexp.config.check import unknown_option
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import task_for
 from brushexp.errors import UserError
+from brushexp.pictures.abstraction import FEWER
 from brushexp.registry import FAMILIES, plugins
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
-FEWER = 40  # times as few strokes with abstraction=1
 CLOSER = 50  # times as much weight of the focus with abstraction=1
 AT_A_GLANCE = {  # starts of looks, and what replaces them and their optimizer for strokes that a network lays
     "slic": {"init": "predicted", "adam": "brief", "shaped": "briefly_shaped"},

@@ -11,7 +11,7 @@ from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
-from brushexp.pictures.focus import focus_map, focus_weights
+from brushexp.pictures.focus import Face, focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
 from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.painter.base import Painter
@@ -55,7 +55,7 @@ def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor) -> OtherPa
 
 def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     pictures: dict[str, Tensor] = {}
-    focus, attended = compute_focus(cfg, target)
+    focus, attended, seen = compute_focus(cfg, target)
     if attended is not None:
         pictures["focus"] = attended.expand(3, -1, -1)
     target = simplified(target, cfg.abstraction, attended)
@@ -63,7 +63,7 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     if cfg.style.image is not None:
         target, pictures["style"] = match_colors(target, parts)
     background = background_color(cfg.background, target)
-    strokes, budget = first_strokes(cfg, target, parts.density, focus)
+    strokes, budget = first_strokes(cfg, target, parts.density, focus, seen)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     catalogue = Catalogue(strokes, parts.optimizer.units)
     moves = cfg.catalogue is None or any(stage.steps for stage in parts.stages) or cfg.seconds
@@ -75,12 +75,12 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     return painter
 
 
-def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the weights (H, W) of the pixels, of mean 1, if ``focus`` is set; and the map they are made from."""
+def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None, list[Face]]:
+    """Compute the weights (H, W) of pixels, of mean 1, if ``focus`` is set, the map they are made from, and faces."""
     if cfg.focus is None:
-        return None, None
-    attended = focus_map(cfg.focus, target)
-    return focus_weights(attended, cfg.focus_strength), attended
+        return None, None, []
+    attended, found = focus_map(cfg.focus, target)
+    return focus_weights(attended, cfg.focus_strength), attended, found
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:

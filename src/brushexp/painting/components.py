@@ -12,6 +12,8 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.pictures.abstraction import FEWER
+from brushexp.pictures.focus import Face
 from brushexp.pictures.load import check_ratio
 from brushexp.plugins.blend.base import Blend, Compositor
 from brushexp.plugins.blend.tiled import Tiled
@@ -38,6 +40,7 @@ from brushexp.system.runtime import check_memory
 log = logging.getLogger(__name__)
 BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
+ON_A_FACE, FACE_REACH = 400, 0.85  # strokes at most, and how far from its middle they lie, in its sides
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 LONG, MANY = 2, 10_000  # minutes of steps that are told beforehand, and drawings below which nobody asks
 AUTO = "auto"  # value of warm_up that leaves it to the renderer
@@ -155,7 +158,9 @@ def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
                 log.info("%s %d minutes; %s", steps, minutes, cure)
 
 
-def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:
+def first_strokes(
+    cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None, seen: Sequence[Face] = ()
+) -> tuple[Strokes, int]:
     """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget."""
     _, height, width = target.shape
     if cfg.catalogue is not None:
@@ -167,10 +172,27 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = take_built(cfg.init)
     strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)
+    if cfg.strokes is None:  # abstraction gives the faces ``seen`` strokes beside those
+        nearer = [face_strokes(initializer, target, face, n, cfg.abstraction, generator) for face in seen]
+        strokes, n = Strokes.join(strokes, *nearer), n + sum(map(len, nearer))
     if cfg.style.brushwork is not None:
         likeness: BrushworkLoss = build(cfg.style.strokes)
         strokes = likeness.arranged(strokes, (height, width), generator)
     return strokes, n
+
+
+def face_strokes(
+    initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
+) -> Strokes:
+    """Lay the strokes on a face that ``abstraction`` takes from it in a picture of now ``n``, up to `ON_A_FACE`."""
+    (y, x), reach = face[0], FACE_REACH * face[1]
+    top, left = max(0, round(y - reach)), max(0, round(x - reach))
+    near = target[:, top : round(y + reach), left : round(x + reach)].contiguous()
+    count = min(ON_A_FACE, round(n * (FEWER**abstraction - 1) * near.numel() / target.numel()))
+    if not count:
+        return Strokes.none()
+    strokes = initializer.nearer()(near, count, generator).moved(shift=(left, top))
+    return strokes[(strokes.position - torch.tensor([x, y])).norm(dim=1) < reach]
 
 
 def planned_steps(cfg: DictConfig) -> int:

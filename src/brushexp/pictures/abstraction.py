@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+FEWER = 40  # times as few strokes at abstraction 1
 FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 

@@ -1,5 +1,7 @@
 """Pixels are weighted by where accuracy matters: a mask, or what people look at first."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -7,6 +9,8 @@ from torch.nn import functional
 
 from brushexp.pictures.color import to_lab
 from brushexp.pictures.load import downsample, load_mask
+
+Face = tuple[tuple[float, float], float]  # middle (y, x) and side of the square around it, in pixels
 
 AUTO = "auto"  # focus that is found in the picture
 SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
@@ -19,11 +23,11 @@ FACE_REACH = 0.7  # sides of the square that a face was found in: how far from i
 BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is a face
 
 
-def focus_map(focus: str, target: Tensor) -> Tensor:
-    """Map how much pixels of a picture (3, H, W) matter, 0 to 1 (H, W), by ``auto`` or a file (see `load_mask`)."""
+def focus_map(focus: str, target: Tensor) -> tuple[Tensor, list[Face]]:
+    """Map how much pixels of a picture (3, H, W) matter, 0 to 1 (H, W), by ``auto``, which finds faces, or a file."""
     if focus == AUTO:
-        return attention(target)
-    return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
+        return attention(target, found := faces(target)), found
+    return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, "), []
 
 
 def focus_weights(attended: Tensor, strength: float) -> Tensor:
@@ -40,15 +44,14 @@ def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
     return (means * (weights.double().mean() / means.mean())).to(weights.dtype)
 
 
-def attention(picture: Tensor) -> Tensor:
+def attention(picture: Tensor, squares: Sequence[Face]) -> Tensor:
     """Estimate where people look first, (H, W) float32 from 0 to 1; all 0 for a picture that is even.
 
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     of each Lab channel the cosine transform keeps its signs only, and what is bright in the squared inverse stands out.
     Detail is the slope of the Lab channels. Both are smoothed, and the root of their product is weighed with a Gaussian
-    around the middle (Judd et al., 2009). Faces are added as Cerf et al. (2007) do; the detector is the cascade of
-    local binary patterns that scikit-image ships, applied to the picture and its mirror image. Differs from the sources
-    in this combination, which was chosen by eye on three photographs.
+    around the middle (Judd et al., 2009). Faces, those of ``squares``, are added as Cerf et al. (2007) do. Differs from
+    the sources in this combination, which was chosen by eye on three photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -64,7 +67,6 @@ def attention(picture: Tensor) -> Tensor:
     highest = salient.max()
     salient = salient / highest if highest > SAME else np.zeros_like(salient)
     wide = functional.interpolate(torch.from_numpy(salient)[None, None], size, mode="bilinear", align_corners=False)
-    squares = faces(picture)
     attended = wide[0, 0] * (BESIDE_FACES if squares else 1)
     for (y, x), side in squares:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
         down, across = torch.arange(size[0]) + 0.5 - y, torch.arange(size[1]) + 0.5 - x
@@ -89,8 +91,8 @@ def _slope(lab: np.ndarray) -> np.ndarray:
     return np.sqrt(squares)
 
 
-def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
-    """Find the middle (y, x) and side of the square around each frontal face of a picture (3, H, W), in pixels."""
+def faces(picture: Tensor) -> list[Face]:
+    """Find frontal faces of a picture (3, H, W) by the cascade of local binary patterns that scikit-image ships."""
     small = _shrunk(picture, FACE_SIDE)
     if min(small.shape[:2]) <= FACE_LEAST:
         return []

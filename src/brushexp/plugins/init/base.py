@@ -24,3 +24,7 @@ class Initializer(ABC):
         All randomness comes from ``generator``. ``focus`` (H, W) weighs the pixels, with a mean of 1; an initialiser
         may ignore it.
         """
+
+    def nearer(self) -> "Initializer":
+        """Return the initialiser of a face that is painted by itself, where ``abstraction`` leaves the rest out."""
+        return self

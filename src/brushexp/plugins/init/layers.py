@@ -27,6 +27,7 @@ FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # reach of structure (in pitches),
 UNDER = 1.5  # width of the strokes of an underpainting over that of the others
 DIM = 0.1  # brightness below which darkness no longer makes a difference larger, 0 to 1
 SHORTEST = 0.5  # least length of a stroke that ends at an edge, over its full length
+FEWER, SHORTER = 2, 0.6  # layers of a face than of the picture around it, and length of its strokes
 SWELLS, SWING = 4, 0.26  # pitches from one turn of the calm direction to the next; its deviation from level, radians
 
 
@@ -93,6 +94,9 @@ class InLayers(Initializer):
                 parts.append(layer._layer(blurred, flow, places, side, generator))
                 below = blurred
         return Strokes.join(*parts)
+
+    def nearer(self) -> "InLayers":
+        return replace(self, layers=max(1, self.layers - FEWER), length=SHORTER * self.length, underpainting=False)
 
     def _counts(self, n: int) -> list[int]:
         shares = (self.cover / self.ratio**2) ** np.arange(self.layers)
