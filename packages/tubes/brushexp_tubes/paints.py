@@ -55,7 +55,8 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
     """Load a set that ships, or a CSV file of one's own; a UserError says what is wrong with it.
 
     The file has a column ``tube`` and, for each tube, ``color`` (sRGB, ``#c8a040``), reflectances ``R400`` to ``R700``,
-    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm.
+    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm. Commas stand between columns, or, as
+    spreadsheets write where numbers have a comma, semicolons or tabs.
     """
     file, chosen = SETS.get(name, (name, ()))
     path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
@@ -65,8 +66,10 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
         )
     cure = "save it as CSV in UTF-8"
     text = read_text(path, cure)
+    between = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
     with explaining(path, cure):
-        rows = {row.get("tube") or "": row for row in csv.DictReader(StringIO(text, newline=""))}
+        table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
+        rows = {row.get("tube") or "": row for row in table}
     rows = {tube: rows[tube] for tube in chosen or rows}
     if not 1 <= len(rows) <= MOST or "" in rows:
         raise UserError(f"{option}={name}: give 1 to {MOST} tubes, each with a name in the column tube")
@@ -93,7 +96,7 @@ def _mixing(rows: Sequence[dict[str, str]]) -> Callable[[Array], Array]:
 
 
 def _numbers(rows: Sequence[dict[str, str]], letter: str) -> Array:
-    return np.array([[float(row[f"{letter}{wave}"]) for wave in NANOMETRES] for row in rows])
+    return np.array([[float(row[f"{letter}{wave}"].replace(",", ".")) for wave in NANOMETRES] for row in rows])
 
 
 def _shares(parts: Array) -> Array:

@@ -55,6 +55,10 @@ def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
     flat.write_text("tube," + ",".join(f"R{w}" for w in waves) + "\ngrey," + ",".join(["0.2"] * 16) + "\n")
     (grey,) = load_tubes(str(flat)).mix(np.ones((1, 1)))
     assert grey == pytest.approx([seen(np.full((1, 16), 0.2))[0, 0]] * 3, abs=1e-6)
+    for between in ";\t":  # as spreadsheets write where numbers have a comma
+        text = flat.read_text().replace(",", between).replace("0.2", "0,2")
+        (tmp_path / "theirs.csv").write_text(text)
+        assert load_tubes(str(tmp_path / "theirs.csv")).mix(np.ones((1, 1)))[0] == pytest.approx(grey)
     colors = tmp_path / "colors.csv"
     colors.write_text("tube,color\nwhite,#ffffff\nblue,#1a4fc0\n")
     pure = load_tubes(str(colors)).mix(np.eye(2))
