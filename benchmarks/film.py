@@ -3,6 +3,7 @@
     python benchmarks/film.py                          a piece of a photograph that moves over another one
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
     python benchmarks/film.py --look ink --side 256
+    python benchmarks/film.py --side 256 --sheet film.jpg    and three of its pictures, painted, and what then changes
     python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture beside a cut
 
 Flicker is the mean change (levels of 255) from picture to picture where the target stays as it is. Both are measured on
@@ -27,6 +28,7 @@ import torch
 from brushexp_films.changes import Flicker
 from brushexp_films.clips import open_clip, timed_pictures
 from brushexp_films.schema import FRAMES
+from PIL import Image
 from skimage import data, transform
 
 from brushexp.pictures.load import planes_of
@@ -35,6 +37,7 @@ from brushexp.pictures.video import filming
 from brushexp.plugins.export.job import export_job
 from brushexp.strokes.storage import load_catalogue
 
+GAIN = 8  # of what changes, in a sheet
 MOVED = 6  # pixels from picture to picture
 
 
@@ -69,6 +72,18 @@ def tell_pictures(folder: Path, clip: Path) -> None:
         print(f"{path.stem}: {psnr_of(float(np.square(painted / 255.0 - shown.picture / 255.0).mean())):.1f} dB")
 
 
+def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
+    """Write the first, the middle and the last but one picture of a film, painted, and how it changes to the next."""
+    shown = [one.picture for one in timed_pictures(open_clip(clip))]
+    paths = sorted((folder / FRAMES).glob("*.h5"))
+    painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]
+    columns = []
+    for k in (0, len(painted) // 2, len(painted) - 2):
+        change = (GAIN * np.abs(painted[k + 1] - painted[k])).clip(0, 255)
+        columns.append(np.vstack([shown[k], painted[k], change]))
+    Image.fromarray(np.hstack(columns).astype(np.uint8)).save(sheet, quality=88, optimize=True)
+
+
 def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -79,6 +94,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--cut", action="store_true", help="a film of two photographs, and the PSNR of its pictures")
     parser.add_argument("--override", nargs="+", default=[], help="keys of the painting")
+    parser.add_argument("--sheet", type=Path, help="picture of three pictures of the film, to be written")
     options = parser.parse_args()
     brushexp.list_plugins()
     make, total = (cut, 2 * options.count) if options.cut else (scene, options.count)
@@ -98,6 +114,8 @@ def main() -> None:
         if options.cut:
             tell_pictures(folder, path)
             return
+        if options.sheet:
+            write_sheet(options.sheet, folder, path)
         carried = json.loads((folder / "metrics.json").read_text())
         flicker, psnr, seconds = Flicker(), [], []
         for shown in islice(timed_pictures(clip), options.count):
