@@ -13,7 +13,7 @@ from brushexp_recovery.looking import Candidate, Look, lay, look_at, regions_in
 from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import LENGTH, OVER, PAINT, WIDTH
-from brushexp_recovery.tiling import Box, box_size, giving_back, nearest, on_threads, tiles, zoomed
+from brushexp_recovery.tiling import Box, box_size, nearest, on_threads, tiles, zoomed
 
 Array = NDArray[Any]
 
@@ -41,7 +41,6 @@ class Regions:
     zoom: float  # at which it was looked at
 
 
-@giving_back()
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
     """Find regions in a picture (H, W, 3) float32 in [0, 1]; without a ``zoom`` at the one that suits its strokes.
 

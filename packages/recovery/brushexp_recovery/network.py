@@ -64,7 +64,8 @@ class StrokeNetwork(nn.Module):
         for level, down in enumerate(self.down):
             x = down(self.pool(x) if level else x)
             skips.append(x)
-        for level in range(len(self.up) - 1, -1, -1):
-            wide = interpolate(self.reduce[level](x), scale_factor=2, mode="nearest")
-            x = self.up[level](torch.cat([wide, skips[level]], 1))
+        skips.pop()
+        for level in range(len(self.up) - 1, -1, -1):  # without names: what has been put together is freed
+            x = torch.cat([interpolate(self.reduce[level](x), scale_factor=2, mode="nearest"), skips.pop()], 1)
+            x = self.up[level](x)
         return self.out(x)

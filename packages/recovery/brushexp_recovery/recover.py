@@ -21,6 +21,7 @@ from brushexp_recovery.model import NAME, RecoveryModel, load_model
 from brushexp_recovery.refining import refine
 from brushexp_recovery.stacking import meetings_of, stack
 from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
+from brushexp_recovery.tiling import giving_back
 
 __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
 Array = NDArray[Any]
@@ -56,6 +57,7 @@ def recover(
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
 
 
+@giving_back()
 def recover_with(
     model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Callable[[float, str], None]
 ) -> Recovered:

@@ -1,11 +1,14 @@
-"""Tiles are dealt out to threads, and loops over their pixels agree with slow ones that are plain to see."""
+"""Tiles are dealt out to threads, memory is freed in time, and loops over pixels agree with slow ones."""
+
+import weakref
 
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import regions
+from brushexp_recovery import recover, regions, tiling
 from brushexp_recovery.looking import pixels_by_region
-from brushexp_recovery.network import OFFSETS
+from brushexp_recovery.model import RecoveryModel
+from brushexp_recovery.network import OFFSETS, StrokeNetwork
 from brushexp_recovery.regions import GROUP, affinities_of
 from brushexp_recovery.tiling import on_threads
 
@@ -63,3 +66,20 @@ def test_pixels_of_regions_are_listed(count):
     assert len(lists) == count
     for number, pixels in enumerate(lists):
         np.testing.assert_array_equal(pixels, np.flatnonzero(labels == number))
+
+
+@torch.no_grad()
+def test_the_network_frees_what_it_has_put_together():
+    network, seen, alive = StrokeNetwork().eval(), [], []
+    network.down[0].register_forward_hook(lambda _module, _inputs, out: seen.append(weakref.ref(out)))
+    network.up[0].register_forward_pre_hook(lambda *_: alive.append(seen[0]() is not None))
+    network(torch.zeros(1, 3, 32, 32))
+    assert alive == [False]
+
+
+def test_memory_is_given_back_until_curves_are_fitted(monkeypatch):
+    calls, refine = [], recover.refine
+    monkeypatch.setattr(tiling, "keep_memory", lambda *most: calls.append(most))
+    monkeypatch.setattr(recover, "refine", lambda *args, **words: calls.append("refined") or refine(*args, **words))
+    recover.recover_with(RecoveryModel().eval(), np.full((48, 48, 3), 0.5, np.float32), 1.0, 1, lambda *_: None)
+    assert calls == [(tiling.KEPT,), "refined", ()]
