@@ -13,8 +13,6 @@ from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-DARK = 0.5  # mean of RGB below which the ground is covered, the more the darker
-RUBBED = 0.1  # opacity of each of the strokes that tint it elsewhere
 MOST = 100.0  # chroma by which dots of division 1 leave the colour of their place
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
@@ -40,7 +38,6 @@ class Dots(Initializer):
         length: of a dab, in distances of its layer.
         jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
         division: how far hues go apart, 0 to 1.
-        under: share of the strokes that cover the ground below the dots where it is dark, and tint it elsewhere.
     """
 
     layers: Annotated[int, between(1, 4)] = 2
@@ -50,18 +47,13 @@ class Dots(Initializer):
     length: Annotated[float, above(0, 10)] = 0.3
     jitter: Annotated[float, between(0, 2)] = 0.22
     division: Annotated[float, between(0, 1)] = 0.3
-    under: Annotated[float, between(0, 1)] = 0.0
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         layers = InLayers(
             layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
             opacity=1.0, jitter=self.jitter,
         )  # fmt: skip
-        under = round(n * self.under)
-        return Strokes.join(
-            *([_shadows(target, under, generator)] if under else []),
-            self._divided(layers(target, n - under, generator, focus), generator),
-        )
+        return self._divided(layers(target, n, generator, focus), generator)
 
     def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
         """Move the hues of strokes apart, and their lightness hardly, so that no dot is a speck."""
@@ -77,9 +69,3 @@ class Dots(Initializer):
         lab[:, 1:] += MOST * self.division * room * by
         lab[:, 0] += MOST * self.division * UNEVEN * light
         return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
-
-
-def _shadows(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
-    """Lay n broad strokes that hide the ground where a picture (3, H, W) is dark, and tint it elsewhere."""
-    strokes = InLayers(layers=1, underpainting=True, opacity=1.0)(target, n, generator)
-    return replace(strokes, opacity=(1.5 * (1 - strokes.color.mean(1) / DARK)).clamp(RUBBED, 1))

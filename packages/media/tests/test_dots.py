@@ -1,9 +1,9 @@
-"""Dots divide the hue of a picture, keep its lightness and its mean, and lie over a ground that is dark in shadows."""
+"""Dots divide the hue of a picture, and keep its lightness and its mean."""
 
 import numpy as np
 import pytest
 import torch
-from brushexp_media.dots import RUBBED, UNEVEN
+from brushexp_media.dots import UNEVEN
 from torch.testing import assert_close
 
 from brushexp.pictures.color import to_lab
@@ -48,12 +48,3 @@ def test_some_dots_have_the_opposite_hue_and_most_a_purer_one():
 def test_dots_have_one_size_where_layers_have():
     dots = dots_of(torch.rand(3, 60, 60), layers=2, ratio=1.0)
     assert float((dots.width * dots.scale).std()) < 1e-3
-
-
-def test_shadows_below_dots_hide_the_ground_where_it_is_dark():
-    target = torch.full((3, 60, 60), 0.8)
-    target[:, :, 30:] = 0.1
-    dots = dots_of(target, 400, under=0.1)
-    opacity, light = dots.opacity[:40], dots.color[:40].mean(1)
-    assert float(opacity[light > 0.6].max()) == pytest.approx(RUBBED)
-    assert float(torch.cat([opacity[light < 0.14], dots.opacity[40:]]).min()) == 1
