@@ -13,11 +13,10 @@ from brushexp_recovery.truth import write_arrays
 NICE = 10  # the pool leaves the processor to the training
 
 
-def fill_pool(folder: Path, seed: int, pictures: Sequence[str], first: int, most: int, step: int = 1) -> None:
-    """Paint numbers ``first``, ``first + step``, ... below ``most`` that are not there yet."""
-    parent = os.getppid()
+def fill_pool(parent: int, folder: Path, seed: int, numbers: Sequence[int], pictures: Sequence[str]) -> None:
+    """Paint those of ``numbers`` that are not there yet, as long as the process ``parent`` lives."""
     folder.mkdir(parents=True, exist_ok=True)
-    for number in range(first, most, step):
+    for number in numbers:
         if os.getppid() != parent:  # the training is over, however it ended
             return
         path = folder / f"{number:06d}.npz"
@@ -36,7 +35,7 @@ def load_painting(path: Path) -> Painted:
         return Painted(file["image"], file["labels"], file["geometry"])
 
 
-def main(folder: str, seed: str, first: str, most: str, step: str, *pictures: str) -> None:
+def main(parent: str, folder: str, seed: str, first: str, most: str, step: str, *pictures: str) -> None:
     """Fill a pool, as a process of its own."""
     import torch  # noqa: PLC0415
 
@@ -45,7 +44,7 @@ def main(folder: str, seed: str, first: str, most: str, step: str, *pictures: st
     os.nice(NICE)
     torch.set_num_threads(1)
     load_plugins(Path("plugins"))
-    fill_pool(Path(folder), int(seed), pictures, int(first), int(most), int(step))
+    fill_pool(int(parent), Path(folder), int(seed), range(int(first), int(most), int(step)), pictures)
 
 
 if __name__ == "__main__":

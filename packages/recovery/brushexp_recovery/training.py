@@ -1,5 +1,6 @@
 """The network learns from crops of paintings that are made while it learns."""
 
+import os
 import subprocess
 import sys
 import time
@@ -63,7 +64,8 @@ class RecoveryData(L.LightningDataModule):
 
     def paint(self) -> None:
         """Begin to make the paintings that are not there yet, in processes of their own."""
-        command = [sys.executable, "-m", "brushexp_recovery.synthesis_pool", str(self.folder), str(self.seed)]
+        command = [sys.executable, "-m", "brushexp_recovery.synthesis_pool"]
+        command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it sees by the number when this process ends
         ranges = [(k, self.most, self.painters) for k in range(self.painters)]
         for numbers in [(HELD_OUT, HELD_OUT + HELD_OUT_COUNT, 1), *ranges]:
             words = [*map(str, numbers), *self.pictures]

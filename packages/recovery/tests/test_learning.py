@@ -1,9 +1,11 @@
 """Paintings are made with their truth, and the network, its judges and their confidence learn from them."""
 
+import os
+
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import finding, judges, judging
+from brushexp_recovery import finding, judges, judging, synthesis_pool
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import UNIT
 from brushexp_recovery.synthesis import Hand, lay_strokes
@@ -98,3 +100,11 @@ def test_normalisations_keep_their_statistics_once_they_are_settled(learnt, prog
     module.network(torch.rand(2, 3, 64, 64))
     same = [torch.equal(value, before[name]) for name, value in module.network.named_buffers()]
     assert all(same) == keeps
+
+
+def test_a_pool_is_filled_as_long_as_the_training_lives(tmp_path, monkeypatch):
+    monkeypatch.setattr(synthesis_pool, "paint", lambda *_: bars())
+    synthesis_pool.fill_pool(os.getppid(), tmp_path / "now", 0, range(2), [])
+    assert len([*(tmp_path / "now").glob("*.npz")]) == 2
+    synthesis_pool.fill_pool(os.getpid(), tmp_path / "later", 0, range(2), [])  # no parent of this process
+    assert not [*(tmp_path / "later").glob("*.npz")]
