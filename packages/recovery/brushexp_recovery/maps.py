@@ -38,7 +38,7 @@ def predict(network: StrokeNetwork, image: Array, copies: int = 2, first: int = 
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
     x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
-    total = torch.zeros(1, CHANNELS, *x.shape[2:])
+    total = torch.from_numpy(np.zeros((1, CHANNELS, *x.shape[2:]), np.float32))  # takes no memory until it is written
     able = torch.cpu._is_avx512_bf16_supported()  # without it 16 bits take six to twelve times as long
     for quarters, mirrored in (COPIES[(first + k) % len(COPIES)] for k in range(copies)):
         copy = torch.rot90(x, quarters, (2, 3))

@@ -1,16 +1,19 @@
 """Tiles are dealt out to threads, memory is freed in time, and loops over pixels agree with slow ones."""
 
+import sys
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from brushexp_recovery import recover, regions, tiling
 from brushexp_recovery.looking import pixels_by_region
+from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
-from brushexp_recovery.network import OFFSETS, StrokeNetwork
+from brushexp_recovery.network import CHANNELS, OFFSETS, StrokeNetwork
 from brushexp_recovery.regions import GROUP, affinities_of
-from brushexp_recovery.tiling import on_threads
+from brushexp_recovery.tiling import giving_back, on_threads
 
 
 @pytest.fixture
@@ -83,3 +86,19 @@ def test_memory_is_given_back_until_curves_are_fitted(monkeypatch):
     monkeypatch.setattr(recover, "refine", lambda *args, **words: calls.append("refined") or refine(*args, **words))
     recover.recover_with(RecoveryModel().eval(), np.full((48, 48, 3), 0.5, np.float32), 1.0, 1, lambda *_: None)
     assert calls == [(tiling.KEPT,), "refined", ()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads how much memory is used from /proc")
+def test_maps_take_no_memory_while_the_network_looks():
+    def used() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+
+    def looks(x):
+        grown.append(used() - before)
+        return torch.zeros(1, CHANNELS, *x.shape[2:])
+
+    image, grown = np.zeros((1024, 1024, 3), np.float32), []
+    with giving_back():
+        before = used()
+        predict(looks, image, 1)
+    assert grown[0] < 60  # the maps take 120
