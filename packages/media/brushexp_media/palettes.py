@@ -66,9 +66,11 @@ def harmonised(ab: Array, hues: int, share: float) -> Array:
 
     What is far from all of them, a small accent, keeps its hue; roots of areas count, so that few are.
     """
-    colors, counts = np.unique((ab.reshape(-1, 2) / BIN).round(), axis=0, return_counts=True)
-    colors *= BIN
-    weight = np.sqrt(counts) * np.hypot(*colors.T)
+    cells = (ab.reshape(-1, 2) / BIN).round().astype(np.int64)
+    lowest, sides = cells.min(0), np.ptp(cells, 0) + 1
+    counts = np.bincount(np.ravel_multi_index(tuple((cells - lowest).T), sides))
+    colors = BIN * (np.stack(np.unravel_index(counts.nonzero()[0], sides), 1) + lowest)
+    weight = np.sqrt(counts[counts > 0]) * np.hypot(*colors.T)
     inks = palette(np.pad(colors, ((0, 0), (1, 0))), weight, hues)[:, 1:]
     if not len(inks):
         return ab

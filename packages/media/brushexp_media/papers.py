@@ -97,7 +97,6 @@ class GrainedPaper(Paper):
         x, y = rows.places
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
-        hue = flat.new_zeros(())
         if self.lost or self.charged:
             ran = gaussian_blur(wandered(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain)
             detail = gaussian_blur((flat - ran).abs().amax(0, keepdim=True), NEARBY * grain)[0]
@@ -111,7 +110,8 @@ class GrainedPaper(Paper):
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
         if self.rims:
             density = density + self.rims * density_of_edges(flat, RIM * grain)
-        density = density + hue * flat.new_tensor(COOLER)[:, None, None]
+        if self.charged:
+            density = density + hue * flat.new_tensor(COOLER)[:, None, None]
         painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
         flat = gather_pigment(flat, painted * density)
         if self.border:

@@ -20,17 +20,8 @@ log = logging.getLogger(__name__)
 
 STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
-    *(
-        "steps",
-        "steps_per_stroke",
-        "coarse",
-        "warm_up",
-        "finish_steps",
-        "effort",
-        "early_stop",
-        "checkpoint_every",
-        "variety",
-    ),
+    *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
+    "variety",
 }
 INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect
     "strokes": ("detail", "pixels_per_stroke", "max_strokes"),

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -18,7 +17,7 @@ from brushexp.painting.painting_module import Epoch, PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
-from brushexp.painting.variety import broken_colors
+from brushexp.painting.variety import break_colors
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
@@ -83,11 +82,9 @@ class StrokeOptimizer(PaintingModule):
         self.catalogue = self.moving = catalogue  # moving is what a step changes: all, or some as a catalogue of theirs
         self.coarse, self.variety = coarse, variety
         self.limit: Callable[[Strokes, Strokes | None, Tensor | None], Strokes] = lambda strokes, before, rows: strokes
-        self.generator = torch.Generator().manual_seed(seed)
-        self.budget = budget or len(catalogue)
+        self.generator, self.budget = torch.Generator().manual_seed(seed), budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
-        self._view = View(Region.whole(target))  # this step shows it
-        self._evaluations_before = 0  # this step
+        self._view, self._evaluations_before = View(Region.whole(target)), 0  # of this step
         self._begin_stage()
 
     @property
@@ -163,13 +160,12 @@ class StrokeOptimizer(PaintingModule):
         self.picture.forget_strokes(rows)
         self.schedule.step += 1
         self.publish()
-        if not self._view.coarse:
-            self._densify(plain_optimizer)
+        self._densify(plain_optimizer)
 
     def _densify(self, optimizer: optim.Optimizer) -> None:
         """Let the density policy add and remove strokes."""
         picture, schedule = self.picture, self.schedule
-        if not self.components.density.due(schedule.step, schedule.steps):
+        if self._view.coarse or not self.components.density.due(schedule.step, schedule.steps):
             return
         seen = (self.latest(), picture.target, picture.focus, self.strokes())
         state = DensificationState(*seen, self.budget, schedule.step, schedule.steps, self._judged)
@@ -226,11 +222,7 @@ class StrokeOptimizer(PaintingModule):
         if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
-        if self.variety:
-            strokes = self.strokes()
-            colors = broken_colors(strokes, self.picture, self.variety, self.generator)
-            self.catalogue.replace(replace(strokes, color=colors))
-            self.picture.forget()
+        break_colors(self.catalogue, self.strokes(), self.picture, self.variety, self.generator)
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""

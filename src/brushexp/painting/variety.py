@@ -1,6 +1,7 @@
 """Break the colours of finished strokes: the paint of each is mixed anew, as a painter's is."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -10,7 +11,7 @@ from torch.nn import functional
 from brushexp.painting.picture import Picture
 from brushexp.pictures.color import to_lab, to_rgb
 from brushexp.strokes.bezier import half_width_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import Catalogue, Strokes
 
 LIGHTNESS, CHROMA = 4.0, 13.0  # CIELAB: deviation of lightness, and of colour, at a variety of 1
 BY_LIGHT = 1.7  # how far colours go by their light, in deviations by chance
@@ -22,7 +23,17 @@ TURN, FADE = 0.4, 0.25  # of its chroma: how far a colour goes round the hues, a
 CHROMATIC = 25.0  # chroma from which on a colour has none of a grey
 BROAD = 0.6  # quantile of widths from which on strokes vary fully; details vary least, by LEAST
 LEAST = 0.25
-DARK, PALE = 50.0, 85.0  # L* below which colours vary less, and above
+DARK, PALE = 50.0, 85.0  # L*: darker colours than the first vary less, and so do lighter ones than the second
+
+
+def break_colors(
+    catalogue: Catalogue, strokes: Strokes, picture: Picture, variety: float, generator: torch.Generator
+) -> None:
+    """Break the colours of the ``strokes`` of a catalogue, of which the picture is then to be drawn anew."""
+    colors = broken_colors(strokes, picture, variety, generator)
+    if colors is not strokes.color:
+        catalogue.replace(replace(strokes, color=colors))
+        picture.forget()
 
 
 @torch.no_grad()

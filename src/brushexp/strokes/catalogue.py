@@ -152,17 +152,15 @@ def check_strokes(strokes: Strokes) -> None:
             raise UserError(f"{name} has shape {tuple(value.shape)}; {field.shape(len(strokes))} is needed")
         wrong[name] = ~(value.isfinite() & (value >= field.low) & (value <= field.high))
     found = torch.stack([numbers.any() for numbers in wrong.values()]).tolist()  # a GPU is waited for once
-    for name in [name for name, is_wrong in zip(wrong, found, strict=True) if is_wrong]:
-        field = FIELDS[name]
+    for name, field in [item for item, is_wrong in zip(FIELDS.items(), found, strict=True) if is_wrong]:
         index = int(wrong[name].reshape(len(strokes), -1).any(1).nonzero()[0])
         number = getattr(strokes, name)[index].detach().reshape(-1).tolist()
         cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
         raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
     brush = strokes.brush
     if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(((brush < 0) | (brush >= MOST)).any()):
-        raise UserError(
-            f"brush is not a whole number (int64) from 0 to {MOST - 1} of each stroke; mend it or leave it out"
-        )
+        needed = f"a whole number (int64) from 0 to {MOST - 1} of each stroke"
+        raise UserError(f"brush is not {needed}; mend it or leave it out")
 
 
 def drawable(strokes: Strokes) -> Strokes:
@@ -177,8 +175,7 @@ def drawable(strokes: Strokes) -> Strokes:
     if dtype not in (torch.float16, torch.bfloat16):
         raise UserError(f"strokes are {dtype}; convert them with strokes.map(lambda value: value.float())")
     if dtype == torch.float16:
-        place = strokes.position.float()
-        strokes = replace(strokes, position=torch.where(place.isinf(), place.sign() * FARTHEST, place))
+        strokes = replace(strokes, position=strokes.position.float().nan_to_num(torch.nan, FARTHEST, -FARTHEST))
     try:
         check_strokes(strokes)
     except UserError as error:
