@@ -122,8 +122,8 @@ def knife(variant: int) -> Tensor:
     torn = fractal_noise(along / 0.5, across / 0.2, 700 + variant, 2)
     side = ((1.0 + 0.05 * torn + 0.06 * drag - across.abs()) / 0.05).clamp(0, 1)
     slant = 0.25 * across * (1 if variant % 2 else -1)  # the blade is set down and lifted askew
-    start = ((0.5 + slant + 0.15 * drag + outside.clamp_max(0)) / 0.08).clamp(0, 1)
-    end = ((0.35 + slant + 0.1 * torn + 0.3 * drag - outside.clamp_min(0)) / 0.08).clamp(0, 1)
+    start = ((0.5 + slant + 0.06 * drag + outside.clamp_max(0)) / 0.12).clamp(0, 1)
+    end = ((0.35 + slant + 0.05 * torn + 0.1 * drag - outside.clamp_min(0)) / 0.16).clamp(0, 1)
     gaps = (2.6 + 1.0 * (1 - t) + 0.3 * torn + 0.6 * drag).clamp(0, 1)
     ridge = torch.exp(-(((across - (0.88 if variant % 2 else -0.88)) / 0.1) ** 2)) * (0.9 + drag).clamp_min(0)
     lip = torch.exp(-(((outside - 0.2 - slant) / 0.12) ** 2))

@@ -5,11 +5,12 @@ from functools import lru_cache
 
 import torch
 from torch import Tensor
-from torch.nn import functional
+
+from brushexp_media.smoothing import averaged_along
 
 CELLS = 1024  # after so many cells the noise repeats
 DEVIATION = 0.215  # of `gradient_noise`, about
-REACH, SAMPLES = 6.0, 15  # how far a line goes to either side, in grains, and at how many places noise is looked up
+REACH = 6.0  # how far a line goes to either side, in grains
 EVENED = 3.8  # deviation of noise over that of its means along lines
 TURN = 0.6  # radians by which each octave is turned, so that no axes of cells are seen
 
@@ -57,13 +58,6 @@ def evened(values: Tensor) -> Tensor:
 def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average noise (H, W) along lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
 
-    Source: line integral convolution (Cabral and Leedom, 1993). Differs: lines are straight; the deviation stays.
+    Its deviation stays.
     """
-    height, width = noise.shape
-    row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    total = torch.zeros_like(noise)
-    for step in torch.linspace(-reach, reach, SAMPLES).tolist():
-        x, y = column + step * angle.cos(), row + step * angle.sin()
-        places = torch.stack([2 * x / width - 1, 2 * y / height - 1], -1)[None]
-        total += functional.grid_sample(noise[None, None], places, padding_mode="reflection", align_corners=False)[0, 0]
-    return EVENED / SAMPLES * total
+    return EVENED * averaged_along(noise[None], angle, reach)[0]

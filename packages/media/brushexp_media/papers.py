@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, at_least, between
-from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.registry import register
 from brushexp_media.noise import REACH, drawn_out, evened, fractal_noise, gradient_noise
-from brushexp_media.wetness import density_of_edges, gather_pigment, gaussian_blur, wandered
+from brushexp_media.smoothing import direction_of_edges, gaussian_blur, with_clean_edges
+from brushexp_media.wetness import density_of_edges, gather_pigment, wandered
 
 THOUSANDTHS, HUNDREDTHS = 1000, 100
 WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # of the edge of a border: deviation over its breadth; longer sides; grains
@@ -22,6 +22,7 @@ STEEP = 2.2  # softness of the border of bare hollows: the share of heights over
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
 DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
+CRISP = 0.6  # grains: over which the directions of edges are found
 RIM = 1.5  # deviation of the blur against which edges are found, in grains
 RUNS, RAN = 3.0, 1.5  # grains: how far edges run where paper is wet, and deviation of the blur there
 WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of the paper from a dry place to a wet one
@@ -46,6 +47,7 @@ class GrainedPaper(Paper):
         granulation: how much wet pigment settles in hollows, 0 to 2.
         rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
         blooms: how unevenly a wash dries, 0 to 2.
+        clean: how far paint is evened along its edges, in grains: what many touches made has the edges of one.
         wander: how far wet edges wander, in grains.
         lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
         charged: by how much a wash changes its hue from place to place, warmer and cooler, 0 to 2.
@@ -63,6 +65,7 @@ class GrainedPaper(Paper):
     granulation: Annotated[float, between(0, 2)] = 0.0
     rims: Annotated[float, between(0, 10)] = 0.0
     blooms: Annotated[float, between(0, 2)] = 0.0
+    clean: Annotated[float, between(0, 10)] = 0.0
     wander: Annotated[float, at_least(0)] = 0.0
     lost: Annotated[float, between(0, 1)] = 0.0
     charged: Annotated[float, between(0, 2)] = 0.0
@@ -74,8 +77,9 @@ class GrainedPaper(Paper):
         """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
 
     def margin(self, size: tuple[int, int]) -> int:
-        looks_around = max(self.rims, self.wander, self.lost, self.charged, self.accents, self.drag) > 0
+        looks_around = max(self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.drag) > 0
         drawn = (4 * HAND + REACH) * (self.drag > 0) + 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
+        drawn += (12 * CRISP + 2 * self.clean) * (self.clean > 0)
         return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if looks_around else 0
 
     def _grain_of(self, size: tuple[int, int]) -> float:
@@ -95,6 +99,8 @@ class GrainedPaper(Paper):
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
         low, grain = evened(self._dragged(flat, rows)).to(flat), self._grain_of(rows.size)
         x, y = rows.places
+        if self.clean:
+            flat = with_clean_edges(flat, CRISP * grain, self.clean * grain)
         if self.wander:
             flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
         if self.lost or self.charged:
@@ -140,9 +146,8 @@ class GrainedPaper(Paper):
         if self.drag == 0:
             return heights
         (x, y), grain = self._in_grains(rows), self._grain_of(rows.size)
-        angle = along_edges(structure_tensor(flat.detach().double().cpu().numpy(), HAND * grain))
         noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
-        streaks = drawn_out(noise, torch.from_numpy(angle).float(), REACH * grain)
+        streaks = drawn_out(noise, direction_of_edges(flat, HAND * grain), REACH * grain)
         return torch.lerp(heights.float(), streaks, self.drag) / math.hypot(self.drag, 1 - self.drag)
 
 

@@ -3,16 +3,14 @@
 Source: Bousseau et al., "Interactive watercolor rendering with temporal coherence and abstraction" (2006).
 """
 
-import math
-
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from brushexp_media.noise import fractal_noise
+from brushexp_media.smoothing import gaussian_blur, luma_of
 
 DRIFT = 3.0  # grains between places whose edges wander differently
-LUMA = (0.299, 0.587, 0.114)
 
 
 def gather_pigment(color: Tensor, more: Tensor) -> Tensor:
@@ -23,25 +21,13 @@ def gather_pigment(color: Tensor, more: Tensor) -> Tensor:
     return (color - color * (1 - color) * more).clamp(0, 1)
 
 
-def gaussian_blur(picture: Tensor, sigma: float) -> Tensor:
-    """Blur a picture (C, H, W) with a Gaussian of ``sigma`` pixels; edges are repeated."""
-    reach = max(1, math.ceil(3 * sigma))
-    weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=torch.float64) / max(sigma, 1e-3)) ** 2)
-    weights = (weights / weights.sum()).to(picture)
-    rows = functional.pad(picture[:, None], (0, 0, reach, reach), mode="replicate")
-    rows = functional.conv2d(rows, weights[None, None, :, None])
-    columns = functional.pad(rows, (reach, reach, 0, 0), mode="replicate")
-    return functional.conv2d(columns, weights[None, None, None])[:, 0]
-
-
 def density_of_edges(picture: Tensor, sigma: float) -> Tensor:
     """Compute how much pigment (H, W) gathers on the darker side of edges: what is darker than its surroundings.
 
     It is at most about 1/2 at an edge of white and black; ``sigma`` are the pixels over which it fades. Differs from
     the source, which takes the gradient and darkens both sides.
     """
-    weights = picture.new_tensor(LUMA)[:, None, None]
-    luma = (weights * picture).sum(0, keepdim=True)
+    luma = luma_of(picture)
     return (gaussian_blur(luma, sigma) - luma)[0].clamp_min(0)
 
 

@@ -21,7 +21,7 @@ from brushexp.shading.light import Light, overlay
 from brushexp.strokes.saved import Saved
 
 PAPERS = [plugin.name for plugin in plugins("paper") if not plugin.cls.is_smooth]
-WET = {"granulation": 0.5, "rims": 3.0, "blooms": 0.5, "wander": 0.5, "lost": 0.4, "charged": 0.5}
+WET = {"granulation": 0.5, "rims": 3.0, "clean": 1.0, "blooms": 0.5, "wander": 0.5, "lost": 0.4, "charged": 0.5}
 WHITE = torch.ones(3)
 
 
@@ -160,7 +160,7 @@ def test_grain_is_drawn_out_along_strokes(axis):
 
 def test_bands_of_drawn_out_grain_are_those_of_the_whole():
     flat, rows = torch.rand(3, 90, 60, generator=torch.Generator().manual_seed(0)), Rows(40, 10, (90, 60))
-    wet = {"lost": 0.5, "charged": 0.5}
+    wet = {"lost": 0.5, "charged": 0.5, "clean": 1.0}
     paper = build_named("paper", "rough", {"grain": 6.0, "tooth": 0.3, "drag": 0.6, "accents": 0.5} | wet)
     wide = rows.widened(paper.margin(rows.size))
     whole, band = (paper.cover(flat[:, r.top : r.top + r.count], WHITE, r) for r in (Rows(0, 90, (90, 60)), wide))
