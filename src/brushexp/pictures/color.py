@@ -1,5 +1,7 @@
 """Colours of pictures are matched to another picture, converted to CIELAB, and reduced to a few inks."""
 
+import warnings
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -91,5 +93,7 @@ def to_rgb(lab: Array) -> Array:
     """Convert colours (N, 3) of CIELAB to sRGB, clipped to [0, 1]."""
     from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
 
-    rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)
+    with warnings.catch_warnings():  # of colours that nothing shows
+        warnings.simplefilter("ignore", UserWarning)
+        rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)
     return rgb.clip(0, 1)
