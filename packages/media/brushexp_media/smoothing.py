@@ -8,11 +8,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp_media.lines import LUMA
 
 SAMPLES = 15  # places along a line at which a picture is looked up
 FAINT = 0.01  # difference of luma from the blurred picture from which on a pixel goes to one side of an edge wholly
 WIDE, LEAST, MOST = 4.0, 0.3, 0.6  # sigmas over which edges have one direction; coherence at which none, all is clean
-LUMA = (0.299, 0.587, 0.114)
 
 
 def luma_of(picture: Tensor) -> Tensor:
