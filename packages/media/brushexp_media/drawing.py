@@ -208,10 +208,10 @@ def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
     """Find what lies within a margin (H, W) that the draughtsman leaves, whose edge wavers."""
     y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
     reach = np.minimum(x, y[:, None])
-    return reach > MARGIN * (1 + WAVER * _noise(size, WAVES, random))
+    return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
 
 
-def _noise(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
+def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
     """Compute noise (H, W) in cells of so many longer sides, of mean 0 and deviation 1."""
     y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
@@ -220,7 +220,7 @@ def _noise(size: tuple[int, ...], cell: float, random: np.random.Generator) -> A
 
 def _swayed(turned: Array, random: np.random.Generator) -> Array:
     """Turn hatchings (H, W), radians, a little from one group of lines to the next."""
-    return turned + SWAY * _noise(turned.shape, GROUPS, random)
+    return turned + SWAY * noise_of(turned.shape, GROUPS, random)
 
 
 def hatching(

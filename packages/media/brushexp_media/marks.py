@@ -17,6 +17,7 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp_media.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
+RUBBED = 2  # the last variants of chalk, which are rubbed in
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
 KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 
@@ -73,8 +74,15 @@ LENGTH = 5.0  # half widths: length of the stroke for which grain is as long as 
 
 
 def chalk(variant: int) -> Tensor:
-    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends; some press harder than others."""
+    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends; some press harder than others.
+
+    The last `RUBBED` are rubbed in by a finger: soft, and without grain.
+    """
     across, outside, t, along = _grid()
+    if variant >= VARIANTS - RUBBED:
+        uneven = 0.12 * fractal_noise(along / 1.5, across / 1.5, 150 + variant, 2)
+        inside = 1.0 + uneven - torch.hypot(across, outside.clamp(-1, 1))
+        return torch.stack([(inside / 0.7).clamp(0, 1), 0.3 * uneven, 0.3 + 0 * t])
     grain = fractal_noise(along / 0.34, across / 0.34, 100 + variant, 3)
     streaks = gradient_noise(along / 6, across / 0.3, 200 + variant)
     inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # half widths to the edge

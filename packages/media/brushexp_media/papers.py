@@ -19,6 +19,8 @@ THOUSANDTHS, HUNDREDTHS = 1000, 100
 WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # of the edge of a border: deviation over its breadth; longer sides; grains
 PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
 STEEP = 2.2  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
+UNLIKE = 3.5  # times the difference from the ground at which the hand presses hardest
+PRESSED = 0.35  # share of the paper by which it covers more there than no hollows at all
 ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
 THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
 DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
@@ -51,6 +53,9 @@ class GrainedPaper(Paper):
         wander: how far wet edges wander, in grains.
         lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
         charged: by how much a wash changes its hue from place to place, warmer and cooler, 0 to 2.
+        halftones: how much harder the hand presses where paint is lighter or darker than the ground, 0 to 1: the ground
+            serves as a halftone.
+        frayed: over how many times the border strokes fray out within it, 0 to 10.
         border: how much of the paper stays bare along its edges, in hundredths of the longer side.
         seed: of the grain.
     """
@@ -69,6 +74,8 @@ class GrainedPaper(Paper):
     wander: Annotated[float, at_least(0)] = 0.0
     lost: Annotated[float, between(0, 1)] = 0.0
     charged: Annotated[float, between(0, 2)] = 0.0
+    halftones: Annotated[float, between(0, 1)] = 0.0
+    frayed: Annotated[float, between(0, 10)] = 0.0
     border: Annotated[float, between(0, 50)] = 0.0
     seed: Annotated[int, between(0, 2**31 - 1)] = 0
 
@@ -77,10 +84,10 @@ class GrainedPaper(Paper):
         """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
 
     def margin(self, size: tuple[int, int]) -> int:
-        looks_around = max(self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.drag) > 0
+        around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
         drawn = (4 * HAND + REACH) * (self.drag > 0) + 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
         drawn += (12 * CRISP + 2 * self.clean) * (self.clean > 0)
-        return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if looks_around else 0
+        return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if max(around) > 0 else 0
 
     def _grain_of(self, size: tuple[int, int]) -> float:
         """Return the size of a grain in pixels."""
@@ -120,25 +127,29 @@ class GrainedPaper(Paper):
             density = density + hue * flat.new_tensor(COOLER)[:, None, None]
         painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
         flat = gather_pigment(flat, painted * density)
+        within = self._within(rows).to(flat) if self.border else torch.ones_like(low)
         if self.border:
-            flat = ground + self._inside(rows).to(flat) * (flat - ground)
+            flat = ground + (within * THOUSANDTHS / self.grain / FADE + 0.5).clamp(0, 1) * (flat - ground)
         if self.tooth == 0:
             return flat
         pressed = self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, UNEVEN)
         skipped = self.tooth * (1 + pressed.to(flat))
-        if self.accents:
-            detail = (flat - gaussian_blur(flat, RIM * grain)).abs().amax(0)
+        if self.accents or self.halftones:
+            around = gaussian_blur(flat, RIM * grain)
+            detail, unlike = (flat - around).abs().amax(0), (around - ground).mean(0).abs()
             skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
+            skipped = skipped - self.halftones * (self.tooth + PRESSED) * (UNLIKE * unlike).clamp(0, 1)
+        if self.border and self.frayed:
+            skipped = 1 - (1 - skipped) * (within * HUNDREDTHS / self.border / self.frayed).clamp(0, 1).sqrt()
         covered = (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1)
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
 
-    def _inside(self, rows: Rows) -> Tensor:
-        """Compute how much of each pixel (h, W) lies within the border, whose edge wavers like one drawn by hand."""
+    def _within(self, rows: Rows) -> Tensor:
+        """Compute how far each pixel (h, W) lies within the border, in longer sides; its edge wavers as by hand."""
         x, y = rows.places
         height, width = (side / max(rows.size) for side in rows.size)
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
-        edge = self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
-        return ((reach - edge) * THOUSANDTHS / self.grain / FADE + 0.5).clamp(0, 1)
+        return reach - self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
 
     def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
         """Compute the heights (h, W) that a stick meets: those of the paper, and streaks along the strokes."""

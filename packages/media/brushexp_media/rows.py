@@ -17,7 +17,8 @@ from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
-from brushexp_media.drawing import contours, rgb_of, strokes_of
+from brushexp_media.accents import accents
+from brushexp_media.drawing import rgb_of, strokes_of
 from brushexp_media.noise import fractal_noise
 
 Array = np.ndarray
@@ -35,6 +36,7 @@ FULL = 1.7  # so many marks of full length would cover the canvas once, since ma
 REACH = 1.0  # deviation of the blur of forms, in distances of rows
 CALM = 0.006  # differences of neighbouring pixels below which forms give way to turns
 TURNS = 0.4  # longer sides from one turn to the next
+INKED = 0.5  # how far outlines go to their colour from that of the picture
 OUTLINE = 2.0, 0.8  # length and width of the strongest outline, over those of the finest marks
 THIRDS = 2 * math.pi / 3 * np.arange(3)
 MIDDLE = np.array([0.25, 0.5, 0.25])  # weights of the points of a curve in its middle
@@ -60,8 +62,10 @@ class InRows(Initializer):
         length: of a mark, in distances of rows.
         edges: a mark ends where the picture differs by this from its colour, 0 to 1.
         turning: how much rows turn where there are no forms; at 0 they are level.
+        calm: how much stronger rows of their own are than forms: faint ones no longer bend rows.
         looseness: by how much marks leave the direction of their row and bend where there are no forms, radians.
         variety: of hue and lightness from mark to mark, 0 to 1.
+        values: of lightness alone from mark to mark, 0 to 1: its deviation.
         outline: colour of outlines, as '#rrggbb'.
     """
 
@@ -74,8 +78,10 @@ class InRows(Initializer):
     length: Annotated[float, above(0, 100)] = 8.0
     edges: Annotated[float, between(0, 1)] = 0.12
     turning: Annotated[float, between(0, 10)] = 1.0
+    calm: Annotated[float, above(0, 100)] = 1.0
     looseness: Annotated[float, between(0, 2)] = 0.25
     variety: Annotated[float, between(0, 1)] = 0.1
+    values: Annotated[float, between(0, 1)] = 0.0
     outline: Annotated[str, INK] = "#1b2340"
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
@@ -88,7 +94,9 @@ class InRows(Initializer):
         weight = np.ones(picture.shape[1:]) if focus is None else focus.numpy().astype(np.float64)
         marks, finest = self._marks(picture, weight, n - under - lines, random)
         length, width = OUTLINE[0] * self.length * finest, OUTLINE[1] * self.width * finest
-        return Strokes.join(ground, marks, contours(picture, lines, length, width, rgb_of(self.outline)))
+        ink = rgb_of(self.outline)
+        drawn = accents(picture, lines, length, width, weight, dark=True, toward=ink, share=INKED)
+        return Strokes.join(ground, marks, drawn)
 
     def _marks(self, picture: Array, weight: Array, n: int, random: np.random.Generator) -> tuple[Strokes, float]:
         """Lay n marks in layers, and return the distance of the finest rows, too."""
@@ -96,7 +104,9 @@ class InRows(Initializer):
         asked = n * shares.cumsum() / shares.sum()  # up to each layer
         asked[0] = n if self.layers > 1 else asked[0]  # the first covers the canvas, whatever that takes
         distance = math.sqrt(FULL * weight.size / max(n * shares[0] / shares.sum(), 1) / self.length)
-        calm = _turns(picture.shape[1:], self.turning, random)
+        calm = self.calm**2 * _turns(picture.shape[1:], self.turning, random)
+        if self.calm > 1:
+            calm = calm / weight.clip(1)  # faces are modelled by their forms
         curves: list[Array] = []
         colors, widths, below = [], [], picture
         for number, up_to in enumerate(asked):
@@ -113,6 +123,8 @@ class InRows(Initializer):
         curve = np.concatenate(curves)
         calmer = sampled_at(weight, *curve.mean(1).T).clip(1) ** -0.5  # faces keep their colour
         color = _varied(np.concatenate(colors), self.variety * calmer[:, None], random)
+        if self.values:
+            color = color + self.values * calmer[:, None] * random.standard_normal((len(color), 1))
         marks = strokes_of(curve, np.concatenate(widths), np.ones(len(curve), bool), color, n)
         return marks, distance / self.ratio
 

@@ -105,7 +105,7 @@ def test_colours_of_one_luma_have_a_line_between_them():
     assert lines[:, :26].max() == lines[:, 40:].max() == 0
 
 
-@pytest.mark.parametrize("init", ["drawing", "rows"])
+@pytest.mark.parametrize("init", ["chalks", "drawing", "rows"])
 @pytest.mark.parametrize(
     "target", [torch.ones(3, 30, 44), torch.zeros(3, 30, 44), torch.rand(3, 5, 2), torch.zeros(3, 1, 9)]
 )

@@ -184,6 +184,29 @@ def test_a_wash_is_warmer_here_and_cooler_there_and_bare_paper_is_white():
     assert torch.equal(covered("cold_pressed", (60, 80), color=1.0, tooth=0, charged=1.0), torch.ones(3, 60, 80))
 
 
+def ground_through(color: float, ground: float, **options) -> torch.Tensor:
+    """How much of the ground (H, W) is seen through an even coat, 0 to 1."""
+    paper, rows = build_named("paper", "rough", {"grain": 8.0, **options}), Rows(0, 200, (200, 300))
+    seen = paper.cover(torch.full((3, 200, 300), color), torch.full((3,), ground), rows)[0]
+    return (seen - color) / (ground - color)
+
+
+def test_ground_is_seen_in_halftones_and_not_in_lights_and_darks():
+    seen = {c: float(ground_through(c, 0.6, tooth=0.3, halftones=1.0).mean()) for c in (0.1, 0.55, 0.95)}
+    assert seen[0.55] > 0.15
+    assert max(seen[0.1], seen[0.95]) < 0.01
+    even = [float(ground_through(c, 0.6, tooth=0.3).mean()) for c in (0.1, 0.55)]
+    assert even[0] == pytest.approx(even[1], abs=0.02)
+    assert even[0] > 0.2
+
+
+def test_strokes_fray_out_within_the_border():
+    crisp, frayed = (ground_through(0.2, 1.0, tooth=0.2, border=4.0, frayed=f)[60:140] for f in (0.0, 3.0))
+    assert_close(crisp[:, 60:-60], frayed[:, 60:-60])
+    near = [part[:, 18:40].mean() for part in (crisp, frayed)]  # pixels from the border, 12 broad, on
+    assert near[1] > near[0] + 0.15
+
+
 @pytest.mark.parametrize("name", PAPERS)
 def test_paper_stays_bare_along_its_edges(name):
     painted = covered(name, (90, 120), tooth=0, border=10.0)[0]
