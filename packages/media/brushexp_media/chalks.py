@@ -24,9 +24,10 @@ PATCH, LEFT = 0.13, -0.8  # longer sides from one rubbed place to the next; devi
 FOLLOWED = 0.6  # of the way from the slant of the hand to the direction of forms
 SWAY = 0.14  # radians by which groups of lines turn
 GROUP = 0.12  # longer sides from one group to the next
-BROKEN, PRESSED = 0.05, 0.25  # deviations of the lightness of hatchings, and of the logarithm of their widths
+BROKEN, PRESSED = 0.065, 0.25  # deviations of the lightness of hatchings, and of the logarithm of their widths
 FOCUSED = 0.5  # how much sparser hatchings are where one looks first
 NEAREST = 1.5  # widths of a hatching from one line to the next
+SHORTER = 0.6  # strokes of a face that is drawn by itself, over others
 EDGED, LIGHTS = 0.7, 0.33  # width of an accent over that of a hatching; share of accents that are light
 DEEPER, LIGHTER = 0.35, 0.6  # how far dark accents go to black, and light ones to white
 
@@ -71,7 +72,7 @@ class Chalks(Initializer):
         last = min(n - 1 - hatched, round(n * self.accents))
         layers = InLayers(
             layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
-            edges=self.edges, calm=self.calm, underpainting=True, opacity=1.0,
+            edges=self.edges, calm=self.calm, underpainting=self.layers > 1, opacity=1.0,
         )(target, n - hatched - last, generator, focus)  # fmt: skip
         picture = target.numpy().astype(np.float64)
         weight = None if focus is None else focus.numpy().astype(np.float64)
@@ -87,6 +88,9 @@ class Chalks(Initializer):
         rubbed = number < int((~fine).sum())
         sides = torch.where(rubbed, VARIANTS - RUBBED + number % RUBBED, number % (VARIANTS - RUBBED))
         return replace(strokes, brush=sides + VARIANTS * (number // VARIANTS % 2))
+
+    def nearer(self) -> "Chalks":
+        return replace(self, layers=1, length=SHORTER * self.length)  # forms and accents: masses are there
 
     def _hatchings(self, picture: Array, weight: Array | None, n: int, random: np.random.Generator) -> Strokes:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
