@@ -1,5 +1,6 @@
 """Place strokes as in a pastel: masses that are rubbed in, hatchings over them, small forms, and accents."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -50,7 +51,7 @@ class Chalks(Initializer):
         calm: weight of a nearly level direction, in means of what the picture says: where that says little it prevails.
         hatched: share of the strokes that are hatchings, 0 to 1.
         accents: share of the strokes that are accents, 0 to 1.
-        thickness: of hatchings, in thousandths of the longer side; accents are thinner.
+        thickness: of hatchings, in distances at which all strokes would lie from each other; accents are thinner.
         reach: length of hatchings, in thicknesses.
     """
 
@@ -63,7 +64,7 @@ class Chalks(Initializer):
     calm: Annotated[float, between(0, 100)] = 0.02
     hatched: Annotated[float, between(0, 1)] = 0.4
     accents: Annotated[float, between(0, 1)] = 0.08
-    thickness: Annotated[float, above(0, 100)] = 6.0
+    thickness: Annotated[float, above(0, 10)] = 0.6
     reach: Annotated[float, above(0, 100)] = 9.0
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
@@ -76,13 +77,14 @@ class Chalks(Initializer):
         )(target, n - hatched - last, generator, focus)  # fmt: skip
         picture = target.numpy().astype(np.float64)
         weight = None if focus is None else focus.numpy().astype(np.float64)
+        thick = self.thickness * math.sqrt(picture[0].size / n)
         size = layers.width * layers.scale
         fine = size < 1.01 * size.min()
         strokes = Strokes.join(
             layers[~fine],
-            self._hatchings(picture, weight, hatched, random),
+            self._hatchings(picture, weight, hatched, thick, random),
             layers[fine],
-            self._accents(picture, weight, last),
+            self._accents(picture, weight, last, thick),
         )
         number = torch.arange(n)
         rubbed = number < int((~fine).sum())
@@ -90,13 +92,14 @@ class Chalks(Initializer):
         return replace(strokes, brush=sides + VARIANTS * (number // VARIANTS % 2))
 
     def nearer(self) -> "Chalks":
-        return replace(self, layers=1, length=SHORTER * self.length)  # forms and accents: masses are there
+        return replace(self, layers=1, hatched=0.0, length=SHORTER * self.length)  # over masses that are there
 
-    def _hatchings(self, picture: Array, weight: Array | None, n: int, random: np.random.Generator) -> Strokes:
+    def _hatchings(
+        self, picture: Array, weight: Array | None, n: int, thick: float, random: np.random.Generator
+    ) -> Strokes:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
         side = max(picture.shape)
-        thick = max(1.0, 0.001 * self.thickness * side)
         blurred = np.stack([gaussian_filter(plane, BLUR * side) for plane in picture])
         xx, _, yy = structure_tensor(blurred, 0.0)
         free = 1 - np.sqrt(xx + yy) * side / EDGE
@@ -112,8 +115,7 @@ class Chalks(Initializer):
         width = thick * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
-    def _accents(self, picture: Array, weight: Array | None, n: int) -> Strokes:
-        thick = 0.001 * self.thickness * max(picture.shape)
+    def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
         return Strokes.join(

@@ -35,6 +35,13 @@ def test_masses_are_broad_and_rubbed_and_the_rest_is_drawn_over_them():
     assert float(thickness(strokes)[:masses].min()) > float(drawn.median())
 
 
+def test_a_face_that_is_drawn_nearer_has_forms_and_accents_alone():
+    init = build_named("init", "chalks", {}).nearer()
+    strokes = init(bar(), 300, torch.Generator().manual_seed(0))
+    assert bool((strokes.brush % VARIANTS < VARIANTS - RUBBED).all())
+    assert init.nearer().hatched == 0
+
+
 def test_a_rubbed_mass_is_soft_and_has_no_grain():
     grain, soft = (chalk(variant)[0] for variant in (0, VARIANTS - 1))
     steps = [float(texture.diff(dim=0).abs().max()) for texture in (grain, soft)]
