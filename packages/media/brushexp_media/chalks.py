@@ -62,7 +62,7 @@ class Chalks(Initializer):
     length: Annotated[float, above(0, 10)] = 3.5
     edges: Annotated[float, above(0, 1)] = 0.1
     calm: Annotated[float, between(0, 100)] = 0.02
-    hatched: Annotated[float, between(0, 1)] = 0.4
+    hatched: Annotated[float, between(0, 1)] = 0.35
     accents: Annotated[float, between(0, 1)] = 0.08
     thickness: Annotated[float, above(0, 10)] = 0.6
     reach: Annotated[float, above(0, 100)] = 9.0
