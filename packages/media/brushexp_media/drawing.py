@@ -1,4 +1,4 @@
-"""Place strokes as in an ink drawing: washes, hatching by tone, and contours by pressure."""
+"""Place strokes as in an ink drawing: washes in the shapes of shadows, hatching, contours and the darkest accents."""
 
 import math
 from collections.abc import Sequence
@@ -10,67 +10,79 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
+from brushexp.pictures.abstraction import flattened
 from brushexp.pictures.load import named_color
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
-from brushexp_media.lines import anisotropy_of, edge_lines, find_apart, luminance
+from brushexp_media.lines import anisotropy_of, edge_lines, find_apart, followed, luminance
 from brushexp_media.noise import fractal_noise
+from brushexp_media.washes import between_tones, cleaned, filled
 
 Array = np.ndarray
-STEPS = 8  # points of a line on each side of its middle
 ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
-GLAZES = 3  # tones of a wash
-DEEP = 0.7  # share of ink in a wash where the picture is black
-EDGE, LOST = 0.06, 0.45  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
-FOUND = 4.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
+DEPTHS = (0.9, 2.4, 5.0)  # of washes, one over the other: powers of the colour of the first
+LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
+INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
+REED, BLUNT = 0.0075, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
+DEEPEST = 0.35  # luma up to which there are accents
+SPECK = 4e-4  # least accent over what is looked at
+LOOKED_AT = 0.5  # share of the largest focus above which one looks first
+EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
+FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
 FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
+FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
 FEATURES = 0.35  # share of contours that are fine ones where one looks first; as many are elsewhere
 FINER = 0.55  # size of fine contours over that of the others
-SPARED = 0.6  # share of darkness, times that of light, that hatchings and washes leave to lines where one looks first
+SPARED = 0.6  # share of darkness that hatchings leave to lines where one looks first
 SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
-DOT = 3.0  # widths below which a contour is no line
+SHORTEST = 0.15  # of the full length of lines, below which a contour is no line
 MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
-SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
-FORM, TURN = 0.02, 1.2  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+FORM, TURN = 0.02, 0.5  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
+TINY = 1e-9  # an even focus is none
 INK = Rule(named_color)
 
 
 @register("init", "drawing")
 @dataclass(kw_only=True)
 class Drawing(Initializer):
-    """Contours that swell with contrast, hatchings where it is dark, and one or two washes below them.
+    """Washes in the shapes of three tones, hatchings over them, contours that swell with contrast, and dark accents.
 
     Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
     after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
-    fixed but for `TURN` and `SWAY`. With a focus there are finer contours and fewer hatchings in it.
+    fixed but for `TURN` and `SWAY`. Shapes are those of a flattened picture; the focus keeps its forms, has finer
+    contours, fewer hatchings, and small dark shapes (lids, pupils, a mouth) that are filled.
 
     Args:
         contours: share of the strokes that are contours, 0 to 1.
         washes: share of the strokes that are washes, 0 to 1.
+        accents: share of the strokes that fill what is small and dark, 0 to 1.
+        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
         tones: darkness (0 white to 1 black) from which on there is the first, second and third hatching.
-        wash_tones: darkness from which on there is the light and the dark wash.
+        wash_tones: darkness from which on there is the light, the middle and the dark wash.
         white: share of the picture that stays without hatching and wash at least, 0 to 1.
         width: of a contour, in thousandths of the longer side.
         length: of a line, in hundredths of the longer side.
         color: of the ink, as '#rrggbb'.
-        wash: of the light wash; the dark one lies between it and the ink.
+        wash: of the light wash; the others are powers of it, as of a tint that is laid over itself.
     """
 
     contours: Annotated[float, between(0, 1)] = 0.4
-    washes: Annotated[float, between(0, 1)] = 0.2
+    washes: Annotated[float, between(0, 1)] = 0.25
+    accents: Annotated[float, between(0, 1)] = 0.15
+    flatness: Annotated[float, between(0, 2)] = 0.3
     tones: tuple[float, float, float] = (0.5, 0.68, 0.84)
-    wash_tones: tuple[float, float] = (0.52, 0.74)
+    wash_tones: tuple[float, float, float] = (0.4, 0.6, 0.78)
     white: Annotated[float, between(0, 1)] = 0.5
     width: Annotated[float, above(0, 100)] = 3.4
     length: Annotated[float, above(0, 100)] = 7.0
@@ -81,19 +93,34 @@ class Drawing(Initializer):
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
         picture = target.numpy().astype(np.float64)
-        side, dark = max(picture.shape), 1 - luminance(picture)
+        side, size = max(picture.shape), picture.shape[1:]
+        flat = flattened(target, self.flatness * side / FLAT_AT).numpy().astype(np.float64)
         weight = None if focus is None else focus.numpy().astype(np.float64)
-        tone = dark if weight is None else dark * (1 - SPARED * (1 - dark) * weight / weight.max())
+        attended = np.zeros(size) if weight is None else (weight - weight.min()) / max(np.ptp(weight), TINY)
+        simple = flat + attended * (picture - flat)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
-        tone = tone * _within_margin(tone.shape, random)
+        inner = _within_margin(size, random)
+        dark = (1 - luminance(flat)) * inner
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
-        turned = _swayed(forms(picture), random)
+        accents = min(n - washes - lines, round(n * self.accents))
+        steep = slope_of(inner * (1 - luminance(picture)))
+        sparing = gaussian_filter(dark * (1 - SPARED * attended), SMOOTH * side)
         return Strokes.join(
-            self._washes(gaussian_filter(tone, SMOOTH_WASH * side), washes, random),
-            self._hatching(gaussian_filter(tone, SMOOTH * side), turned, n - washes - lines, random),
-            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
+            self._washes(gaussian_filter(dark, SMOOTH_WASH * side), steep, washes, random),
+            self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
+            contours(simple, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
+            self._inked(
+                edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
+            ),
+            self._inked(_features(picture, attended) * inner, attended, accents - accents // 2, random),
         )
+
+    def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Fill lines (H, W), which are as thick as the picture has them, but for specks beside an ``area`` (H, W)."""
+        shapes = cleaned(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
+        curve, half = filled(shapes, n, REED * max(lines.shape), random)
+        return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
         """Lay lines over dark places at the angles, ``turned`` (H, W) by forms, as close as ``n`` lines allow."""
@@ -108,39 +135,24 @@ class Drawing(Initializer):
         width = self._widest(side) * (0.08 + 0.5 * darkness**2) * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
-    def _washes(self, dark: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill dark places with strokes that are as broad as there is room: a wash, and another where it is dark.
+    def _washes(self, dark: Array, steep: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Lay a wash over the shapes of each tone, each darker over the ones before.
 
-        Each has one of `GLAZES` tones, that of its place, and lies over lighter ones. Its edge is crisp where the
-        picture has one nearby, and lost where forms are soft.
+        An edge is crisp where the picture has one nearby, and lost where forms are soft.
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
-        tones, light = self._above(self.wash_tones, dark), rgb_of(self.wash)
-        flow = along_edges(structure_tensor(dark[None], SMOOTH_WASH * max(dark.shape)))  # along the edges of the wash
-        xx, _, yy = structure_tensor(dark[None], 0.0)
-        steep = np.sqrt(xx + yy) * max(dark.shape)
-        areas = [float((dark > tone).sum()) for tone in tones]
-        first = round(n * areas[0] / max(sum(areas), 1))
+        tones = self._above([between_tones(dark, tone) for tone in self.wash_tones], dark)
         parts = []
-        for tone, count in zip(tones, (first, n - first), strict=True):
-            room, ends = distance_transform_edt(np.pad(dark > tone, 1, mode="edge"), return_indices=True)
-            room, ends = room[1:-1, 1:-1].clip(0, BROADEST / 2 * max(dark.shape)), ends[:, 1:-1, 1:-1] - 1
-            rows, columns = np.nonzero(room)
-            chosen = random.integers(len(rows), size=count if len(rows) else 0)
-            deep = ((dark[rows[chosen], columns[chosen]] - tones[0]) / max(1 - tones[0], EVEN)).clip(0, 1)
-            deep = np.floor(deep * GLAZES).clip(0, GLAZES - 1) / (GLAZES - 1)
-            order = np.argsort(deep, kind="stable")
-            deep, rows, columns = deep[order], rows[chosen[order]], columns[chosen[order]]
-            places, half = np.stack([columns, rows], 1) + 0.5, room[rows, columns]
-            curve = followed(places, flow, 6 * half, room, 0.8 * half)
-            color = light + DEEP * deep[:, None] * (rgb_of(self.color) - light)
-            strokes = strokes_of(curve, 2 * half, half > 0, color, count)
-            lost = np.zeros(count)
-            y, x = ends[:, rows, columns]
-            lost[: len(rows)] = (1 - sampled_at(steep, x, y) / FOUND).clip(0, 1)
-            softness = (EDGE + LOST * torch.from_numpy(lost).float()) * strokes.width
-            parts.append(replace(strokes, softness=softness))
+        for number, (depth, tone) in enumerate(zip(DEPTHS, tones, strict=True)):
+            count = n * (number + 1) // len(tones) - n * number // len(tones)
+            shape = cleaned(dark > tone, LEAST_WASH * dark.size)
+            curve, half = filled(shape, count, BROADEST * max(dark.shape), random)
+            strokes = strokes_of(curve, 2 * half, half > 0, rgb_of(self.wash) ** depth, count)
+            ends = distance_transform_edt(np.pad(shape, 1, mode="edge"), return_indices=True, return_distances=False)
+            y, x = (sampled_at(end[1:-1, 1:-1] - 1, *curve.mean(1).T) for end in ends)
+            lost = np.pad((1 - sampled_at(steep, x, y) / FOUND).clip(0, 1), (0, count - len(curve)))
+            parts.append(replace(strokes, softness=(EDGE + LOST * torch.from_numpy(lost).float()) * strokes.width))
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
@@ -167,7 +179,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner
     if focus is None:
         return _traced(picture, coarse, n, length, width, color)
-    attended = focus > 0.5 * focus.max()
+    attended = focus > LOOKED_AT * focus.max()
     few = round(FEATURES * n)
     faint, clear = (np.maximum(*(edge_lines(picture, k, least) for k in (FINER, 1.0))) for least in (SUBTLE, CLEAR))
     return Strokes.join(
@@ -191,7 +203,7 @@ def _traced(
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
     pressed = 0.35 + 0.65 * strength
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
-    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > DOT * width)
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST * length)
     kept = find_apart(curve[seen], picture.shape[1:], APART * width)[:n]
     return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
 
@@ -241,29 +253,19 @@ def hatching(
     return followed(places, angle + turned, reach, dark, tone)
 
 
-def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
-    """Follow a flow, radians, both ways from places (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
-
-    Curves (n, 3, 2) end where the field is no longer above ``least``; a flow (1, 1) is the same everywhere.
-    """
-    ends = []
-    for sign in (-1.0, 1.0):
-        point, going = places.astype(float), np.ones(len(places), bool)
-        ahead = sign * _unit(sampled_at(flow, *point.T))
-        for _ in range(STEPS):
-            following = point + ahead * (reach / STEPS)[:, None]
-            going &= sampled_at(field, *following.T) > least
-            point = np.where(going[:, None], following, point)
-            turned = _unit(sampled_at(flow, *point.T))
-            turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
-            ahead = np.where((turned * ahead).sum(1)[:, None] > SHARPEST, turned, ahead)
-        ends.append(point)
-    start, end = ends
-    return np.stack([start, 2 * places - (start + end) / 2, end], 1)
+def _features(picture: Array, attended: Array) -> Array:
+    """Find fine lines (H, W) of a picture (3, H, W) where one looks first."""
+    return np.maximum(*(edge_lines(picture, k, SUBTLE) for k in (FINER, 1.0))) * (attended > LOOKED_AT)
 
 
-def _unit(angle: Array) -> Array:
-    return np.stack([np.cos(angle), np.sin(angle)], 1)
+def slope_of(luma: Array) -> Array:
+    """Compute how steep luma is (H, W), per longer side, where it is blurred as for washes."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    side = max(luma.shape)
+    xx, _, yy = structure_tensor(gaussian_filter(luma, SMOOTH_WASH * side)[None], 0.0)
+    slope: Array = np.sqrt(xx + yy) * side
+    return slope
 
 
 def rgb_of(color: str) -> Array:

@@ -2,12 +2,18 @@
 
 import numpy as np
 
+from brushexp.pictures.structure import sampled_at
+
 Array = np.ndarray
 SIGMA = 0.0022  # deviation of the smaller Gaussian, in longer sides: as fine as a pen
 WIDER = 1.6  # deviation of the larger one over it (Marr and Hildreth, 1980: nearest to the Laplacian)
 STRENGTH, LEAST = 22.0, 0.02  # how fast a line becomes full, from the difference over the luma around it on
 DARKEST = 0.2  # luma that counts as at least there: in the dark, noise is no line
-POINTS, BESIDE = 12, 0.6  # places of a line that are compared; share of it that may run along another
+POINTS, BESIDE = 13, 0.6  # places of a line that are compared; share of it that may run along another
+TIMES = np.linspace(0, 1, POINTS)
+STEPS = 8  # points of a line on each side of its middle
+SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
+LOOSE, SHARES = 0.03, (1.0, 0.75, 0.5, 0.3)  # how far a curve may leave its way, over its length; parts that are tried
 LUMA = (0.299, 0.587, 0.114)
 
 
@@ -37,8 +43,7 @@ def edge_lines(picture: Array, scale: float = 1.0, least: float = LEAST) -> Arra
 
 def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
     """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels: one line, not many."""
-    t = np.linspace(0, 1, POINTS)[:, None, None]
-    points = ((1 - t) ** 2 * curve[:, 0] + 2 * t * (1 - t) * curve[:, 1] + t**2 * curve[:, 2]).swapaxes(0, 1)
+    points = points_of(curve).swapaxes(0, 1)
     rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
     taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
     for number, (y, x) in enumerate(zip(rows, columns, strict=True)):
@@ -59,3 +64,51 @@ def anisotropy_of(tensor: Array) -> Array:
     xx, xy, yy = tensor
     anisotropy: Array = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, np.finfo(float).tiny)
     return anisotropy
+
+
+def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
+    """Follow a flow, radians, both ways from places (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
+
+    Curves (n, 3, 2) end where the field is no longer above ``least``, and sooner where the way bends more than they
+    can; a flow (1, 1) is the same everywhere.
+    """
+    (back, before), (ahead, after) = (_walked(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
+    way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))
+    curve, left = np.empty((len(places), 3, 2)), np.ones(len(places), bool)
+    for share in SHARES:
+        first, last = STEPS - np.ceil(share * before), STEPS + np.ceil(share * after)
+        at = first + TIMES[:, None] * (last - first)
+        low = at.astype(int).clip(0, 2 * STEPS - 1)
+        points = way[low, number] + (at - low)[..., None] * (way[low + 1, number] - way[low, number])
+        start, middle, end = points[0], points[len(points) // 2], points[-1]
+        fitted = np.stack([start, 2 * middle - (start + end) / 2, end], 1)
+        off = np.linalg.norm(points_of(fitted) - points, axis=-1).max(0)
+        fits = left & ((off < LOOSE * np.linalg.norm(end - start, axis=1)) | (share == SHARES[-1]))
+        curve[fits], left = fitted[fits], left & ~fits
+    return curve
+
+
+def points_of(curve: Array) -> Array:
+    """Compute points (POINTS, n, 2) of curves (n, 3, 2)."""
+    t = TIMES[:, None, None]
+    points: Array = (1 - t) ** 2 * curve[:, 0] + 2 * t * (1 - t) * curve[:, 1] + t**2 * curve[:, 2]
+    return points
+
+
+def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
+    """Walk along a flow from places: points (STEPS + 1, n, 2) and how many steps (n,) a field (H, W) allowed."""
+    point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
+    ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
+    for _ in range(STEPS):
+        following = point + ahead * (np.abs(reach) / STEPS)[:, None]
+        going &= sampled_at(field, *following.T) > least
+        point, count = np.where(going[:, None], following, point), count + going
+        turned = _unit(sampled_at(flow, *point.T))
+        turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
+        ahead = np.where((turned * ahead).sum(1)[:, None] > SHARPEST, turned, ahead)
+        points.append(point)
+    return np.array(points), count
+
+
+def _unit(angle: Array) -> Array:
+    return np.stack([np.cos(angle), np.sin(angle)], 1)

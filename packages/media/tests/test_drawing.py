@@ -43,7 +43,8 @@ def test_a_drawing_leaves_a_margin():
 def test_washes_end_crisply_at_edges_and_are_lost_in_soft_forms(soft, expected):
     x = torch.arange(400) - 200.0
     dark = 0.5 + 0.3 * (x.sign() if not soft else torch.tanh(x / (10 * soft)))
-    strokes = drawn((1 - dark).expand(3, 200, 400).contiguous(), contours=0.0, washes=1.0, wash_tones=(0.55, 0.99))
+    tones = (0.55, 0.98, 0.99)
+    strokes = drawn((1 - dark).expand(3, 200, 400).contiguous(), contours=0.0, washes=1.0, wash_tones=tones)
     inside = ((strokes.position - torch.tensor([280.0, 100.0])).abs() < 50).all(1)  # nearer to that edge than to others
     softness = (strokes.softness / strokes.width)[inside]
     assert float(softness.median()) == pytest.approx(expected, abs=0.12)

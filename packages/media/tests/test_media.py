@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_media.drawing import ANGLES, GLAZES, TURN, forms, hatching
+from brushexp_media.drawing import ANGLES, DEPTHS, TURN, forms, hatching
 from brushexp_media.lines import LUMA, edge_lines, luminance
 from brushexp_media.marks import KINDS
 from brushexp_media.rows import NEAR, WIDER
@@ -230,9 +230,7 @@ def test_washes_have_the_tone_of_their_place_and_lie_over_lighter_ones():
     )
     seen = strokes[strokes.opacity > 0]
     tone, place = seen.color.mean(1), seen.position[:, 0]
-    assert len(tone.unique()) == GLAZES
-    assert float(torch.corrcoef(torch.stack([tone, place]))[0, 1]) < -0.8
+    assert len(tone.unique()) == len(DEPTHS)
+    assert float(torch.corrcoef(torch.stack([tone, place]))[0, 1]) < -0.5
     assert bool((seen.softness > 0).all())
-    first = int((tone.diff() > 0.05).nonzero()[0]) + 1  # there the second wash begins
-    assert bool((tone[:first].diff() <= 1e-6).all())
-    assert bool((tone[first:].diff() <= 1e-6).all())
+    assert bool((tone.diff() <= 1e-6).all())
