@@ -13,10 +13,15 @@ from brushexp.plugins.init.layers import InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
+CALMER = 0.8  # power of the size of dots with which they go apart: in details less
 MOST = 100.0  # chroma by which dots of division 1 leave the colour of their place
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
+BROAD, LONG = 1.6, 1.0  # width and length of touches below the dots, in their distances
+BARE, SOFT = (50.0, 92.0), 5.0  # L* between which no touch hides the ground; softness of the first
+ATTENDED = 30.0  # L* by which what is looked at first may be lighter and still have touches below
+DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.4, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
 TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
 
@@ -37,7 +42,9 @@ class Dots(Initializer):
         width: of a dab, in distances of its layer; below 1 ground shows between them.
         length: of a dab, in distances of its layer.
         jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
-        division: how far hues go apart, 0 to 1.
+        division: how far the hues of the largest go apart, 0 to 1; those of small ones, and in the focus, less.
+        under: share of the strokes that are broad touches below the dots, in shadows, whites and the focus: elsewhere
+            the ground is bare between dots.
     """
 
     layers: Annotated[int, between(1, 4)] = 2
@@ -47,15 +54,18 @@ class Dots(Initializer):
     length: Annotated[float, above(0, 10)] = 0.3
     jitter: Annotated[float, between(0, 2)] = 0.22
     division: Annotated[float, between(0, 1)] = 0.3
+    under: Annotated[float, between(0, 1)] = 0.0
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         layers = InLayers(
             layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
             opacity=1.0, jitter=self.jitter,
         )  # fmt: skip
-        return self._divided(layers(target, n, generator, focus), generator)
+        under = round(n * self.under)
+        dots = self._divided(layers(target, n - under, generator, focus), generator, focus)
+        return Strokes.join(_undertouches(target, under, generator, focus), dots) if under else dots
 
-    def _divided(self, strokes: Strokes, generator: torch.Generator) -> Strokes:
+    def _divided(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
         """Move the hues of strokes apart, and their lightness hardly, so that no dot is a speck."""
         n, lab = len(strokes), torch.from_numpy(to_lab(strokes.color.double().numpy()))
         kind, sign = torch.rand(2, n, 1, generator=generator, dtype=torch.float64)
@@ -66,6 +76,30 @@ class Dots(Initializer):
         of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
         by = torch.where(kind < OPPOSITE, -own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
         room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
+        size = (strokes.width * strokes.scale).double()[:, None]
+        room = room * (size / size.max()) ** CALMER
+        if focus is not None:
+            room = room * _at(focus, strokes)[:, None].clamp_min(1) ** -0.5
         lab[:, 1:] += MOST * self.division * room * by
         lab[:, 0] += MOST * self.division * UNEVEN * light
         return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
+
+
+def _undertouches(target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> Strokes:
+    """Lay broad touches below the dots, duller and cooler than the place, but none in middle tones out of focus."""
+    strokes = InLayers(layers=1, width=BROAD, length=LONG, opacity=1.0, jitter=0.3)(target, n, generator)
+    lab = torch.from_numpy(to_lab(strokes.color.double().numpy()))
+    attended = 0 if focus is None else (_at(focus, strokes) - 1).clamp(0, 1)
+    chance = torch.rand(n, generator=generator, dtype=torch.float64) - 0.5
+    bare = (lab[:, 0] + 2 * SOFT * chance - ATTENDED * attended > BARE[0]) & (lab[:, 0] < BARE[1])
+    shadow = (1 - lab[:, :1] / BARE[0]).clamp(0, 1)
+    below = lab[:, :1] < BARE[1]
+    lab[:, :1] *= torch.where(below, DULL - DUSK * shadow, 1.0)
+    lab[:, 1:] = torch.where(below, MUTED * lab[:, 1:] - COOL * shadow * WARM, lab[:, 1:])
+    return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float(), opacity=strokes.opacity * ~bare)
+
+
+def _at(weights: Tensor, strokes: Strokes) -> Tensor:
+    """Look up weights (H, W) at the places of strokes, (N,)."""
+    x, y = (part.long().clamp(0, side - 1) for part, side in zip(strokes.position.T, weights.shape[::-1], strict=True))
+    return weights[y, x].double()

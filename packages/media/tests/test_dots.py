@@ -45,6 +45,40 @@ def test_some_dots_have_the_opposite_hue_and_most_a_purer_one():
     assert 0.05 < (along < 0.7).mean() < 0.4
 
 
+def test_touches_below_the_dots_leave_the_ground_bare_in_middle_tones_out_of_focus():
+    target = torch.cat([torch.full((3, 60, 20), tone) for tone in (0.2, 0.68, 0.97)], 2)
+    below = dots_of(target, under=0.2)[:120]
+    column = (below.position[:, 0] / 20).long().clamp(0, 2)
+    hidden = [float((below.opacity[column == number] > 0).float().mean()) for number in range(3)]
+    assert hidden[0] > 0.9
+    assert hidden[1] < 0.3
+    assert hidden[2] > 0.7
+    dark = to_lab(below.color[column == 0].double().numpy())
+    assert dark[:, 0].mean() < to_lab(np.array([[0.2] * 3]))[0, 0]
+    assert dark[:, 2].mean() < -5  # cooler
+    focus = torch.full((60, 60), 0.5)
+    focus[30:] = 4
+    attended = build_named("init", "dots", {"under": 0.2})(target, 600, torch.Generator().manual_seed(0), focus)[:120]
+    middle = attended[(attended.position[:, 0] - 30).abs() < 5]
+    looked_at = middle.position[:, 1] > 32
+    assert float(middle.opacity[looked_at].mean()) > 0.9
+    assert float(middle.opacity[~looked_at].mean()) < 0.3
+
+
+def test_hues_of_small_dots_and_in_the_focus_go_apart_less():
+    target, focus = torch.full((3, 60, 60), 0.5), torch.full((60, 60), 0.5)
+    focus[30:] = 9
+    dots = build_named("init", "dots", {"layers": 1})(target, 600, torch.Generator().manual_seed(0), focus)
+    chroma = np.hypot(*to_lab(dots.color.double().numpy())[:, 1:].T)
+    below = (dots.position[:, 1] > 32).numpy()
+    assert chroma[below].mean() < 0.6 * chroma[~below].mean()
+    target[:, :30, ::4] = 0.6
+    dots = dots_of(target, layers=2, ratio=0.5, cover=0.3)
+    size = (dots.width * dots.scale).numpy()
+    chroma = np.hypot(*to_lab(dots.color.double().numpy())[:, 1:].T)
+    assert chroma[size < 0.7 * size.max()].mean() < 0.8 * chroma[size > 0.7 * size.max()].mean()
+
+
 def test_dots_have_one_size_where_layers_have():
     dots = dots_of(torch.rand(3, 60, 60), layers=2, ratio=1.0)
     assert float((dots.width * dots.scale).std()) < 1e-3
