@@ -19,7 +19,7 @@ WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
 BROAD, LONG = 1.6, 1.0  # width and length of touches below the dots, in their distances
-BARE, SOFT = (50.0, 92.0), 5.0  # L* between which no touch hides the ground; softness of the first
+BARE, SOFT = (56.0, 87.0), 5.0  # L* between which no touch hides the ground; softness of the first
 ATTENDED = 30.0  # L* by which what is looked at first may be lighter and still have touches below
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.4, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
