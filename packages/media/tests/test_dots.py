@@ -54,8 +54,8 @@ def test_touches_below_the_dots_leave_the_ground_bare_in_middle_tones_out_of_foc
     assert hidden[1] < 0.3
     assert hidden[2] > 0.7
     dark = to_lab(below.color[column == 0].double().numpy())
-    assert dark[:, 0].mean() < to_lab(np.array([[0.2] * 3]))[0, 0]
-    assert dark[:, 2].mean() < -5  # cooler
+    assert np.median(dark[:, 0]) < to_lab(np.array([[0.2] * 3]))[0, 0]
+    assert np.median(dark[:, 2]) < -5  # cooler
     focus = torch.full((60, 60), 0.5)
     focus[30:] = 4
     attended = build_named("init", "dots", {"under": 0.2})(target, 600, torch.Generator().manual_seed(0), focus)[:120]
