@@ -22,9 +22,9 @@ from brushexp_media.noise import fractal_noise
 from brushexp_media.washes import between_tones, cleaned, filled
 
 Array = np.ndarray
-ANGLES = (-0.9, -0.35, 0.75)  # radians of the hatchings, the first of the half tones
+ANGLES = (-0.9, -0.7, -0.4)  # radians of the hatchings, the first of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
-DEPTHS = (0.9, 2.4, 5.0)  # of washes, one over the other: powers of the colour of the first
+DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
 INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
@@ -45,9 +45,9 @@ SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fi
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
-SHORTEST = 0.15  # of the full length of lines, below which a contour is no line
+SHORTEST = 0.21  # of the full length of lines, below which a contour is no line
 MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
-FORM, TURN = 0.02, 0.5  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
 TINY = 1e-9  # an even focus is none
 INK = Rule(named_color)
@@ -109,7 +109,7 @@ class Drawing(Initializer):
         return Strokes.join(
             self._washes(gaussian_filter(dark, SMOOTH_WASH * side), steep, washes, random),
             self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
-            contours(simple, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
+            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._inked(
                 edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
             ),
@@ -185,7 +185,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     return Strokes.join(
         _traced(picture, coarse, n - 2 * few, length, width, color),
         _traced(picture, clear * inner * ~attended, few, length, FINER * width, color),
-        _traced(picture, faint * inner * attended, few, length, FINER * width, color, area=float(attended.sum())),
+        _traced(picture, faint * inner * attended, few, FINER * length, FINER * width, color, float(attended.sum())),
     )
 
 

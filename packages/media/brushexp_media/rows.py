@@ -12,9 +12,9 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.pictures.structure import FarStructure, along_edges, sampled_at
 from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.init.layers import InLayers
+from brushexp.plugins.init.layers import FAR_AWAY, InLayers
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_media.accents import accents
@@ -33,7 +33,6 @@ WIDER = 0.25  # deviation of the logarithm of widths from mark to mark
 ASTRAY = 0.25  # share of ``looseness`` that is left where forms are strong
 APART = (0.85, 1.25)  # least and largest distance to the next row, over the mean
 FULL = 1.7  # so many marks of full length would cover the canvas once, since many end before it
-REACH = 1.0  # deviation of the blur of forms, in distances of rows
 CALM = 0.006  # differences of neighbouring pixels below which forms give way to turns
 TURNS = 0.4  # longer sides from one turn to the next
 INKED = 0.5  # how far outlines go to their colour from that of the picture
@@ -112,7 +111,7 @@ class InRows(Initializer):
         for number, up_to in enumerate(asked):
             blurred = _blur(picture, BLUR * distance)
             detail = weight * np.abs(blurred - below).sum(0) if number else np.ones_like(weight)
-            tensor = structure_tensor(blurred, REACH * distance)
+            tensor = FarStructure(blurred)([(reach * distance, share) for reach, share in FAR_AWAY])
             loose = self.looseness * (ASTRAY + (1 - ASTRAY) * CALM**2 / (CALM**2 + tensor[0] + tensor[2]))
             rows = Rows(blurred, along_edges(tensor + calm), loose, distance, self.length, self.edges, random)
             curve, size = rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves))
