@@ -55,14 +55,14 @@ class Chalks(Initializer):
         reach: length of hatchings, in thicknesses.
     """
 
-    layers: Annotated[int, between(1, 8)] = 3
+    layers: Annotated[int, between(1, 8)] = 4
     ratio: Annotated[float, between(0.2, 1)] = 0.5
-    cover: Annotated[float, above(0, 1)] = 0.8
+    cover: Annotated[float, above(0, 1)] = 0.6
     width: Annotated[float, above(0, 10)] = 0.6
     length: Annotated[float, above(0, 10)] = 3.5
     edges: Annotated[float, above(0, 1)] = 0.1
     calm: Annotated[float, between(0, 100)] = 0.02
-    hatched: Annotated[float, between(0, 1)] = 0.35
+    hatched: Annotated[float, between(0, 1)] = 0.25
     accents: Annotated[float, between(0, 1)] = 0.08
     thickness: Annotated[float, above(0, 10)] = 0.6
     reach: Annotated[float, above(0, 100)] = 9.0
@@ -84,7 +84,7 @@ class Chalks(Initializer):
             layers[~fine],
             self._hatchings(picture, weight, hatched, thick, random),
             layers[fine],
-            self._accents(picture, weight, last, thick),
+            self._accents(picture, last, thick),
         )
         number = torch.arange(n)
         rubbed = number < int((~fine).sum())
@@ -115,10 +115,10 @@ class Chalks(Initializer):
         width = thick * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
-    def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
+    def _accents(self, picture: Array, n: int, thick: float) -> Strokes:
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
         return Strokes.join(
-            accents(picture, n - lights, length, width, weight, dark=True, toward=np.zeros(3), share=DEEPER),
-            accents(picture, lights, length, width, weight, dark=False, toward=np.ones(3), share=LIGHTER),
+            accents(picture, n - lights, length, width, None, dark=True, toward=np.zeros(3), share=DEEPER),
+            accents(picture, lights, length, width, None, dark=False, toward=np.ones(3), share=LIGHTER),
         )
