@@ -47,7 +47,7 @@ class Dots(Initializer):
             the ground is bare between dots.
     """
 
-    layers: Annotated[int, between(1, 4)] = 2
+    layers: Annotated[int, between(1, 8)] = 2
     ratio: Annotated[float, between(0.2, 1)] = 0.7
     cover: Annotated[float, above(0, 1)] = 0.6
     width: Annotated[float, above(0, 10)] = 0.9

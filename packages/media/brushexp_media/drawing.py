@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import Rule, above, between
+from brushexp.errors import UserError
 from brushexp.pictures.abstraction import flattened
 from brushexp.pictures.load import named_color
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
@@ -88,6 +89,12 @@ class Drawing(Initializer):
     length: Annotated[float, above(0, 100)] = 7.0
     color: Annotated[str, INK] = "#16130f"
     wash: Annotated[str, INK] = "#c9c3b8"
+
+    def __post_init__(self) -> None:
+        for option, tones in (("tones", self.tones), ("wash_tones", self.wash_tones)):
+            if len(tones) != len(DEPTHS):
+                cure = f"give three, as init.{option}=[0.4,0.6,0.8]"
+                raise UserError(f"init.{option}={list(tones)} are {len(tones)} values; {cure}")
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)

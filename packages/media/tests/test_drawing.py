@@ -6,6 +6,7 @@ import torch
 from brushexp_media.drawing import EDGE, LOST, contours
 from brushexp_media.lines import find_apart
 
+from brushexp.errors import UserError
 from brushexp.registry import build_named
 
 
@@ -48,3 +49,9 @@ def test_washes_end_crisply_at_edges_and_are_lost_in_soft_forms(soft, expected):
     inside = ((strokes.position - torch.tensor([280.0, 100.0])).abs() < 50).all(1)  # nearer to that edge than to others
     softness = (strokes.softness / strokes.width)[inside]
     assert float(softness.median()) == pytest.approx(expected, abs=0.12)
+
+
+@pytest.mark.parametrize("option", ["tones", "wash_tones"])
+def test_two_tones_are_refused_in_words(option):
+    with pytest.raises(UserError, match=rf"init\.{option}=\[0\.4, 0\.7\] are 2 values; give three"):
+        build_named("init", "drawing", {option: (0.4, 0.7)})

@@ -234,3 +234,9 @@ def test_washes_have_the_tone_of_their_place_and_lie_over_lighter_ones():
     assert float(torch.corrcoef(torch.stack([tone, place]))[0, 1]) < -0.5
     assert bool((seen.softness > 0).all())
     assert bool((tone.diff() <= 1e-6).all())
+
+
+def test_dots_can_be_abstracted():
+    picture = np.linspace(0, 255, 24 * 32 * 3).reshape(24, 32, 3).astype(np.uint8)
+    painting = brushexp.paint(picture, look="pointillist", abstraction=1, steps=0, frames=0, report=False)
+    assert len(painting.strokes) > 0
