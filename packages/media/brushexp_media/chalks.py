@@ -29,7 +29,7 @@ BROKEN, PRESSED = 0.065, 0.25  # deviations of the lightness of hatchings, and o
 FOCUSED = 0.5  # how much sparser hatchings are where one looks first
 NEAREST = 1.5  # widths of a hatching from one line to the next
 SHORTER = 0.6  # strokes of a face that is drawn by itself, over others
-EDGED, LIGHTS = 0.7, 0.33  # width of an accent over that of a hatching; share of accents that are light
+EDGED, LIGHTS = 0.7, 0.2  # width of an accent over that of a hatching; share of accents that are light
 DEEPER, LIGHTER = 0.35, 0.6  # how far dark accents go to black, and light ones to white
 
 
@@ -62,8 +62,8 @@ class Chalks(Initializer):
     length: Annotated[float, above(0, 10)] = 3.5
     edges: Annotated[float, above(0, 1)] = 0.1
     calm: Annotated[float, between(0, 100)] = 0.02
-    hatched: Annotated[float, between(0, 1)] = 0.25
-    accents: Annotated[float, between(0, 1)] = 0.08
+    hatched: Annotated[float, between(0, 1)] = 0.32
+    accents: Annotated[float, between(0, 1)] = 0.06
     thickness: Annotated[float, above(0, 10)] = 0.6
     reach: Annotated[float, above(0, 100)] = 9.0
 

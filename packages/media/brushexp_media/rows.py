@@ -104,8 +104,7 @@ class InRows(Initializer):
         asked[0] = n if self.layers > 1 else asked[0]  # the first covers the canvas, whatever that takes
         distance = math.sqrt(FULL * weight.size / max(n * shares[0] / shares.sum(), 1) / self.length)
         calm = self.calm**2 * _turns(picture.shape[1:], self.turning, random)
-        if self.calm > 1:
-            calm = calm / weight.clip(1)  # faces are modelled by their forms
+        calm /= weight.clip(1)  # faces are modelled by their forms
         curves: list[Array] = []
         colors, widths, below = [], [], picture
         for number, up_to in enumerate(asked):
@@ -123,7 +122,7 @@ class InRows(Initializer):
         calmer = sampled_at(weight, *curve.mean(1).T).clip(1) ** -0.5  # faces keep their colour
         color = _varied(np.concatenate(colors), self.variety * calmer[:, None], random)
         if self.values:
-            color = color + self.values * calmer[:, None] * random.standard_normal((len(color), 1))
+            color = (color + self.values * calmer[:, None] * random.standard_normal((len(color), 1))).clip(0, 1)
         marks = strokes_of(curve, np.concatenate(widths), np.ones(len(curve), bool), color, n)
         return marks, distance / self.ratio
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.pictures.structure import along_edges, structure_tensor
-from brushexp_media.lines import LUMA
+from brushexp_media.lines import LUMA, anisotropy_of
 
 SAMPLES = 15  # places along a line at which a picture is looked up
 FAINT = 0.01  # difference of luma from the blurred picture from which on a pixel goes to one side of an edge wholly
@@ -41,8 +41,7 @@ def coherence_of_edges(picture: Tensor, sigma: float) -> Tensor:
 
     It is the ratio of difference and sum of the eigenvalues of the structure tensor (Bigun and Granlund, 1987).
     """
-    xx, xy, yy = _tensor(picture, sigma)
-    return torch.from_numpy(np.hypot(xx - yy, 2 * xy) / (xx + yy).clip(1e-12)).to(picture)
+    return torch.from_numpy(anisotropy_of(_tensor(picture, sigma))).to(picture)
 
 
 def _tensor(picture: Tensor, sigma: float) -> np.ndarray:
