@@ -62,6 +62,7 @@ class InRows(Initializer):
         edges: a mark ends where the picture differs by this from its colour, 0 to 1.
         turning: how much rows turn where there are no forms; at 0 they are level.
         calm: how much stronger rows of their own are than forms: faint ones no longer bend rows.
+        bend: how much a mark bends with its row: 1 as it does, 0 not at all, as a knife's.
         looseness: by how much marks leave the direction of their row and bend where there are no forms, radians.
         variety: of hue and lightness from mark to mark, 0 to 1.
         values: of lightness alone from mark to mark, 0 to 1: its deviation.
@@ -78,6 +79,7 @@ class InRows(Initializer):
     edges: Annotated[float, between(0, 1)] = 0.12
     turning: Annotated[float, between(0, 10)] = 1.0
     calm: Annotated[float, above(0, 100)] = 1.0
+    bend: Annotated[float, between(0, 1)] = 1.0
     looseness: Annotated[float, between(0, 2)] = 0.25
     variety: Annotated[float, between(0, 1)] = 0.1
     values: Annotated[float, between(0, 1)] = 0.0
@@ -114,6 +116,8 @@ class InRows(Initializer):
             loose = self.looseness * (ASTRAY + (1 - ASTRAY) * CALM**2 / (CALM**2 + tensor[0] + tensor[2]))
             rows = Rows(blurred, along_edges(tensor + calm), loose, distance, self.length, self.edges, random)
             curve, size = rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves))
+            straight = 0.5 * (curve[:, :1] + curve[:, 2:])  # the middle of a curve that does not bend
+            curve[:, 1:2] = straight + self.bend * (curve[:, 1:2] - straight)
             curves.append(curve)
             colors.append(sampled_at(blurred, *np.tensordot(curve, MIDDLE, (1, 0)).T).T)
             widths.append(self.width * distance * size)

@@ -130,6 +130,16 @@ def slopes(strokes):
     return torch.atan(along[:, 1] / along[:, 0])[strokes.opacity > 0]
 
 
+def test_marks_of_a_knife_are_straight_and_others_bend_with_their_row():
+    y, x = np.mgrid[0:90, 0:120]
+    rings = torch.from_numpy(0.5 + 0.3 * np.cos(np.hypot(x - 60, y - 130) / 6)).expand(3, -1, -1).float()
+    bent, less, straight = (curve_of(rows_of(rings, 120, edges=1.0, length=8.0, bend=bend)) for bend in (1.0, 0.5, 0.0))
+    off = [(curve[:, 1] - (curve[:, 0] + curve[:, 2]) / 2).norm(dim=1) for curve in (bent, less, straight)]
+    assert float(off[0].median()) > 0.5
+    assert_close(off[1], 0.5 * off[0], atol=1e-3, rtol=1e-3)
+    assert float(off[2].max()) < 1e-3
+
+
 def test_rows_follow_forms_and_turn_where_there_are_none():
     y, x = np.mgrid[:90, :120].astype(float)
     striped = torch.from_numpy(np.broadcast_to(0.5 + 0.1 * np.sin((y + x) / 8), (3, 90, 120)).copy()).float()
