@@ -62,8 +62,8 @@ class Chalks(Initializer):
     length: Annotated[float, above(0, 10)] = 3.5
     edges: Annotated[float, above(0, 1)] = 0.1
     calm: Annotated[float, between(0, 100)] = 0.02
-    hatched: Annotated[float, between(0, 1)] = 0.32
-    accents: Annotated[float, between(0, 1)] = 0.06
+    hatched: Annotated[float, between(0, 1)] = 0.36
+    accents: Annotated[float, between(0, 1)] = 0.02
     thickness: Annotated[float, above(0, 10)] = 0.6
     reach: Annotated[float, above(0, 100)] = 9.0
 
