@@ -59,7 +59,7 @@ def application(photos: Photos, works: Works) -> FastAPI:
 
     @app.get("/works/{number}/{frame}.jpg")
     def frame(number: int, frame: int) -> Response:
-        return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
+        return Response(works[number].jpeg(frame), media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/works/{number}/files/{name:path}")
     def file(number: int, name: str) -> Response:

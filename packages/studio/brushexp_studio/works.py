@@ -88,6 +88,12 @@ class Work:
             found = sorted(folder.glob(f"*.{form}"))
             return found[0] if found else Path(self.painting.export(form, folder, size=PRINT_SIDE)[0])
 
+    def jpeg(self, number: int) -> bytes:
+        """Return a picture, or the next one that is left if it has been removed; KeyError if none follows."""
+        frames = dict(self.frames)  # the thread that paints goes on
+        later = [other for other in frames if other >= number]
+        return frames[min(later, default=number)][0]
+
     def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
         """Add a picture (H, W, 3) of bytes, the next one if it has no number."""
         number = self.last + 1 if number is None else number

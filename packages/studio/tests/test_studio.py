@@ -118,6 +118,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     )  # dropped beside every field
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
+    choose(page, "Look", "plain")  # 1,500 steps: it is not done before it is stopped
     choose(page, "Canvas", "512")
     choose(page, "Time", "Best")
     page.get_by_role("button", name="Paint", exact=True).click()
@@ -133,7 +134,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     assert int(done) < int(steps), "stopped, and kept"
     with page.expect_download() as download:
         page.get_by_role("link", name="Everything, zip").click()
-    assert download.value.suggested_filename == "写真_cat-oil-1.zip"
+    assert download.value.suggested_filename == "写真_cat-plain-1.zip"
     with zipfile.ZipFile(download.value.path()) as archive:
         names = {Path(name).name for name in archive.namelist()}
     assert names >= {"painting.png", "strokes.svg", "catalogue.h5", "report.html", "target.png", "metrics.json"}
@@ -141,7 +142,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
         page.get_by_role("link", name="PNG", exact=True).click()
     with Image.open(download.value.path()) as painting:
         assert painting.size == (451, 300)
-    assert download.value.suggested_filename == "写真_cat-oil-1-painting.png"
+    assert download.value.suggested_filename == "写真_cat-plain-1-painting.png"
     with page.context.expect_page() as report:
         page.get_by_role("link", name="Page", exact=True).click()
     report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load
