@@ -120,7 +120,9 @@ class Drawing(Initializer):
             self._inked(
                 edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
             ),
-            self._inked(_features(picture, attended) * inner, attended, accents - accents // 2, random),
+            self._inked(
+                _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
+            ),
         )
 
     def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
@@ -184,34 +186,42 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     frame = round(FRAME * side)
     inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner
+    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+    # Outlines are straight for long, texture is not.
+    straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
     if focus is None:
-        return _traced(picture, coarse, n, length, width, color)
+        return _traced(coarse, flow, straight, n, length, width, color)
     attended = focus > LOOKED_AT * focus.max()
-    few = round(FEATURES * n)
-    faint, clear = (np.maximum(*(edge_lines(picture, k, least) for k in (FINER, 1.0))) for least in (SUBTLE, CLEAR))
+    few, finer, area = round(FEATURES * n), FINER * width, float(attended.sum())
+    faint, clear = (_fine_lines(picture, least) * inner for least in (SUBTLE, CLEAR))
     return Strokes.join(
-        _traced(picture, coarse, n - 2 * few, length, width, color),
-        _traced(picture, clear * inner * ~attended, few, length, FINER * width, color),
-        _traced(picture, faint * inner * attended, few, FINER * length, FINER * width, color, float(attended.sum())),
+        _traced(coarse, flow, straight, n - 2 * few, length, width, color),
+        _traced(clear * ~attended, flow, straight, few, length, finer, color),
+        _traced(faint * attended, flow, straight, few, FINER * length, finer, color, area),
     )
 
 
+def _fine_lines(picture: Array, least: float) -> Array:
+    """Find lines (H, W) of a picture (3, H, W) that are as fine as a pen's, or finer."""
+    return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
+
+
 def _traced(
-    picture: Array, lines: Array, n: int, length: float, width: float, color: Array, area: float | None = None
-) -> Strokes:
-    """Trace n lines of a map (H, W) of their strength, in cells that divide an ``area`` in pixels, or all of it."""
-    side = max(picture.shape)
-    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, color: Array,
+    area: float | None = None,
+) -> Strokes:  # fmt: skip
+    """Trace n lines of a map (H, W) of their strength along a flow (H, W), those in ``straight`` places (H, W) first.
+
+    There is at most one in each of the cells that divide an ``area`` in pixels, or all of the map.
+    """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)
-    # Outlines are straight for long, texture is not.
-    straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
     best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
     pressed = 0.35 + 0.65 * strength
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST * length)
-    kept = find_apart(curve[seen], picture.shape[1:], APART * width)[:n]
+    kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
     return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
 
 
@@ -258,11 +268,6 @@ def hatching(
     places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
     reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
     return followed(places, angle + turned, reach, dark, tone)
-
-
-def _features(picture: Array, attended: Array) -> Array:
-    """Find fine lines (H, W) of a picture (3, H, W) where one looks first."""
-    return np.maximum(*(edge_lines(picture, k, SUBTLE) for k in (FINER, 1.0))) * (attended > LOOKED_AT)
 
 
 def slope_of(luma: Array) -> Array:
