@@ -31,10 +31,10 @@ from brushexp_films.schema import FRAMES
 from PIL import Image
 from skimage import data, transform
 
+from brushexp.painting.reopen import export_job
 from brushexp.pictures.load import planes_of
 from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
-from brushexp.plugins.export.job import export_job
 from brushexp.strokes.storage import load_catalogue
 
 GAIN = 8  # of what changes, in a sheet

@@ -23,7 +23,7 @@ import brushexp  # before torch: it sets how threads wait
 
 # isort: split
 import torch
-from brushexp_colors.pigment import Pigment
+from brushexp_media.colors.pigment import Pigment
 from skimage import data, transform
 from step import BACKGROUND, scene
 from torch.autograd import DeviceType

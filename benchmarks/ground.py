@@ -10,9 +10,9 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
 from brushexp.compositing.bands import bands
-from brushexp.plugin_loading import load_plugins
-from brushexp.plugins.export.job import renderer_of
+from brushexp.painting.reopen import renderer_of
 from brushexp.registry import build_named
+from brushexp.registry.loading import load_plugins
 from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.measures import curvature_of
 from brushexp.strokes.storage import Saved, load_catalogue

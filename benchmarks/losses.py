@@ -20,11 +20,11 @@ from omegaconf import OmegaConf
 from step import BACKGROUND, scene
 
 from brushexp.errors import UserError
-from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build, plugins
+from brushexp.registry.loading import load_plugins
 
 SIDE = 512
 N = SIDE * SIDE // 100

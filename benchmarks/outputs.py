@@ -128,7 +128,7 @@ def page(run: Path) -> None:
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415
-    from brushexp.plugins.export.job import export_job  # noqa: PLC0415
+    from brushexp.painting.reopen import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     prepare(ROOT)

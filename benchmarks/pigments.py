@@ -9,8 +9,8 @@ and that spectra and matrix are smooth. The wanted colours are what painters exp
 """
 
 import torch
-from brushexp_colors.decoding import linear_of, shown_of
-from brushexp_colors.pigment import DEEPEST, PURE, paints
+from brushexp_media.colors.decoding import linear_of, shown_of
+from brushexp_media.colors.pigment import DEEPEST, PURE, paints
 from torch import Tensor
 
 BANDS, STEPS, RATE = 7, 4000, 0.02

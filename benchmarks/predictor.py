@@ -26,9 +26,9 @@ from PIL import Image
 from torch import Tensor
 
 from brushexp.cli.many_pictures import all_pictures
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.words import SHIPPED
 
 INITS = ("predicted", "slic", "layers", "random")
 DRAFTS: dict[str, tuple[dict[str, str | int | float], ...]] = {  # by look: as they were, as they are, and others

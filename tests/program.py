@@ -15,7 +15,6 @@ import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cache
-from importlib.metadata import entry_points
 from multiprocessing import forkserver
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
@@ -25,6 +24,7 @@ import brushexp_training
 import pytest
 
 import brushexp.__main__
+from brushexp.system.published import published
 
 ROOT = Path(__file__).parents[1]
 THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks"]
@@ -35,7 +35,9 @@ OURS = [
     for it in (brushexp, brushexp_training)
     for module in pkgutil.walk_packages(it.__path__, f"{it.__name__}.")
 ]
-OURS += [point.module for group in ("plugins", "tasks") for point in entry_points(group=f"brushexp.{group}")]
+OURS += [
+    point.module for group in ("plugins", "tasks", "stand_ins") for point in published(f"brushexp.{group}").values()
+]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(["ready", *THEIRS, *OURS])
 Kill = tuple[str, int, bool]

@@ -72,8 +72,8 @@ def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
     """Run the task of a module in this process; its folder is ``tmp_path``, and speed is measured on few strokes."""
 
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
-        monkeypatch.setattr("brushexp_training.benchmark.ACROSS", 2)
-        monkeypatch.setattr("brushexp_training.benchmark.REPETITIONS", 1)
+        monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)
+        monkeypatch.setattr("brushexp_training.evaluation.benchmark.REPETITIONS", 1)
         cfg = config(*overrides)
         check(cfg, overrides)
         return perform(module, cfg, tmp_path, time.monotonic())

@@ -19,10 +19,10 @@ from scenes import random_strokes
 from torch.testing import assert_close
 
 import brushexp
+from brushexp.painting.reopen import export_job
 from brushexp.pictures.held import hold
 from brushexp.pictures.load import load_picture, samples
 from brushexp.plugins.blend.tiled import tell_slow
-from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
 from brushexp.runs.run_folder import lock
@@ -211,9 +211,9 @@ def test_a_painting_is_saved_beside_what_is_the_users_in_place_of_another_and_en
 @pytest.fixture
 def quickly_measured(monkeypatch):
     """A trained renderer is measured on few strokes."""
-    monkeypatch.setattr("brushexp_training.benchmark.ACROSS", 2)
-    monkeypatch.setattr("brushexp_training.benchmark.REPETITIONS", 1)
-    monkeypatch.setattr("brushexp_training.stroke_data.HELD_OUT", 128)
+    monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)
+    monkeypatch.setattr("brushexp_training.evaluation.benchmark.REPETITIONS", 1)
+    monkeypatch.setattr("brushexp_training.stroke_sets.stroke_data.HELD_OUT", 128)
 
 
 def test_a_renderer_or_a_preset_of_one_is_trained_and_paints(tmp_path, quickly_measured, monkeypatch):

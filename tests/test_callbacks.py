@@ -12,9 +12,7 @@ import lightning as L
 import pytest
 import torch
 from brushexp_losses.direction import Direction
-from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
-from brushexp_policies.adaptive import Adaptive
 from brushexp_policies.patches import Patches
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -31,7 +29,9 @@ from brushexp.errors import UserError
 from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.logger.base import Logger, Run
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import make_trainer

@@ -6,9 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from brushexp_policies.accuracy import Accuracy
-from brushexp_policies.adaptive import Adaptive
 from brushexp_policies.patches import Patches
-from brushexp_policies.strays import Strays
 from painters import error_of, take
 from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
@@ -17,9 +15,11 @@ from brushexp.painting.densification import importance
 from brushexp.painting.picture import Depth, Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density._worst_places import new_strokes
+from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.density.worst_places import new_strokes
+from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic

@@ -15,8 +15,8 @@ from types import SimpleNamespace
 import pytest
 import torch
 from brushexp_policies.patches import Patches
-from brushexp_training.dataset import Origin
-from brushexp_training.writer import simulate_set
+from brushexp_training.stroke_sets.dataset import Origin
+from brushexp_training.stroke_sets.writer import simulate_set
 from catalogues import catalogue
 from filelock import FileLock
 from omegaconf import OmegaConf

@@ -16,8 +16,6 @@ import catalogues
 import numpy as np
 import pytest
 import torch
-from brushexp_analysis.stroke_lines import Csv
-from brushexp_analysis.stroke_text import Json
 from catalogues import CONFIG, assert_same, catalogue, changed, refused
 from films import decoded, pixels_of
 from hypothesis import given
@@ -31,13 +29,15 @@ from scenes import random_strokes, straight, with_shapes
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
 from brushexp.painting.components import load_strokes
+from brushexp.painting.reopen import export_job, renderer_of, with_renderer
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
+from brushexp.plugins.export.csv import Csv
+from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png
-from brushexp.plugins.export.prints import bitmap
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
@@ -534,7 +534,7 @@ def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypat
     what = job_of(some(40))
     expected = what.picture()
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
-    monkeypatch.setattr("brushexp.plugins.export.job.LARGE", 1)  # as large pictures are painted, with a bar
+    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as large pictures are painted, with a bar
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(pixels_of(path), expected)
 

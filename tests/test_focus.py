@@ -6,9 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_losses.l1 import MeanAbsoluteError
-from brushexp_losses.perceptual import Perceptual
-from brushexp_losses.ssim import StructuralSimilarity
 from brushexp_policies.patches import Patches
 from painters import painter_of as some_painter
 from painters import take
@@ -25,7 +22,10 @@ from brushexp.pictures.load import load_picture
 from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.base import Loss, PaintedView
+from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes

@@ -24,7 +24,7 @@ import torch
 from brushexp_studio.view import read_painting
 from brushexp_thesis.claims import read_claims
 from brushexp_thesis.published import read_published
-from brushexp_training.neural import Neural
+from brushexp_training.renderers.neural import Neural
 from catalogues import catalogue
 from hydra.errors import CompactHydraException
 from hypothesis import given, settings
@@ -49,10 +49,11 @@ from brushexp.features.base import read_tensors
 from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.components import build_components
+from brushexp.painting.reopen import export_job
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import build_named, options_of
+from brushexp.registry import build_named
+from brushexp.registry.options import options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import resume
 from brushexp.runs.resume import RECORD, RunRecord, interrupted_run

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_policies.topk import TopK
-from brushexp_training.evaluation import squared_error
+from brushexp_training.evaluation.evaluation import squared_error
 from dabs import DabRenderer
 from hypothesis import given, settings
 from kernels import (

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from brushexp_inverse_vgg.inverse_vgg import InverseVGG
+from brushexp_training.renderers.inverse_vgg import InverseVGG
 from catalogues import catalogue
 from films import encoded, scene
 from hydra.errors import CompactHydraException
@@ -24,16 +24,16 @@ from brushexp.cli.many_pictures import as_sweep, name_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
-from brushexp.config.compose import chosen_groups
+from brushexp.config.compose import CHOSEN_GROUPS
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import of_grammar, translate
 from brushexp.config.tasks import TASKS
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import MULTI_SELECT, literal, options_in, plugins
 from brushexp.strokes.storage import save_catalogue
+from brushexp.system.words import conf_folders
 
 FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
@@ -66,7 +66,7 @@ def refusal(cfg, task, words):
         return str(error)
     except (CompactHydraException, OmegaConfBaseException) as error:
         cause = f": {error.__cause__}" if error.__cause__ else ""
-        return translate(" ".join(f"{error}{cause}".split()), task, [SHIPPED]) or f"in words of Hydra: {error}\n"
+        return translate(" ".join(f"{error}{cause}".split()), task, conf_folders()) or f"in words of Hydra: {error}\n"
     return ""
 
 
@@ -114,7 +114,7 @@ def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
 
 
 @pytest.mark.parametrize("value", ["null", "[1]", "[[mse]]", "7", "nan", "true", "''", "mse,null"])
-@pytest.mark.parametrize("group", sorted(chosen_groups()))
+@pytest.mark.parametrize("group", sorted(CHOSEN_GROUPS))
 def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
     refuses(f"{group}=.* is no name; choose one of", expand_arguments, ["-m", f"{group}={value}"])
 

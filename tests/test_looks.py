@@ -1,5 +1,6 @@
 """Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
 
+import re
 import shutil
 
 import pytest
@@ -12,13 +13,14 @@ from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import folders_of, presets_of
 from brushexp.config.looks import SCALED
+from brushexp.config.own_files import check_own_files
 from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import plugin_of
+from brushexp.system.words import conf_folders
 from brushexp.tasks import paint
 
-LOOKS = sorted(path.stem for path in (SHIPPED / "look").glob("*.yaml"))
+LOOKS = sorted(path.stem for folder in conf_folders() for path in (folder / "look").glob("*.yaml"))
 MINE = """# @package _global_
 # my own
 defaults:
@@ -47,9 +49,9 @@ def mine(tmp_path):
     """A folder of configs with a look of the user's."""
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "mine.yaml").write_text(MINE)
-    offer([SHIPPED, tmp_path])
+    offer([*conf_folders(), tmp_path])
     yield lambda words="": composed(f"look=mine {words}")
-    offer([SHIPPED])
+    offer(conf_folders())
 
 
 def test_a_look_of_ones_own_is_one_file_what_is_typed_wins_and_the_rest_stays(mine, tmp_path):
@@ -88,7 +90,7 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
     ("init:\n  shifted: true\n", r"init\.shifted is no option of init=slic; its options, nearest first: "),
-    ("- steps\n", "sets nothing"),
+    ("- steps\n", "not a YAML mapping"),
     ("defaults: [oil, _self_]\n", "oil in its defaults chooses no plugin; write '- override /init: slic'; one look"),
     ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults chooses no plugin"),
     ("init: slic\n", "init is slic; options stand below 'init:', and '- override /init: ...' in the defaults"),
@@ -96,34 +98,45 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
     ("loss: mse\n", "loss is mse; options stand below"),
     ("loss:\n  mse: 2\n", "loss is 2; options stand below"),
 ])  # fmt: skip
-def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_a_look_that_does_not_fit_is_refused_where_it_is_chosen(tmp_path, text, message):
     (tmp_path / "look").mkdir()
-    (tmp_path / "look" / "wrong.yaml").write_text(text)
-    refuses(rf"wrong\.yaml.*{message}", offer, [tmp_path])
-    offer([SHIPPED])
+    (tmp_path / "look" / "wrong.yaml").write_text(f"# @package _global_\n{text}")
+    folders = [*conf_folders(), tmp_path]
+    offer(folders)
+    assert compose.composed(["look=plain"], folders).task == "paint", "nobody has chosen it"
+    refuses(message, compose.composed, ["look=wrong"], folders)
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [
-    ("look", b"hello", r"is no config; it has lines like 'steps: 100'"),
+    ("look", b"hello", r"is no config .*; its lines are like 'steps: 100': correct it"),
     ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
     ("experiment", b"", "would set nothing"),
     ("experiment", b"# @package _global_\ndefaults: oil\n", "has defaults that are no list; .*/look: oil'"),
-    ("renderer", b"\x82\xff", "is no YAML .*; correct it, or take it away"),
-    ("renderer", b"[" * 9999, "is no YAML"),
-    ("renderer", b"!!python/name:os.system", "is no YAML"),
-    ("pictures", b"a: 1", "is no config; it has lines like '- photo.jpg'"),
+    ("renderer", b"\x82\xff", "is no config .*; its lines are like"),
+    ("renderer", b"[" * 9999, "is no config"),
+    ("renderer", b"!!python/name:os.system", "is no config"),
+    ("pictures", b"a: 1", "is no config .*; its lines are like '- photo.jpg'"),
 ])  # fmt: skip
-def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name, content, message):
+def test_a_config_that_is_something_else_is_told_and_refused_where_it_is_chosen(
+    tmp_path, caplog, name, content, message
+):
     (tmp_path / "conf" / name).mkdir(parents=True)
     (tmp_path / "conf" / name / "wrong.yaml").write_bytes(content)
-    refuses(rf"wrong\.yaml {message}", folders_of, tmp_path)
+    folders = folders_of(tmp_path)
+    assert check_own_files(folders, ["image=coffee"]) == {tmp_path / "conf" / name / "wrong.yaml"}
+    assert re.search(rf"wrong\.yaml {message}", caplog.text)
+    refuses(rf"wrong\.yaml {message}", check_own_files, folders, [f"{name}=wrong"])
 
 
-def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are_listed(tmp_path):
+def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_listed(tmp_path):
     for folder, text in (("conf", "hello"), ("mine", "# @package _global_\nsteps: 9\n")):
         (tmp_path / folder / "look").mkdir(parents=True)
         (tmp_path / folder / "look" / "smooth.yaml").write_text(text)
-    code, output = ended(tmp_path, "image=chelsea")
+    code, output = ended(tmp_path, "image=chelsea", "resolution=16", "steps=1", "frames=0", "output=run")
+    assert code == 0
+    assert "smooth.yaml is no config" in output
+    code, output = ended(tmp_path, "image=chelsea", "look=smooth")
     assert (code, output.count("\n")) == (1, 1)
     assert "smooth.yaml is no config" in output
     shutil.rmtree(tmp_path / "conf")
@@ -137,7 +150,7 @@ def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
-    assert presets_of(SHIPPED / "look")[look]
+    assert any(look in presets_of(folder / "look") for folder in conf_folders())
     without = "renderer=analytic loss=[mse] paper=smooth palette=own"
     for words in ("init=grid quality=best style.brushwork=null", without):
         check(composed(f"look={look} {words}"))

@@ -11,17 +11,9 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from brushexp_losses.curvature import Curvature
 from brushexp_losses.direction import Direction
-from brushexp_losses.kl import SHRINK, KullbackLeibler
-from brushexp_losses.l1 import MeanAbsoluteError
-from brushexp_losses.perceptual import Perceptual
+from brushexp_losses.lpips_loss import Lpips
 from brushexp_losses.sinkhorn import Sinkhorn
-from brushexp_losses.ssim import StructuralSimilarity
-from brushexp_losses.width import Width
-from brushexp_networks.lpips_loss import Lpips
-from brushexp_style.brushwork import brushwork_of
-from brushexp_style.style import KERNELS, Style
 from networks import saved, state_of, torchvision_features
 from refusals import refuses
 from scenes import leaves, random_strokes
@@ -34,7 +26,15 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from brushexp.features.distance import bundled_distance, perceptual_distance
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
+from brushexp.plugins.loss.brushwork import brushwork_of
+from brushexp.plugins.loss.curvature import Curvature
+from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
+from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.ssim import StructuralSimilarity
+from brushexp.plugins.loss.style import KERNELS, Style
+from brushexp.plugins.loss.width import Width
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes

@@ -12,14 +12,13 @@ from torch import Tensor
 from torch.testing import assert_close
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from brushexp import registry
 from brushexp.compat.compiled import function
 from brushexp.compositing.nearest import find_nearest, recall_nearest
 from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
 from brushexp.painting.metrics import measure as measure_picture
-from brushexp.painting.metrics import metrics_of, official_lpips, standard_metrics
+from brushexp.painting.metrics import metrics_of, standard_metrics
 from brushexp.plugins.metric.base import STANDARD, Metric
-from brushexp.registry import register
+from brushexp.registry import build_named, plugin, register
 from brushexp.results.quantities import quantities
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, length_of, point_at, shape_of
@@ -252,7 +251,8 @@ def test_standard_metrics_are_what_they_are_defined_as():
 def test_the_chosen_metrics_are_measured_and_the_official_distance_if_there_is_a_file(config, tmp_path):
     assert list(metrics_of(config())) == list(STANDARD)
     assert list(metrics_of(config("metric=[l1]"))) == ["psnr", "l1"]
-    official = official_lpips("alexnet", str(saved(tmp_path, state_of("alexnet"))))
+    options = {"backbone": "alexnet", "weights": str(saved(tmp_path, state_of("alexnet")))}
+    official = {"lpips": build_named("metric", "lpips", options)}
     measured = measure_picture(standard_metrics() | official, A, B)
     display = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (A, B)]
     assert measured["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*display)))
@@ -261,7 +261,7 @@ def test_the_chosen_metrics_are_measured_and_the_official_distance_if_there_is_a
 
 @pytest.mark.usefixtures("hydra_restore_singletons")
 def test_tables_and_pages_show_a_metric_as_its_class_says(monkeypatch):
-    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+    monkeypatch.setattr(plugin, "_members", dict(plugin._members))  # which forgets it afterwards
 
     @register("metric", "tint")
     class Tint(Metric):

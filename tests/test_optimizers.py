@@ -10,7 +10,6 @@ from scenes import random_strokes
 from torch import Tensor
 from typed import nodes
 
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.density.base import DensificationUpdate, Density
@@ -18,6 +17,7 @@ from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
 from brushexp.strokes.catalogue import Catalogue
+from brushexp.system.words import SHIPPED
 
 SIZE = (24, 33)
 PRESETS = sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml"))

@@ -9,11 +9,8 @@ import lightning as L
 import numpy as np
 import pytest
 import torch
-from brushexp_losses.kl import KullbackLeibler
-from brushexp_losses.perceptual import Perceptual
 from brushexp_policies.accuracy import Accuracy
 from brushexp_policies.patches import Patches, places
-from brushexp_policies.strays import Strays
 from painters import SIZE as CANVAS
 from painters import error_of, fit, gradient_of, take
 from painters import painter_of as some_painter
@@ -30,7 +27,10 @@ from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.strays import Strays
+from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured

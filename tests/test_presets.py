@@ -8,18 +8,19 @@ from typed import configured
 
 from brushexp.config import compose
 from brushexp.config.check import check
+from brushexp.config.compose import files_of
 from brushexp.config.publish import offer
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.registry import build, plugin_of
 from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.words import SHIPPED, conf_folders
 
-PRESETS = {path.stem: path for path in (SHIPPED / "quality").glob("*.yaml")}
-STUDIES = {path.stem: path for path in sorted((SHIPPED / "experiment").glob("*.yaml"))}
+PRESETS = files_of(SHIPPED, "quality")
+STUDIES = {name: path for folder in conf_folders() for name, path in files_of(folder, "experiment").items()}
 LADDER = ("draft", "normal", "fine", "best")
 
 
 def composed(*words: str, own=()):
-    return compose.composed(words, [SHIPPED, *own])
+    return compose.composed(words, [*conf_folders(), *own])
 
 
 def listed(study: str) -> list[str]:
@@ -34,7 +35,7 @@ def test_a_preset_composes_with_everything_and_says_what_was_measured(preset):
         check(composed(f"quality={preset}", f"experiment={study}"))
     cfg = composed(f"quality={preset}", "steps=3", "pixels_per_stroke=77", "density=fixed")
     assert (cfg.steps, cfg.pixels_per_stroke) == (3, 77)
-    assert cfg.density._target_.endswith("Fixed")
+    assert cfg.density._target_ == "density/fixed"
     check(cfg)
     head = PRESETS[preset].read_text().splitlines()
     assert head[0] == "# @package _global_"
@@ -80,7 +81,8 @@ def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_loo
     init = composed("quality=draft", *words.split()).init
     assert (plugin_of(init).name, init.get("checkpoint")) == (name, checkpoint)
     same = composed(*words.split(), f"init={name}").init
-    same.update({} if checkpoint is None else {"checkpoint": checkpoint})
+    own = {} if checkpoint is None else {"checkpoint": checkpoint, "draft_effort": init.draft_effort}
+    same.update(own)
     assert init == same, "with the options of the look"
 
 
@@ -99,9 +101,9 @@ def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_it
 def test_a_draft_keeps_an_optimizer_that_a_look_tunes(tmp_path):
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "still.yaml").write_text("# @package _global_\n# it\noptimizer:\n  units: {position: 0}\n")
-    offer([SHIPPED, tmp_path])
+    offer([*conf_folders(), tmp_path])
     draft = composed("quality=draft", "look=still", own=[tmp_path])
-    offer([SHIPPED])
+    offer(conf_folders())
     assert (plugin_of(draft.init).name, draft.optimizer.lr, draft.optimizer.units.position) == ("predicted", 0.02, 0)
 
 

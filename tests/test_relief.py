@@ -13,8 +13,8 @@ from refusals import refuses
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.compositing import bands as banding
+from brushexp.painting.reopen import export_job, light_of
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.job import export_job, light_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins

@@ -28,7 +28,7 @@ from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose
 from brushexp.pages.replay import FARTHEST, STEPS, pack_strokes, replay_of
 from brushexp.pages.run_page import LARGEST_SIDE, embed_pixels, files_in, line_of, run_page, write_run_page
 from brushexp.painting.finished import Finished
-from brushexp.plugins.export.job import export_job
+from brushexp.painting.reopen import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
 from brushexp.shading.light import Light, normals_of, shade_picture

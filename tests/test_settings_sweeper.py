@@ -12,12 +12,15 @@ from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 from refusals import refuses
 
+from brushexp.config.compose import search_path
 from brushexp.config.mistakes import explanation
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
 from brushexp.runs.run_folder import check_place
 from brushexp.runs.sweep_jobs import check_jobs, moved
+from brushexp.system.words import SHIPPED, conf_folders
+
+FOUND = search_path(conf_folders())  # by which Hydra finds the configs of packages
 
 
 def jobs(settings, arguments=(), pictures=()):
@@ -27,7 +30,7 @@ def jobs(settings, arguments=(), pictures=()):
         kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
         sweeper = kind(settings=settings, pictures=list(pictures))
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
-        sweeper.config = compose("config", return_hydra_config=True)
+        sweeper.config = compose("config", overrides=FOUND, return_hydra_config=True)
         jobs = sweeper.combine(arguments)
         check_jobs(loader, sweeper.config, jobs)
         return jobs
@@ -46,7 +49,7 @@ def test_every_setting_is_one_job_and_stands_above_the_command_line_with_whose_s
 def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
     Singleton.set_state(Singleton.get_state())  # what launchers do there: Hydra publishes its sweepers anew
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
-        cfg = compose("config", overrides=["experiment=speed_accuracy"], return_hydra_config=True)
+        cfg = compose("config", overrides=["experiment=speed_accuracy", *FOUND], return_hydra_config=True)
     assert len(cfg.hydra.sweeper.settings) > 2
 
 
@@ -68,7 +71,7 @@ def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed()
 def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_away_from_its_files():
     def places(pictures, *words):
         with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
-            cfg = compose("config", overrides=["strokes=4", *words], return_hydra_config=True)
+            cfg = compose("config", overrides=["strokes=4", *words, *FOUND], return_hydra_config=True)
             check_place(cfg)
             loader = GlobalHydra.instance().config_loader()
             return check_jobs(loader, cfg, [["strokes=4", *words, f"image={one}"] for one in pictures])
@@ -108,7 +111,7 @@ def test_a_renderer_of_the_sweep_is_proposed_for_an_option_that_another_one_has(
     words = ["-m", "renderer=analytic,neural", "renderer.checkpoint=x"]
     with pytest.raises(HydraException) as caught:
         jobs([""], words[1:])
-    assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, [SHIPPED], words)
+    assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, conf_folders(), words)
 
 
 @pytest.mark.parametrize("launcher", ["basic", "processes"])

@@ -20,7 +20,7 @@ from refusals import refuses
 from brushexp.cli import many_pictures
 from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
 from brushexp.cli.program import expand_arguments
-from brushexp.config.vocabulary import SHIPPED
+from brushexp.config.tasks import TASKS
 from brushexp.config.words import parse_value, verbatim
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
@@ -29,6 +29,7 @@ from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system import device, runtime
 from brushexp.system.reading import digest_of
+from brushexp.system.words import SHIPPED, conf_folders
 from brushexp.tasks import export, paint
 
 pytestmark = pytest.mark.slow
@@ -182,13 +183,27 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     assert pixels_of(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
-def test_help_lists_every_plugin_in_one_line_and_a_mistake_ends_a_run_in_one_without_a_result(tmp_path):
-    lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
+def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_one_line_without_a_result(tmp_path):
+    first = run("--help", cwd=tmp_path).stdout
+    lines = [line.strip() for line in first.splitlines()]
+    assert len(lines) <= 100
+    assert {"brushexp photo.jpg", "brushexp --help=all", "brushexp --help=tasks", "brushexp renderer= --help"} <= {
+        line.partition("   ")[0] for line in lines
+    }
+    every = [line.strip() for line in run("--help=all", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
-        assert any(line.startswith(f"{name} ") for line in lines), name
-    assert any(line.startswith("Samples, in place of a picture: astronaut, ") for line in lines)
+        assert any(line.startswith(f"{name} ") for line in every), name
+    assert any(line.startswith("Samples, in place of a picture: astronaut, ") for line in every)
+    assert "  options of renderer=neural, and their values now" in run("renderer=neural", "--help", cwd=tmp_path).stdout
+    topics = {topic: run(f"--help={topic}", cwd=tmp_path).stdout for topic in ("tasks", "research")}
+    for name, task in TASKS.items():
+        assert [f"\n  {name} " in text for text in topics.values()] == [not task.is_research, task.is_research], name
     export = run("export", "--help", cwd=tmp_path).stdout
-    assert export.startswith("brushexp export outputs/x [key=value ...]\n\ntask=export: Write a saved painting")
+    assert export.startswith("brushexp export outputs/x [key=value ...]\n\nWrite a saved painting")
+    unknown = run("--help=everything", cwd=tmp_path).stderr
+    assert (
+        unknown == "brushexp: --help=everything is no topic; type --help, or --help= and one of all, tasks, research\n"
+    )
     assert run("--version", cwd=tmp_path).stdout == f"brushexp {version('brushexp')}\n"
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
@@ -348,11 +363,11 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     own = tmp_path / "conf" / "pictures"
     own.mkdir(parents=True)
     (own / "mine.yaml").write_text("- camera  # a sample\n- red.png\n")
-    folders = [SHIPPED, tmp_path / "conf"]
+    folders = [*conf_folders(), tmp_path / "conf"]
     refuses(r"pictures=mine has no red.png; put such files beside .*mine.yaml", pictures_named, "mine", folders)
     Image.new("RGB", (9, 16)).save(own / "red.png")
     assert pictures_named("mine", folders) == ["camera", str(own / "red.png")]
-    assert pictures_named("conf/pictures/mine.yaml", [SHIPPED]) == ["camera", "conf/pictures/red.png"]
+    assert pictures_named("conf/pictures/mine.yaml", conf_folders()) == ["camera", "conf/pictures/red.png"]
     assert [Path(one).name for one in pictures_named("p", folders)] == ["a b,c.png", "broken.jpg", "second.jpg"]
     assert all_pictures(["mine", "camera", "coffee"], folders) == ["camera", str(own / "red.png"), "coffee"]
     (own / "sealed.yaml").write_text(f"- conf/pictures/red.png: {digest_of(own / 'red.png')}\n- camera\n")

@@ -26,13 +26,13 @@ def film_of(pictures, folder, kind, ticks=1, rate=Fraction(25)):
     with filming(folder / "film", kind, pictures[0].shape[:2], rate) as film:
         for picture in pictures:
             film.show(picture, ticks)
-    return film.paths
+    return film.path
 
 
 @pytest.mark.parametrize("rate", [Fraction(1), Fraction(15), Fraction(600, 73), Fraction(24), Fraction(50)])
 def test_both_films_show_the_pictures_and_are_as_long_as_their_ticks(tmp_path, rate):
     originals = [smooth(seed) for seed in range(6)]
-    video, gif = film_of(originals, tmp_path, "both", ticks=2, rate=rate)
+    video, gif = (film_of(originals, tmp_path, kind, ticks=2, rate=rate) for kind in ("mp4", "gif"))
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "film.gif", tmp_path / "film.mp4"]
     (frames, seen_rate), (pictures, durations) = decoded(video), unrolled(gif)
     assert (len(frames), seen_rate) == (12, rate)
@@ -58,8 +58,8 @@ def test_pictures_that_stay_are_as_long_together_for_every_reader_take_no_room_a
     moving = [still.copy() for _ in range(10)]
     for k, picture in enumerate(moving):
         picture[10:20, 5 * k : 5 * k + 5] = (250, 20, 90)
-    alone = film_of([still], tmp_path, "gif")[0].stat().st_size
-    (gif,) = film_of(moving, tmp_path, "gif")
+    alone = film_of([still], tmp_path, "gif").stat().st_size
+    gif = film_of(moving, tmp_path, "gif")
     assert gif.stat().st_size < 2.5 * alone
     pictures, _ = unrolled(gif)
     assert len(pictures) == 10
@@ -68,13 +68,13 @@ def test_pictures_that_stay_are_as_long_together_for_every_reader_take_no_room_a
 
 
 def test_a_still_film_is_one_frame_slow_changes_are_not_lost_and_pictures_are_not_kept(tmp_path):
-    (gif,) = film_of([smooth(0)] * 30, tmp_path, "gif")
+    gif = film_of([smooth(0)] * 30, tmp_path, "gif")
     pictures, durations = unrolled(gif)
     assert (len(pictures), sum(durations)) == (1, 1200)
     with Image.open(gif) as image:
         assert image.info["loop"] == 0, "it plays for ever"
     pictures = [np.full((4, 6, 3), level, np.uint8) for level in range(100)]
-    (gif,) = film_of(pictures, tmp_path, "gif")
+    gif = film_of(pictures, tmp_path, "gif")
     frames, durations = unrolled(gif)
     assert abs(int(frames[-1][0, 0, 0]) - 99) <= SAME
     assert sum(durations) == 4000
@@ -90,7 +90,7 @@ def test_a_still_film_is_one_frame_slow_changes_are_not_lost_and_pictures_are_no
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 2), (33, 48), (32, 47)])
 def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
-    video, gif = film_of([smooth(0, *shape)] * 2, tmp_path, "both")
+    video, gif = (film_of([smooth(0, *shape)] * 2, tmp_path, kind) for kind in ("mp4", "gif"))
     frames, _ = decoded(video)
     height, width = shape
     assert frames[0].shape == (height + height % 2, width + width % 2, 3)
@@ -100,15 +100,19 @@ def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
 
 
 def test_a_large_gif_is_shrunk_and_a_film_that_is_broken_off_leaves_nothing(tmp_path):
-    (gif,) = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, "gif")
+    gif = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, "gif")
     pictures, _ = unrolled(gif)
     assert pictures[0].shape == (150, GIF_SIDE, 3)
     assert np.abs(pictures[1].astype(float) - smooth(1, 150, GIF_SIDE)).mean() < 6
     gif.unlink()
 
     def broken_off():
-        with filming(tmp_path / "film", "both", (8, 8), Fraction(25)) as film:
+        with (
+            filming(tmp_path / "film", "mp4", (8, 8), Fraction(25)) as film,
+            filming(tmp_path / "film", "gif", (8, 8), Fraction(25)) as gif,
+        ):
             film.show(smooth(0, 8, 8), 1)
+            gif.show(smooth(0, 8, 8), 1)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -118,13 +122,13 @@ def test_a_large_gif_is_shrunk_and_a_film_that_is_broken_off_leaves_nothing(tmp_
 
 def test_without_av_or_its_encoder_every_film_is_a_gif_which_is_smaller(tmp_path, monkeypatch):
     monkeypatch.setattr(pytest.importorskip("av"), "codecs_available", {"mpeg4"})
-    assert film_of([smooth(0)], tmp_path, "mp4") == [tmp_path / "film.gif"]
+    assert film_of([smooth(0)], tmp_path, "mp4") == tmp_path / "film.gif"
     monkeypatch.setitem(sys.modules, "av", None)
-    for kind in ("mp4", "gif", "both"):
-        assert film_of([smooth(0)], tmp_path, kind) == [tmp_path / "film.gif"]
+    for kind in ("mp4", "gif"):
+        assert film_of([smooth(0)], tmp_path, kind) == tmp_path / "film.gif"
         assert largest_side(kind) == GIF_SIDE
     monkeypatch.undo()
-    assert [largest_side(kind) for kind in ("mp4", "gif", "both")] == [LARGEST_SIDE, GIF_SIDE, LARGEST_SIDE]
+    assert [largest_side(kind) for kind in ("mp4", "gif")] == [LARGEST_SIDE, GIF_SIDE]
 
 
 COLORS = [(0.85, 0.15, 0.1), (0.1, 0.7, 0.25), (0.1, 0.25, 0.8), (0.95, 0.85, 0.3)]
@@ -138,7 +142,7 @@ def filled(steps=range(4), side: int = 64, size: tuple[int, int] = (48, 64), **o
 
 
 def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
-    (path,) = filled().write(tmp_path)
+    path = filled().write(tmp_path)
     assert path == tmp_path / "timelapse.mp4"
     frames, rate = decoded(path)
     assert len(frames) == len(COLORS) + round(HOLD_SECONDS * FPS)
@@ -159,15 +163,16 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
 def test_pictures_of_every_shape_become_a_timelapse_but_no_picture_none(tmp_path, shape):
     off = Timelapse(0, 64)
     off.add(torch.rand(3, *shape), 0)
-    assert off.write(tmp_path) == Timelapse(5, 64).write(tmp_path) == [] == list(tmp_path.iterdir())
-    resumed = Timelapse(4, 80, kind="both")
+    assert off.write(tmp_path) is Timelapse(5, 64).write(tmp_path) is None
+    assert not list(tmp_path.iterdir())
+    resumed = Timelapse(4, 80)
     torch.save(filled((0, 1, 2), side=80, size=shape).state_dict(), tmp_path / "state")
     resumed.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
     resumed.add(torch.tensor(COLORS[3])[:, None, None].expand(3, *shape), 3)
     torch.testing.assert_close(resumed.state_dict(), filled(side=80, size=shape).state_dict())
-    video, gif = resumed.write(tmp_path)
-    assert len(decoded(video)[0]) == len(COLORS) + round(HOLD_SECONDS * FPS)
-    assert len(unrolled(gif)[0]) == len(COLORS)
+    assert len(decoded(resumed.write(tmp_path))[0]) == len(COLORS) + round(HOLD_SECONDS * FPS)
+    resumed.kind = "gif"
+    assert len(unrolled(resumed.write(tmp_path))[0]) == len(COLORS)
 
 
 def test_frames_fit_small_pictures_stay_and_shrinking_averages_and_does_not_shift():
@@ -196,7 +201,7 @@ def test_a_chosen_length_is_kept_and_players_can_follow(tmp_path, seconds):
         assert rate == MOST_FPS or abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
     for impossible in (0.0, -seconds, 1.1, 301.0, float("nan")):
         refuses(r"^timelapse_seconds is .*; choose 1.2 to 300 for 60 frames$", Timelapse, 60, 64, seconds=impossible)
-    video, gif = filled(side=16, size=(8, 12), seconds=seconds, kind="both").write(tmp_path)
+    video, gif = (filled(side=16, size=(8, 12), seconds=seconds, kind=kind).write(tmp_path) for kind in ("mp4", "gif"))
     frames, rate = decoded(video)
     assert abs(len(frames) / rate - seconds - HOLD_SECONDS) < 0.1
     assert abs(sum(unrolled(gif)[1]) / 1000 - seconds - HOLD_SECONDS) < 0.1

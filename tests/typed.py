@@ -12,20 +12,19 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.compose import chosen_groups, composed
-from brushexp.config.vocabulary import SHIPPED
+from brushexp.config.compose import CHOSEN_GROUPS, composed
 from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
+from brushexp.system.words import conf_folders
 
 PARSER = OverridesParser.create()
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
 _composed = cache(lambda *words: composed(words))
-_groups = cache(chosen_groups)  # when tests run: this file is imported before the tasks of packages are known
 
 
 def configured(words: Sequence[str]) -> DictConfig:
     """The config of words; what several choose alike is composed once, and their values are set in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
-    choices = [word for word in words if names[word] in _groups() or "/" in names[word]]
+    choices = [word for word in words if names[word] in CHOSEN_GROUPS or "/" in names[word]]
     try:
         cfg = _composed(*choices).copy()
         overrides = PARSER.parse_overrides([word for word in words if word not in choices])
@@ -59,7 +58,7 @@ def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
 
 def members(family: str) -> list[str]:
     """Plugins and presets of a family."""
-    presets = [path.stem for path in (SHIPPED / family).glob("*.yaml")]
+    presets = [path.stem for folder in conf_folders() for path in (folder / family).glob("*.yaml")]
     return sorted([plugin.name for plugin in plugins(family)] + presets)
 
 

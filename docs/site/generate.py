@@ -18,9 +18,9 @@ from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.config.words import as_typed
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
+from brushexp.system.words import SHIPPED
 
 ROOT = Path(__file__).parents[2]
 WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}

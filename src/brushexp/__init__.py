@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any
 from brushexp.system.runtime import keep_memory, let_threads_sleep
 
 if TYPE_CHECKING:
+    from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
-__all__ = ["Painting", "UserError", "create", "list_plugins", "paint", "render"]
+__all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),
+    "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.errors": ("UserError",),
 }
 FUNCTIONS = "brushexp.functions"  # entry-point group: what installed packages add, by its name here
@@ -26,19 +28,17 @@ def __getattr__(name: str) -> Any:
     for module, names in HOMES.items():
         if name in names:
             return getattr(import_module(module), name)
-    if not name.startswith("_"):
-        for point in _published():
-            if point.name == name:
-                return point.load()
+    if not name.startswith("_") and (point := _published().get(name)) is not None:
+        return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return [*__all__, *(point.name for point in _published())]
+    return [*__all__, *_published()]
 
 
 def _published() -> Any:
-    """The functions of installed packages, as entry points."""
-    from importlib.metadata import entry_points  # noqa: PLC0415  (slow to import)
+    """The functions of installed packages, as entry points by name."""
+    from brushexp.system.published import published  # noqa: PLC0415  (slow to import)
 
-    return entry_points(group=FUNCTIONS)
+    return published(FUNCTIONS)

@@ -28,7 +28,6 @@ class CanvasTask(PaintTask):
     """Paint a picture of any size tile by tile on a canvas on disk; canvas=big.zarr asks for this task."""
 
     module = "brushexp_canvases.task"
-    instead_of = "paint"
 
     image: str = key(MISSING, "a picture file of any size, or an OME-Zarr image")
     canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued")

@@ -17,13 +17,13 @@ from brushexp.painting.finished import bare_job
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.load import background_color
 from brushexp.pictures.region import Region
-from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import take_built
+from brushexp.registry.loading import load_plugins
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.device import device_of

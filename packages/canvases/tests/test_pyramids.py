@@ -14,8 +14,9 @@ from PIL import Image
 from refusals import refuses
 from skimage.data import astronaut
 
+from brushexp.painting.reopen import export_job
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.job import ExportJob, export_job
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.strokes.prior import sample_prior
 from brushexp.strokes.saved import Saved

@@ -16,7 +16,7 @@ from PIL import Image
 from test_pyramids import job_of, levels_of
 
 from brushexp.pages.replay import STEPS
-from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of, half_width_of

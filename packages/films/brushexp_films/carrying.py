@@ -15,8 +15,8 @@ from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
 from brushexp.pictures.region import Region
+from brushexp.plugins.density._worst_places import new_strokes
 from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.density.worst_places import new_strokes
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import above, at_least, between
@@ -23,7 +22,7 @@ from brushexp_films.clips import is_film, is_moving, open_clip
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's
 OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
-START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
+SCENE_START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
 OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
 
 
@@ -43,10 +42,10 @@ class FilmTask(PaintTask):
     """Paint a film picture by picture, the strokes of one carried to the next; image=clip.mp4 asks for this task."""
 
     module = "brushexp_films.task"
-    instead_of = "paint"
     painted = f"FOLDER/{FRAMES}/000000.h5"
+    results = (*PaintTask.results, "film", "preview")
 
-    presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", f"{START}@_global_": "glance"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", f"{SCENE_START}@_global_": "glance"}
     presets |= {"quality": "normal"}
 
     image: str = key("clip.mp4", "a film file")
@@ -77,11 +76,3 @@ class FilmTask(PaintTask):
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")
         check_painting(cfg, overrides, size)
-
-
-ConfigStore.instance().store(
-    group=START,
-    name="glance",
-    node={"defaults": [{"override /init": "${at_a_glance:${look},init}"}]},
-    provider="brushexp_films",
-)

@@ -180,8 +180,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
                 break
             video.show(picture, max(1, round(shown.end * TICKS) - round(shown.begin * TICKS)))
             show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
-    for path in (path for path in video.paths if path.suffix == ".mp4"):
-        add_sound(path, film.clip.path, cfg.film.start)
+    if video.path.suffix == ".mp4":
+        add_sound(video.path, film.clip.path, cfg.film.start)
     return conclude_film(film, None if checkpoint else start, failure)
 
 

@@ -19,7 +19,6 @@ from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_wit
 from brushexp_films.changes import Flicker
 from brushexp_films.sound import add_sound
 from brushexp_losses.direction import Direction
-from brushexp_losses.perceptual import Perceptual
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
@@ -36,6 +35,7 @@ from brushexp.pictures.decode import read_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
 from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import brushexp_gpu
 import torch
 import triton
-from brushexp_colors.pigment import Pigment
+from brushexp_media.colors.pigment import Pigment
 from brushexp_testing.families import some_strokes
 from triton.backends.compiler import GPUTarget
 from triton.runtime.driver import driver

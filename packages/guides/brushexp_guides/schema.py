@@ -21,7 +21,6 @@ class GuidedTask(PaintTask):
     """Paint with strokes that follow lines drawn by hand where there are some; guides=lines.png asks for this task."""
 
     module = "brushexp_guides.task"
-    instead_of = "paint"
 
     guides: str | None = key(None, "lines, of any colour on white or nothing, that strokes near them follow", PICTURE)
 

@@ -1,5 +1,1 @@
 """Media: papers, palettes, marks of brushes and chalk, dots and drawn lines, for ``look=watercolour`` and others."""
-
-from brushexp_media import blurred, chalks, chroma, dots, drawing, marks, palettes, papers, rows, wet_steps
-
-__all__ = ["blurred", "chalks", "chroma", "dots", "drawing", "marks", "palettes", "papers", "rows", "wet_steps"]

@@ -8,7 +8,7 @@ from torch import Tensor
 from brushexp.bounds import between
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
-from brushexp_media.smoothing import gaussian_blur
+from brushexp_media.picture.smoothing import gaussian_blur
 
 
 @register("loss", "blurred")

@@ -14,7 +14,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp_media.noise import fractal_noise, gradient_noise
+from brushexp_media.picture.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
 RUBBED = 2  # the last variants of chalk, which are rubbed in

@@ -14,7 +14,7 @@ from brushexp.pictures.color import palette, recolor, to_lab, to_rgb
 from brushexp.pictures.load import PICTURE, load_picture
 from brushexp.plugins.palette.base import Palette
 from brushexp.registry import register
-from brushexp_media.lines import edge_lines
+from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray
 

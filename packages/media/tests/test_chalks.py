@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.accents import APART, DARK, LIGHT, accents
+from brushexp_media.init.accents import APART, DARK, LIGHT, accents
 from brushexp_media.marks import RUBBED, VARIANTS, chalk
 
 from brushexp.registry import build_named

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.dots import UNEVEN
+from brushexp_media.init.dots import UNEVEN
 from torch.testing import assert_close
 
 from brushexp.pictures.color import to_lab

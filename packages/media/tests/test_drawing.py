@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.drawing import EDGE, LOST, contours
-from brushexp_media.lines import find_apart
+from brushexp_media.init.drawing import EDGE, LOST, contours
+from brushexp_media.picture.lines import find_apart
 
 from brushexp.errors import UserError
 from brushexp.registry import build_named

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_media.drawing import ANGLES, DEPTHS, TURN, forms, hatching
-from brushexp_media.lines import LUMA, edge_lines, luminance
+from brushexp_media.init.drawing import ANGLES, DEPTHS, TURN, forms, hatching
+from brushexp_media.init.rows import NEAR, WIDER
 from brushexp_media.marks import KINDS
-from brushexp_media.rows import NEAR, WIDER
+from brushexp_media.picture.lines import LUMA, edge_lines, luminance
 from brushexp_testing.families import some_strokes
 from torch.testing import assert_close
 

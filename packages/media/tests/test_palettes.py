@@ -15,7 +15,7 @@ from brushexp_media.palettes import (
     limited,
     spread_out,
 )
-from brushexp_media.smoothing import gaussian_blur
+from brushexp_media.picture.smoothing import gaussian_blur
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
 

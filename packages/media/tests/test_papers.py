@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_media import papers
-from brushexp_media.noise import evened, fractal_noise
-from brushexp_media.wetness import density_of_edges, gather_pigment
+from brushexp_media.paper import papers
+from brushexp_media.paper.wetness import density_of_edges, gather_pigment
+from brushexp_media.picture.noise import evened, fractal_noise
 from brushexp_testing.families import some_strokes
 from PIL import Image
 from torch.testing import assert_close
 
-from brushexp.plugins.export.job import export_job
+from brushexp.painting.reopen import export_job
 from brushexp.plugins.paper.base import Rows
 from brushexp.registry import build_named, plugins
 from brushexp.shading.light import Light, overlay

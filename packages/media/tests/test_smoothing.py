@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.smoothing import (
+from brushexp_media.picture.smoothing import (
     FAINT,
     averaged_along,
     coherence_of_edges,

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from brushexp_media.lines import followed, points_of
-from brushexp_media.washes import between_tones, cleaned, filled
+from brushexp_media.init.washes import between_tones, cleaned, filled
+from brushexp_media.picture.lines import followed, points_of
 
 from brushexp.pictures.structure import sampled_at
 

@@ -9,11 +9,11 @@ from torch import Tensor
 
 from brushexp.bounds import at_least
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density.base import DensificationState
 from brushexp.registry import register
 from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
-from brushexp_policies.rounds import CHANNELS, Rounds
 
 POINTS = 10  # steps of a line to each side of its seed
 STEP = 1.2  # pixels of the picture on which lines of a width are sought

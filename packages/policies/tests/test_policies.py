@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 from brushexp_policies import traced
-from brushexp_policies.adaptive import Adaptive
 from brushexp_policies.random_ground import RandomGround, random_color
 from brushexp_policies.sizes import Sizes
 from brushexp_policies.strata import Strata
@@ -25,6 +24,7 @@ from brushexp.errors import UserError
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.optimizer.torch import UNITS, TorchOptim

@@ -11,8 +11,8 @@ from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.order.area import Area
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
-from brushexp_predictor.checkpoints import WEIGHTS
-from brushexp_predictor.colors import ROUNDS
+from brushexp_predictor.lay.checkpoints import WEIGHTS
+from brushexp_predictor.lay.colors import ROUNDS
 
 
 @register("init", "predicted")
@@ -20,7 +20,7 @@ from brushexp_predictor.colors import ROUNDS
 class Predicted(Initializer):
     """A network lays strokes from large to small, each where the canvas so far is worst, in a fifth of a second.
 
-    It is trained through the renderer (``task=train model=predictor``), as nothing but the picture of the strokes
+    It is trained through the renderer (``task=train_predictor``), as nothing but the picture of the strokes
     counts. Source: the feed-forward prediction that the thesis (2020) aims at; in stages, each of which sees what is on
     the canvas so far, as Paint Transformer (Liu et al., 2021). Differs: one stroke for each cell, which it may leave,
     no labels, and colours by least squares at the end.
@@ -30,15 +30,17 @@ class Predicted(Initializer):
             look=oil and its like (renderer=textured).
         temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
         color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
+        draft_effort: share of a look's steps that ``quality=draft`` takes from these strokes.
     """
 
     checkpoint: Annotated[str, WEIGHTS] = "plain"
     temperature: Annotated[float, between(0, 10)] = 0.0
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
+    draft_effort: Annotated[float, between(0, 1)] = 0.028
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        from brushexp_predictor.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.predicting import in_best_colors, predict  # noqa: PLC0415
+        from brushexp_predictor.lay.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.lay.predicting import in_best_colors, predict  # noqa: PLC0415
 
         network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)

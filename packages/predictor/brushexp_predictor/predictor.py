@@ -7,8 +7,8 @@ from typing import Annotated
 from brushexp.bounds import between
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
-from brushexp_predictor.checkpoints import WEIGHTS
-from brushexp_predictor.colors import ROUNDS, best_colors
+from brushexp_predictor.lay.checkpoints import WEIGHTS
+from brushexp_predictor.lay.colors import ROUNDS, best_colors
 
 
 @register("painter", "predictor")
@@ -30,8 +30,8 @@ class Predictor(Painter):
     color_rounds: Annotated[int, between(0, 100)] = ROUNDS
 
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
-        from brushexp_predictor.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.predicting import predict  # noqa: PLC0415
+        from brushexp_predictor.lay.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.lay.predicting import predict  # noqa: PLC0415
 
         network, step = load_predictor(self.checkpoint), 0
         for strokes in predict(network, request.target.cpu(), request.n, request.generator, self.temperature):

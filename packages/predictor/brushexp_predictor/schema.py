@@ -1,4 +1,4 @@
-"""Keys of ``task=train model=predictor``, of ``task=sample`` and of ``task=calibrate``."""
+"""Keys of ``task=train_predictor``, of ``task=sample`` and of ``task=calibrate``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,12 +19,11 @@ TEMPERATURE = "how much strokes differ between samples, in the deviations that t
 
 @dataclass
 class TrainPredictorTask(NetworkTask):
-    """Train what init=predicted lays strokes with, through the renderer; task=train model=predictor, too."""
+    """Train what init=predicted lays strokes with, through the renderer."""
 
-    module = "brushexp_predictor.train_task"
+    module = "brushexp_predictor.train.task"
     presets: ClassVar[dict[str, str]] = {"trainer": "default"}  # in 32 bits, which what draws strokes needs
 
-    model: str = key("predictor", "what is trained", one_of("predictor"))
     data: list[str] | None = key(None, DATA)
     form: str = key("plain", "of the strokes: plain, or brushed: long, opaque, of bristles", one_of("plain", "brushed"))
     start: str | None = key(None, "weights to go on from, shipped or a .safetensors; null = anew")
@@ -40,8 +39,7 @@ class SampleTask(Task):
     The page shows where strokes are certain: how far directions, lengths and widths may be from what is seen.
     """
 
-    module = "brushexp_predictor.sample_task"
-    instead_of = "analyse"
+    module = "brushexp_predictor.samples.task"
     alone = "image"
 
     image: str = key(MISSING, "a picture file, or the name of a sample", PICTURE)
@@ -58,7 +56,7 @@ class SampleTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        from brushexp_predictor.sampled import scalings_for  # noqa: PLC0415  (``--help`` needs no compiled kernels)
+        from brushexp_predictor.samples.sampled import scalings_for  # noqa: PLC0415  (``--help`` needs no compiled kernels)
 
         scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
 
@@ -67,7 +65,8 @@ class SampleTask(Task):
 class CalibrateTask(Task):
     """Fit the intervals of task=sample on paintings whose strokes are known, and measure them on other pictures."""
 
-    module = "brushexp_predictor.calibrate_task"
+    is_research = True
+    module = "brushexp_predictor.samples.calibrate_task"
 
     checkpoint: str = key("plain", WEIGHTS)
     paintings: int = key(240, "known paintings, of twelve pictures in turn", at_least(8))

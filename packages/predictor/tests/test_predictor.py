@@ -5,12 +5,12 @@ from itertools import pairwise
 
 import pytest
 import torch
-from brushexp_predictor.colors import best_colors
-from brushexp_predictor.decoding import FORMS, draw, strokes_of
-from brushexp_predictor.network import CELL, NUMBERS, REACH, StrokePredictor, load_predictor
+from brushexp_predictor.lay.colors import best_colors
+from brushexp_predictor.lay.decoding import FORMS, draw, strokes_of
+from brushexp_predictor.lay.network import CELL, NUMBERS, REACH, StrokePredictor, load_predictor
+from brushexp_predictor.lay.predicting import PART, partly, predict
+from brushexp_predictor.lay.pyramid import levels_of
 from brushexp_predictor.predicted import Predicted
-from brushexp_predictor.predicting import PART, partly, predict
-from brushexp_predictor.pyramid import levels_of
 from torch import Tensor
 
 import brushexp

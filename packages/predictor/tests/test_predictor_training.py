@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_predictor import train_task
-from brushexp_predictor.decoding import FORMS, draw
-from brushexp_predictor.network import StrokePredictor
-from brushexp_predictor.pyramid import lay
-from brushexp_predictor.subjects import Subjects, load_subjects
-from brushexp_predictor.training import PredictorData, PredictorModule, log_error, mean_of, refined
+from brushexp_predictor.lay.decoding import FORMS, draw
+from brushexp_predictor.lay.network import StrokePredictor
+from brushexp_predictor.lay.pyramid import lay
+from brushexp_predictor.train import task as train_task
+from brushexp_predictor.train.subjects import Subjects, load_subjects
+from brushexp_predictor.train.training import PredictorData, PredictorModule, log_error, mean_of, refined
 from refusals import refuses
 from torch import Tensor
 
@@ -79,7 +79,7 @@ def test_steps_of_the_optimiser_lower_the_error() -> None:
 
 @pytest.mark.slow
 def test_the_task_writes_weights_that_paint(run_task: Callable[..., dict[str, object]], tmp_path: Path) -> None:
-    words = ("task=train", "model=predictor", "data=[coffee]", "batch_size=2", "trainer.max_steps=2", "minutes=null")
+    words = ("task=train_predictor", "data=[coffee]", "batch_size=2", "trainer.max_steps=2", "minutes=null")
     metrics = run_task(train_task, *words)
     assert metrics["status"] == "completed"
     assert metrics["psnr_10"] > metrics["psnr_0"] > 0

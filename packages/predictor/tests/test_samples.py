@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_predictor import calibrate_task, conformal, sample_task
-from brushexp_predictor.calibrate_task import LEAST, restart
-from brushexp_predictor.conformal import Doubt, away_from, doubt_of, holds
-from brushexp_predictor.coverage import KINDS, Evidence, coverage_of, lattice, seen_places, tell_at, topmost
-from brushexp_predictor.kinds import OF_PAINTINGS, OF_STROKES, measure_each, measure_painting
-from brushexp_predictor.known import PICTURES, known_painting
-from brushexp_predictor.network import NAME, PREDICTORS, StrokePredictor
-from brushexp_predictor.predicting import paint_samples
-from brushexp_predictor.sample_figure import certainty_of
-from brushexp_predictor.sampled import Interval, sample_brushwork
-from brushexp_predictor.subjects import SAMPLES
+from brushexp_predictor.lay.network import NAME, PREDICTORS, StrokePredictor
+from brushexp_predictor.lay.predicting import paint_samples
+from brushexp_predictor.samples import calibrate_task, conformal
+from brushexp_predictor.samples import task as sample_task
+from brushexp_predictor.samples.calibrate_task import LEAST, restart
+from brushexp_predictor.samples.conformal import Doubt, away_from, doubt_of, holds
+from brushexp_predictor.samples.coverage import KINDS, Evidence, coverage_of, lattice, seen_places, tell_at, topmost
+from brushexp_predictor.samples.figure import certainty_of
+from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, measure_each, measure_painting
+from brushexp_predictor.samples.known import PICTURES, known_painting
+from brushexp_predictor.samples.sampled import Interval, sample_brushwork
+from brushexp_predictor.train.subjects import SAMPLES
 from PIL import Image
 from refusals import refuses
 from scenes import random_strokes, straight

@@ -15,6 +15,7 @@ from brushexp.errors import UserError
 class BenchmarkTask(Task):
     """Find the strokes of paintings whose strokes are known, by recovery and by other methods, and score them."""
 
+    is_research = True
     module = "brushexp_recovery.benchmark_task"
 
     kinds: list[str] | None = key(None, "of paintings; null = all: those that training has seen, and those it has not")
@@ -22,7 +23,7 @@ class BenchmarkTask(Task):
     repeats: int = key(1, "paintings of each kind and number", at_least(1))
     side: int = key(512, "of a painting, pixels", between(64, 4096))
     methods: list[str] | None = key(None, "that find strokes; null = all; [] = only write the paintings")
-    weights: str = key("strokes", "of recovery: shipped ones, or the .safetensors of task=train model=recovery")
+    weights: str = key("strokes", "of recovery: shipped ones, or the .safetensors of task=train_recovery")
     hard: bool = key(True, "also a photograph of each painting: canvas, blur, noise, JPEG")
     add: str | None = key(None, "folder of strokes by others: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
     seed: int = key(20_251_125, "of the paintings; another one makes another benchmark", at_least(0))
@@ -41,6 +42,7 @@ class BenchmarkTask(Task):
 class ScoreTask(Task):
     """Score strokes that somebody found in a painting against the known ones: F1, errors, order, calibration."""
 
+    is_research = True
     module = "brushexp_recovery.score_task"
 
     truth: str = key(MISSING, "NAME.npz that task=benchmark wrote", FILE)

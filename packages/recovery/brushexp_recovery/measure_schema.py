@@ -28,7 +28,6 @@ class MeasureTask(Task):
     """
 
     module = "brushexp_recovery.measure_task"
-    instead_of = "analyse"
     alone = "image"
 
     image: str = key("astronaut", "the photograph, cut to the painting's edges", PICTURE)

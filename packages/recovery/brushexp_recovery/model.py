@@ -13,7 +13,7 @@ NAME = "strokes"
 NODE_FEATURES = 35
 ORDER_FEATURES, CONFIDENCE_FEATURES = 9, 3  # of `stacking.meetings_of` and `calibration.signs_of`
 RECOVERIES = CheckpointFormat(
-    noun="recovery", family="recovery", key="weights", task="task=train model=recovery", without="",
+    noun="recovery", family="recovery", key="weights", task="task=train_recovery", without="",
     folders=lambda: [Path(__file__).parent / "weights"],
 )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Keys of ``task=recover``, and of ``task=train model=recovery``."""
+"""Keys of ``task=recover``, and of ``task=train_recovery``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import ClassVar
 from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import above, at_least, between, one_of
+from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
 from brushexp.config.schema import Task
 from brushexp.pictures.load import PICTURE
@@ -25,7 +25,7 @@ class RecoverTask(Task):
     width_cm: float | None = key(None, "width of what the picture shows, in cm, to measure strokes in mm", above(0))
     scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
     copies: int = key(1, "turned and mirrored copies that each look shows; more are slower and surer", between(1, 8))
-    weights: str = key("strokes", "shipped weights, or the .safetensors of task=train model=recovery")
+    weights: str = key("strokes", "shipped weights, or the .safetensors of task=train_recovery")
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -34,12 +34,11 @@ class RecoverTask(Task):
 
 @dataclass
 class TrainRecoveryTask(NetworkTask):
-    """Train what task=recover finds strokes with, on paintings made meanwhile; task=train model=recovery, too."""
+    """Train what task=recover finds strokes with, on paintings made meanwhile."""
 
     module = "brushexp_recovery.train_task"
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
-    model: str = key("recovery", "what is trained", one_of("recovery"))
     subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = those of scikit-image")
     start: str | None = key(None, "weights whose network is trained further, shipped or a .safetensors; null = anew")
     sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")

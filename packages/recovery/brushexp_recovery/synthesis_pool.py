@@ -39,7 +39,7 @@ def main(parent: str, folder: str, seed: str, first: str, most: str, step: str, 
     """Fill a pool, as a process of its own."""
     import torch  # noqa: PLC0415
 
-    from brushexp.plugin_loading import load_plugins  # noqa: PLC0415
+    from brushexp.registry.loading import load_plugins  # noqa: PLC0415
 
     os.nice(NICE)
     torch.set_num_threads(1)

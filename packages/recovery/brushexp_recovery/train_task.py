@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import torch
-from brushexp_training.network_fitting import NetworkJob, train_network, training_recipe
+from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
 from brushexp.pictures.folders import pictures_of

@@ -12,8 +12,8 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
-from brushexp_training.datamodule import EPOCH_STEPS, StrokeLoader
-from brushexp_training.network_module import NetworkModule
+from brushexp_training.fitting.network_module import NetworkModule
+from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
 from torch.nn.functional import binary_cross_entropy_with_logits as logistic

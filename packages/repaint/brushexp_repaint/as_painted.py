@@ -9,8 +9,9 @@ from omegaconf import DictConfig, open_dict
 
 from brushexp.config.rules import check_painting
 from brushexp.errors import UserError
+from brushexp.painting.reopen import export_job, recorded_settings
 from brushexp.pictures.load import load_mask, size_of_picture
-from brushexp.plugins.export.job import ExportJob, export_job, recorded_settings
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plain_config, plugin_of, plugins
 from brushexp.strokes.storage import load_catalogue

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.compositing.tile_lists import TILE
-from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import reach_of
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes

@@ -16,7 +16,6 @@ class RepaintTask(PaintTask):
     """Repaint one region of a painting, all else stays to the bit; region=mask.png asks for this task."""
 
     module = "brushexp_repaint.task"
-    instead_of = "paint"
 
     region: str | None = key(None, "a mask, bright = what is repainted of catalogue=", PICTURE)
 

@@ -10,8 +10,9 @@ from brushexp.errors import UserError
 from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.finished import Finished
+from brushexp.painting.reopen import export_job, with_renderer
 from brushexp.pictures.decode import open_picture
-from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build
 from brushexp.results.runs import gather, read_result
 from brushexp.strokes.storage import load_catalogue

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.painting.metrics import measure, official_lpips, standard_metrics
+from brushexp.painting.metrics import measure, standard_metrics
+from brushexp.painting.reopen import export_job
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.job import export_job
+from brushexp.registry import build_named
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.run_files import METRICS_FILE
@@ -28,7 +29,10 @@ def add_paintings(
     ``painting`` is a picture or a catalogue, ``target`` what it was painted after; of folders the files of one name
     belong together. ``name`` is that of the painter; ``numbers`` are added to the metrics.
     """
-    metrics = standard_metrics() | official_lpips(lpips_backbone, lpips_weights)
+    metrics = standard_metrics()
+    if lpips_weights is not None:
+        options = {"backbone": lpips_backbone, "weights": lpips_weights}
+        metrics["lpips"] = build_named("metric", "lpips", options, "lpips_weights")
     for path, image in _pairs(painting, target):
         target_pixels = to_bytes(load_picture(image, None, "target"))
         pixels, strokes = draw_added(path, target_pixels.shape)

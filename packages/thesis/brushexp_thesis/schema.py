@@ -15,6 +15,7 @@ RUNS = "folder of a run, of a sweep, or above many of them; several with commas"
 class DeparturesTask(Task):
     """List every setting in which finished paintings differ from the procedure of the thesis."""
 
+    is_research = True
     module = "brushexp_thesis.departures"
 
     runs: list[str] = key(MISSING, RUNS, FOLDER)
@@ -24,6 +25,7 @@ class DeparturesTask(Task):
 class VerdictsTask(Task):
     """Judge the claims of the thesis by finished studies: one page with verdicts, tables and plots."""
 
+    is_research = True
     module = "brushexp_thesis.verdicts"
 
     runs: list[str] = key(
@@ -38,6 +40,7 @@ class VerdictsTask(Task):
 class LeaderboardTask(Task):
     """Put painters beside each other: finished runs, paintings by others, published figures; means and intervals."""
 
+    is_research = True
     module = "brushexp_thesis.leaderboard"
 
     runs: list[str] = key([], RUNS, FOLDER)

@@ -21,9 +21,9 @@ from scipy.stats import t
 from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
 
-from brushexp.config.vocabulary import SHIPPED
 from brushexp.system.files import write_json
 from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.words import conf_folders
 
 RECORDS = Path(__file__).parents[3] / "docs" / "ablations"
 CLAIMS = """
@@ -152,9 +152,15 @@ def test_ranks_that_differ_from_student_are_remarked():
     assert "photographs" not in evidence_row(seeds, {"a", "b", "c", "h"})
 
 
+def studies_named(name):
+    """The file of a study that ships."""
+    return [path for folder in conf_folders() for path in folder.glob(f"experiment/{name}.yaml")]
+
+
 def options_of(study):
     """What a study lists, in the words of its jobs, which are Hydra's: ``critic=True``."""
-    sweeper = yaml_of(read_text(SHIPPED / "experiment" / f"{study}.yaml", ""))["hydra"]["sweeper"]
+    (path,) = studies_named(study)
+    sweeper = yaml_of(read_text(path, ""))["hydra"]["sweeper"]
     parser = OverridesParser.create()
     words = (parser.parse_overrides(shlex.split(setting)) for setting in sweeper["settings"])
     return {" ".join(job) for some in words for job in BasicSweeper.split_arguments(some, None)[0]}
@@ -162,14 +168,20 @@ def options_of(study):
 
 @pytest.mark.parametrize("study", [name for name, listed in read_claims().items() if listed[0].setting])
 def test_a_study_has_the_settings_of_its_claims(study):
-    listed = (SHIPPED / "experiment" / f"{study}.yaml").is_file()
+    listed = bool(studies_named(study))
     options = options_of(study) if listed else set(studies_in([RECORDS], RECORDS)[study].table.index.levels[0])
     for one in read_claims()[study]:
         assert {one.setting, one.against} <= options, one.says
 
 
 def test_the_shipped_paintings_are_those_of_the_set_that_is_held_out():
-    lines = yaml_of(read_text(SHIPPED / "pictures" / "held_out_paintings.yaml", ""), list)
+    lines = yaml_of(
+        read_text(
+            next(one for one in conf_folders() if "thesis" in one.parent.name) / "pictures" / "held_out_paintings.yaml",
+            "",
+        ),
+        list,
+    )
     assert {Path(name).name for line in lines for name in line} < set(yaml_of(read_text(SHIPPED_PAINTINGS, ""), list))
 
 

@@ -1,6 +1,4 @@
-"""Turn simulated strokes into a trained renderer; the modules in the order of the data.
+"""Turn simulated strokes into a trained renderer; the parts in the order of the data.
 
-schema (with rules, functions) -> engine -> writer -> dataset -> datamodule (with stroke_data)
--> renderer_module (with network_module, renderer, neural) -> network_fitting
--> evaluation -> benchmark -> stroke_sheets
+schema (with rules, functions, tasks) -> engine -> stroke_sets -> fitting (with renderers, discriminator) -> evaluation
 """

@@ -14,14 +14,14 @@ from brushexp.system.runtime import check_memory
 
 if TYPE_CHECKING:
     from brushexp.plugins.renderer.base import Renderer
-    from brushexp_training.dataset import Origin
+    from brushexp_training.stroke_sets.dataset import Origin
 
 BYTES_PER_TRAINED_PIXEL = 48  # a network's strokes need RGBA of the picture, of what it should be, and of its gradient
 TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
 
 
 def _check_set(path: str, option: str) -> None:
-    from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
+    from brushexp_training.stroke_sets.dataset import StrokeSet  # noqa: PLC0415
 
     try:
         StrokeSet(Path(path))
@@ -34,7 +34,7 @@ STROKES = Rule(_check_set)
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that training ends, and that the strokes fit the network."""
-    from brushexp_training.stroke_data import origin_for  # noqa: PLC0415
+    from brushexp_training.stroke_sets.stroke_data import origin_for  # noqa: PLC0415
 
     check_ends(cfg)
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
@@ -70,8 +70,8 @@ def check_batch(cfg: DictConfig, window: int) -> None:
 
 def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that the set can be continued with these strokes, and that memory holds those of one file."""
-    from brushexp_training.dataset import origin_of  # noqa: PLC0415
-    from brushexp_training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
+    from brushexp_training.stroke_sets.dataset import origin_of  # noqa: PLC0415
+    from brushexp_training.stroke_sets.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
     origin = origin_of(cfg.engine, keep_built(cfg.engine))
     strokes = min(cfg.n, SHARD_STROKES)
@@ -91,7 +91,7 @@ def check_ends(cfg: DictConfig) -> None:
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that there are strokes, and that the renderer was trained on such strokes."""
-    from brushexp_training.stroke_data import check_origin  # noqa: PLC0415
+    from brushexp_training.stroke_sets.stroke_data import check_origin  # noqa: PLC0415
 
     check_origin(cfg)
 

@@ -1,6 +1,6 @@
 """Keys of the tasks that simulate strokes, and train and measure renderers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,9 +22,24 @@ LIMIT = "number of training strokes to use, the first ones; null = all"
 
 
 @dataclass
+class NetworkTrainerOptions(TrainerOptions):
+    """Keys below ``trainer`` of tasks that train networks, which have epochs and validations."""
+
+    max_epochs: int | None = key(-1, "epochs at most; -1 = no limit (a task has limits of its own)", at_least(-1))
+    min_epochs: int | None = key(None, "epochs at least", at_least(0))
+    min_steps: int | None = key(None, "gradient steps at least", at_least(0))
+    limit_train_batches: int | float | None = key(None, "batches per epoch: number or fraction as 0.5", at_least(0))
+    limit_val_batches: int | float | None = key(None, "batches per validation: number or fraction as 0.5", at_least(0))
+    val_check_interval: int | float | None = key(None, "batches between validations, or a fraction: 0.5", above(0))
+    check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1))
+    accumulate_grad_batches: int | None = key(None, "batches accumulated into a gradient step", at_least(1))
+
+
+@dataclass
 class SimulateTask(Task):
     """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
 
+    is_research = True
     module = "brushexp_training.tasks.simulate"
     check = staticmethod(rules.check_simulate)
     groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
@@ -33,18 +48,22 @@ class SimulateTask(Task):
     n: int = key(10000, "number of strokes (the thesis: 100,000); a larger n continues a finished set", at_least(1))
     path: str | None = key(None, "folder of the set; an unfinished set there is continued; null = strokes/ in output")
 
+    @staticmethod
+    def grows(cfg: DictConfig, folder: Path) -> bool:
+        return cfg.path is None and (folder / "strokes").is_dir()
+
 
 @dataclass
 class TrainTask(Task):
     """Train a renderer on simulated strokes."""
 
+    is_research = True
     module = "brushexp_training.tasks.train"
     check = staticmethod(rules.check_train)
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
-    model: str = key("renderer", "the network to train", one_of("renderer"))
     data: list[str] | None = key(None, DATA, STROKES)
     simulate: int | None = key(
         10000, "without data: strokes to simulate and store; null = new ones", at_least(SMALLEST_SET)
@@ -66,11 +85,11 @@ class TrainTask(Task):
     fid: int = key(256, "held-out strokes on which each validation computes the FID (effl0); 0 = no FID", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    trainer: TrainerOptions = field(default_factory=TrainerOptions)
+    trainer: NetworkTrainerOptions = field(default_factory=NetworkTrainerOptions)
 
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:
-        from brushexp_training.dataset import StrokeSet  # noqa: PLC0415
+        from brushexp_training.stroke_sets.dataset import StrokeSet  # noqa: PLC0415
 
         sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}  # one that has grown is shuffled anew
         return {f"data={path}": f"{len(one)} strokes of seed {one.seed}" for path, one in sets.items()}
@@ -78,21 +97,16 @@ class TrainTask(Task):
 
 @dataclass
 class NetworkTask(Task):
-    """Keys of the tasks that train another network than a renderer: ``task=train`` with its ``model``."""
+    """Keys of the tasks that train another network than a renderer."""
 
-    instead_of = "train"
+    is_research = True
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
 
-    model: str = key("", "what is trained")
     epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))
     minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    trainer: TrainerOptions = field(default_factory=TrainerOptions)
-
-    @classmethod
-    def suits(cls, typed: Mapping[str, Any]) -> bool:
-        return typed.get("model") == cls.model
+    trainer: NetworkTrainerOptions = field(default_factory=NetworkTrainerOptions)
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -103,6 +117,7 @@ class NetworkTask(Task):
 class EvaluateTask(Task):
     """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
 
+    is_research = True
     module = "brushexp_training.tasks.evaluate"
     check = staticmethod(rules.check_evaluate)
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}

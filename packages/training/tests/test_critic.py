@@ -2,8 +2,8 @@
 
 import pytest
 import torch
-from brushexp_training.network_fitting import renderer_settings
-from brushexp_training.renderer_module import Critic, RendererSettings, balance, relativistic_loss
+from brushexp_training.fitting.network_fitting import renderer_settings
+from brushexp_training.fitting.renderer_module import Critic, RendererSettings, balance, relativistic_loss
 from test_trainer import fit, module_of
 
 

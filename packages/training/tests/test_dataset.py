@@ -10,10 +10,10 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from brushexp_training import datamodule, writer
-from brushexp_training.datamodule import SimulatedData, StoredData
-from brushexp_training.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeSet, origin_of, pictures_of
-from brushexp_training.writer import shard_rows, simulate_set
+from brushexp_training.stroke_sets import datamodule, writer
+from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData
+from brushexp_training.stroke_sets.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeSet, origin_of, pictures_of
+from brushexp_training.stroke_sets.writer import shard_rows, simulate_set
 from refusals import refuses
 from torch import Tensor
 

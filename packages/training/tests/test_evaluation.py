@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 import torch
-from brushexp_training.benchmark import EXTREMES, draw_extremes
-from brushexp_training.dataset import origin_of
-from brushexp_training.evaluation import (
+from brushexp_training.evaluation.benchmark import EXTREMES, draw_extremes
+from brushexp_training.evaluation.evaluation import (
     FeatureDistance,
     bristle_figures,
     bristle_sums,
@@ -25,9 +24,10 @@ from brushexp_training.evaluation import (
     premultiply,
     squared_error,
 )
-from brushexp_training.stroke_data import stroke_data
+from brushexp_training.stroke_sets.dataset import origin_of
+from brushexp_training.stroke_sets.stroke_data import stroke_data
+from brushexp_training.stroke_sets.writer import simulate_set
 from brushexp_training.tasks import evaluate
-from brushexp_training.writer import simulate_set
 from hydra.core.hydra_config import HydraConfig
 from PIL import Image
 from refusals import refuses

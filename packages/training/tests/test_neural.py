@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from brushexp_training.neural import NUMBERS, Neural, shape_numbers
+from brushexp_training.renderers.neural import NUMBERS, Neural, shape_numbers
 
 from brushexp.compositing.layers import Layers
 from brushexp.plugins.blend.tiled import Tiled

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_training import writer
-from brushexp_training.dataset import Origin, StrokeSet
-from brushexp_training.evaluation import GAP_PIXELS, stroke_sheet
-from brushexp_training.writer import BATCH_STROKES, simulate_set, to_rows
+from brushexp_training.evaluation.evaluation import GAP_PIXELS, stroke_sheet
+from brushexp_training.stroke_sets import writer
+from brushexp_training.stroke_sets.dataset import Origin, StrokeSet
+from brushexp_training.stroke_sets.writer import BATCH_STROKES, simulate_set, to_rows
 from program import disturb_move
 from refusals import refuses
 from test_dataset import SHARD_STROKES, N, Spot, write

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from brushexp_training import stroke_data
-from brushexp_training.dataset import Origin
-from brushexp_training.network_fitting import fit_network
+from brushexp_training.fitting.network_fitting import fit_network
 from brushexp_training.rules import check_ends
+from brushexp_training.stroke_sets import stroke_data
+from brushexp_training.stroke_sets.dataset import Origin
 from brushexp_training.tasks import train
 from refusals import refuses
 from sweeps import read_csv

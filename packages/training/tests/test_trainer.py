@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import lightning as L
 import pytest
 import torch
-from brushexp_training import network_module, renderer_module
-from brushexp_training.datamodule import StrokeBatch, StrokeLoader
-from brushexp_training.dataset import Origin
-from brushexp_training.evaluation import squared_error
-from brushexp_training.network_fitting import MovingAverage
-from brushexp_training.renderer_module import RendererModule, RendererSettings
+from brushexp_training.evaluation.evaluation import squared_error
+from brushexp_training.fitting import network_module, renderer_module
+from brushexp_training.fitting.network_fitting import MovingAverage
+from brushexp_training.fitting.renderer_module import RendererModule, RendererSettings
 from brushexp_training.rules import check_brushes
+from brushexp_training.stroke_sets.datamodule import StrokeBatch, StrokeLoader
+from brushexp_training.stroke_sets.dataset import Origin
 from lightning.pytorch.callbacks import Checkpoint
 from refusals import refuses
 from test_callbacks import Line

@@ -9,7 +9,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.keys import keys_of, with_types
 from brushexp.errors import UserError
-from brushexp.plugins.export.job import ExportJob, recorded_settings
+from brushexp.painting.reopen import recorded_settings
+from brushexp.plugins.export.base import ExportJob
 from brushexp_tubes.mixtures import Mixtures, all_mixtures
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.plan import Plan, plan_of

@@ -27,7 +27,6 @@ class TubesTask(PaintTask):
     """Paint with mixtures of given tubes and with brushes of given widths; tubes=eight asks for this task."""
 
     module = "brushexp_tubes.task"
-    instead_of = "paint"
     groups: ClassVar[dict[str, Any]] = PaintTask.groups | {"metric": [*STANDARD, "ciede2000"]}
     presets: ClassVar[dict[str, str]] = PaintTask.presets | {"look": LOOK}
 

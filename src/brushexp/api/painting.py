@@ -19,7 +19,7 @@ from brushexp.api.settings import Settings, settings_of, undisturbed, write_pict
 from brushexp.errors import UserError
 from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
-from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS, ExportJob
+from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.registry import build_named
 from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users

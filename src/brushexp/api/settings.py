@@ -15,9 +15,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import check, leave_to_others
 from brushexp.config.compose import composed, folders_of
+from brushexp.config.key_types import type_of_key
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
+from brushexp.config.words import as_typed, expand_shorthand, parse_value
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
 from brushexp.registry import drop_built
@@ -94,7 +95,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word) for word in words]
+    words = [expand_shorthand(word, task=task) for word in words]
     leave_to_others(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
@@ -114,7 +115,10 @@ def write_pictures(settings: Settings, folder: Path) -> Settings:
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
         OmegaConf.update(cfg, key, path)
-        words = [expand_shorthand(f"{key}={path}") if word.partition("=")[0] == key else word for word in words]
+        words = [
+            expand_shorthand(f"{key}={path}", task=str(cfg.task)) if word.partition("=")[0] == key else word
+            for word in words
+        ]
     return replace(settings, cfg=cfg, words=words)
 
 
@@ -133,7 +137,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             full = "style.image" if name == "style" else name
             held[full] = hold(value, name)
             value = held[full].name  # noqa: PLW2901
-        if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:
+        if isinstance(value, Mapping) and get_origin(type_of_key(name)[0]) is not dict:
             if not value:
                 raise UserError(f"{name}={{}} says nothing; leave it out, or give a value")
             yield from words_from(value, held, f"{name}.")

@@ -1,6 +1,6 @@
-"""Write the text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
+"""Write the text of ``--help``: how to start, and where to read on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -9,92 +9,177 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.config.compose import presets_of
-from brushexp.config.keys import groups_of, keys_of
-from brushexp.config.schema import PaintTask
+from brushexp.config.compose import CHOSEN_GROUPS, presets_of
+from brushexp.config.keys import Key, groups_of, keys_of
+from brushexp.config.schema import BY_TIME, PaintTask
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import as_typed
+from brushexp.errors import UserError
 from brushexp.pictures.load import samples
-from brushexp.registry import FAMILIES, plugins
+from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
+from brushexp.system.words import table_of_words
 
-INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
-
-  brushexp photo.jpg                              paint a picture, in oil; without a word: a sample
-  brushexp photo.jpg watercolour                  another look: look=watercolour
-  brushexp photo.jpg finer                        smaller strokes; bolder: larger ones; fine, best: with more time
-  brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
-  brushexp photo.jpg brush=stroke.png             with a brush of your own: a scanned stroke, or a .gbr of GIMP
-  brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
-  brushexp experiment=loss_by_init                a named study
-  brushexp photos/                                every picture of a folder, some at a time (jobs=2: two): one page
-  brushexp pictures=thesis12 look=ink             a set of pictures, conf/pictures/thesis12.yaml: one page
-  brushexp export outputs/x resolution=4096       a finished painting at any size; to=svg,pdf: in other forms
-  brushexp view                                   look at the newest run in the browser
-"""
+TITLE = "Paint pictures out of brush strokes by gradient descent, and study how well that works."
+TOPICS = {  # --help=topic
+    "all": "every key and every plugin of a task",
+    "tasks": "everything else that the program does",
+    "research": "tasks for researchers: training, benchmarks, evidence",
+}
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
-MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
+MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
 WIDTH = 120  # letters of a line
 COLUMN = 28  # letters up to a meaning
+EXAMPLE_COLUMN = 52  # letters up to what an example does
+TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
 
 
-def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
-    """Write the help for a composed config and the typed overrides; presets are in the folders."""
+def topic_of(words: Sequence[str]) -> str:
+    """Read the topic that ``--help=topic`` names; "" for plain ``--help``, and a UserError for another topic."""
+    topics = [word.removeprefix("--help=") for word in words if word.startswith("--help=")]
+    if topics and topics[-1] not in TOPICS:
+        raise UserError(f"--help={topics[-1]} is no topic; type --help, or --help= and one of {', '.join(TOPICS)}")
+    return topics[-1] if topics else ""
+
+
+def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path], topic: str = "") -> str:
+    """Write the help for a composed config and the typed overrides; presets are in the folders.
+
+    A family that is typed, ``renderer=`` or ``renderer=neural``, shows its members and the options of the chosen ones.
+    """
+    typed = [word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides]
+    families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task", "experiment"}]
+    if topic == "all":
+        lines = _all_of(cfg, folders, families)
+    elif topic:
+        lines = _tasks_of(topic)
+    elif families:
+        lines = [line for family in families for line in _group(family, cfg, folders, with_options=True)]
+    elif cfg.task == "paint":
+        lines = _start(cfg, folders)
+    else:
+        lines = _task(cfg, folders)
+    return "\n".join(lines)
+
+
+def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
+    """Write the first page: examples, looks, qualities, the keys that people use, and where to read on."""
+    schema, lines = PaintTask, [TITLE, ""]
+    examples = table_of_words("examples").items()
+    for example, meaning in sorted(examples, key=lambda pair: not pair[0].startswith("brushexp photo.jpg")):
+        lines += two_columns(example, meaning, EXAMPLE_COLUMN)
+    for group, head in (("look", "Looks: look=plain, or the word alone"), ("quality", "Qualities: quality=draft")):
+        lines += ["", head, *_members(group, folders)]
+    lines += ["", "Keys that people use, and their values now"]
+    lines += _keys(cfg, [key for name, key in keys_of(schema).items() if name in schema.common])
+    lines += ["", "More"]
+    for topic, about in TOPICS.items():
+        lines += two_columns(f"brushexp --help={topic}", about, EXAMPLE_COLUMN)
+    families = ", ".join(family for family in FAMILIES if family in groups_of(schema) or family == "to")
+    lines += two_columns("brushexp renderer= --help", f"a family, its members and options: {families}", EXAMPLE_COLUMN)
+    lines += two_columns("brushexp export --help", "the keys of another task", EXAMPLE_COLUMN)
+    return [*lines, "", MORE]
+
+
+def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
+    """Write the page of a task: what it does, its keys, and which plugins it takes."""
     schema = TASKS[cfg.task]
-    lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
-    lines = [INTRODUCTION if issubclass(schema, PaintTask) else usage_of(cfg.task, schema.alone), *lines]
-    raw: Any = OmegaConf.to_container(cfg, resolve=False)
-    typed = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides}
-    for name, key in keys_of(schema).items():
-        if name.startswith("trainer.") and "trainer" not in typed:
-            continue  # twenty keys of Lightning
-        value = reduce(getitem, name.split("."), raw)
-        value = OmegaConf.select(cfg, name) if str(value).startswith(("${scaled:", "${by_checkpoint:")) else value
-        lines += two_columns(f"{name}={as_typed(value)}", key.meaning)
-    about = "a family that you type shows options and what to choose by: renderer=neural --help"
-    lines += ["", f"Its plugins, family=name; {about}"]
+    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
+    keys = keys_of(schema)
+    lines += _keys(cfg, [key for name, key in keys.items() if not name.startswith(TRAINER)])
+    if groups := [group for group in groups_of(schema) if _names(group, folders)]:
+        lines += ["", "Plugins and presets, each with --help: renderer= --help"]
+        for group in groups:
+            lines += two_columns(group, ", ".join(_names(group, folders)))
+    more = f"brushexp {cfg.task} --help=all shows all of them" + (
+        f", and the keys below {TRAINER[:-1]}" if any(name.startswith(TRAINER) for name in keys) else ""
+    )
+    return [*lines, "", f"{more}.", MORE]
+
+
+def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
+    """List every key of a task with its meaning, and every plugin and preset that it can choose."""
+    schema = TASKS[cfg.task]
+    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
+    lines += _keys(cfg, list(keys_of(schema).values()))
     for group in groups_of(schema):
-        lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
+        lines += ["", *_group(group, cfg, folders, with_options=group in families)]
     if schema.alone == "image":
         lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", WIDTH).splitlines()]
-    lines += ["", "Other tasks; their keys: task=name --help"]
-    for name, other in TASKS.items():
-        lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
-    return "\n".join([*lines, "", MORE])
+    return [*lines, "", MORE]
+
+
+def _tasks_of(topic: str) -> list[str]:
+    """List the tasks of a topic, one line each."""
+    lines = [f"{TOPICS[topic].capitalize()}; the keys of each: brushexp NAME --help", ""]
+    for name in TASKS:
+        if TASKS[name].is_research == (topic == "research"):
+            lines += two_columns(name, (TASKS[name].__doc__ or "").partition("\n")[0])
+    return lines
 
 
 def usage_of(task: str, alone: str) -> str:
-    r"""Write how a task that does not paint is typed.
+    r"""Write how a task is typed.
 
-    >>> usage_of("export", "catalogue"), usage_of("train", "")
-    ('brushexp export outputs/x [key=value ...]\n', 'brushexp train [key=value ...]\n')
+    >>> usage_of("export", "catalogue"), usage_of("paint", "image")
+    ('brushexp export outputs/x [key=value ...]\n', 'brushexp photo.jpg [key=value ...]\n')
     """
-    return " ".join(["brushexp", task, *([PATHS[alone]] if alone in PATHS else []), "[key=value ...]\n"])
+    name = [] if task == "paint" else [task]
+    return " ".join(["brushexp", *name, *([PATHS[alone]] if alone in PATHS else []), "[key=value ...]\n"])
 
 
-def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """List the members of a group, one line each, and the options of the chosen ones."""
+def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
+    """List keys with their values in a config, and their meanings."""
+    raw: Any = OmegaConf.to_container(cfg, resolve=False)
+    lines = []
+    for key in keys:
+        value = reduce(getitem, key.name.split("."), raw)
+        if value == BY_TIME:
+            value = "outputs/DATE_TIME"
+        elif str(value).startswith("${"):
+            value = OmegaConf.select(cfg, key.name)
+        lines += two_columns(f"{key.name}={as_typed(value)}", key.meaning)
+    return lines
+
+
+def _names(group: str, folders: Sequence[Path]) -> list[str]:
+    """List the members of a group: plugins and presets."""
+    presets = [name for folder in folders for name in presets_of(folder / group)]
+    return sorted({plugin.name for plugin in plugins(group)} | set(presets))
+
+
+def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
+    """List the presets of a group, one line each."""
+    rows: dict[str, str] = {}
+    for folder in folders:
+        rows |= presets_of(folder / group)
+    for name, summary in sorted(rows.items()):
+        yield from two_columns(name, summary)
+
+
+def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
+    """List the members of a group, one line each; ``with_options``, also facts to choose by, and options."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
-    lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
+    lines = [f"{group}: {FAMILIES.get(group, 'presets of keys')}"]
     facts = {plugin.name: plugin.facts for plugin in plugins(group) if with_options}
     for name, summary in sorted(rows.items()):
         lines += two_columns(name, summary)
         if facts.get(name):
             lines += two_columns("", " · ".join(f"{fact}: {value}" for fact, value in facts[name].items()))
     node = cfg.get(group)
-    chosen = [] if not with_options or node is None else [node] if "_target_" in node else list(node.values())
-    for plugin in plugins():
+    chosen = [] if not with_options or node is None else list(node.values()) if group in MULTI_SELECT else [node]
+    for plugin in plugins(group):
         for options in [options for options in chosen if options.get("_target_") == plugin.target]:
-            lines.append(f"  options of {group}={plugin.name}:")
+            lines.append(f"  options of {group}={plugin.name}, and their values now")
             for option, about in plugin.meanings.items():
                 lines += two_columns(f"{plugin.path}.{option}={as_typed(options[option])}", about)
     return lines
 
 
-def two_columns(name: str, meaning: str) -> list[str]:
+def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
     """Write a name and its meaning in two columns, or in two lines if the name is long."""
-    head = f"  {name:<{COLUMN - 3}} "
-    if len(head) > COLUMN:
-        return [head, *fill(meaning, WIDTH, initial_indent=" " * COLUMN, subsequent_indent=" " * COLUMN).splitlines()]
-    return fill(head + meaning, WIDTH, subsequent_indent=" " * COLUMN).splitlines()
+    head = f"  {name:<{column - 3}} "
+    if len(head) > column:
+        return [head, *fill(meaning, WIDTH, initial_indent=" " * column, subsequent_indent=" " * column).splitlines()]
+    return fill(head + meaning, WIDTH, subsequent_indent=" " * column).splitlines()

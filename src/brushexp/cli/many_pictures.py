@@ -4,7 +4,6 @@ import glob
 import logging
 import os
 import re
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -19,10 +18,12 @@ from brushexp.pictures.load import samples
 from brushexp.registry import literal
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
+from brushexp.system.published import published
 from brushexp.system.reading import digest_of, read_text, yaml_of
 
 log = logging.getLogger(__name__)
 SETS = "pictures="
+LAUNCHERS = "brushexp.launchers"  # entry-point group: name of a launcher -> function that tells whether it works here
 ENDING = ".yaml"  # of files with sets of pictures
 PROCESSES, AUTO = "jobs=", "auto"  # number of jobs of a sweep at once
 LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher, or may
@@ -44,10 +45,9 @@ def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
 
 
 def launcher() -> str:
-    """Choose the launcher of processes: forks, which start fast, or joblib where CUDA or the system forbids them."""
-    from brushexp.system.device import device_of  # noqa: PLC0415
-
-    return "processes" if sys.platform == "linux" and device_of("auto").type == "cpu" else "joblib"
+    """Choose the launcher of several processes: one that a package publishes and that works here, or Hydra's joblib."""
+    suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
+    return next(suiting, "joblib")
 
 
 def as_many_as_fit(pictures: int) -> int:

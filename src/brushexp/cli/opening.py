@@ -13,10 +13,10 @@ from pathlib import Path
 
 from brushexp.config.vocabulary import as_task, is_path, meaning_of, respelt, task_names
 from brushexp.pictures.folders import is_several
+from brushexp.system.words import table_of_words
 
-MEDIA = ("oil", "gouache", "ink", "pastel", "watercolour", "impasto")  # looks in which one paints
 ENDS = (".png", ".jpg")  # of samples
-PAINTED = ("", "paint", "film")  # tasks whose line names the picture
+PAINTED = ("", "paint")  # tasks whose line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
@@ -74,9 +74,8 @@ def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
     pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
-    look = keys.get("look", "oil")
-    look = respelt(look) if respelt(look) in MEDIA else look
-    way = f"in {look}" if look in MEDIA else f"with look={look}"
+    look, words = keys.get("look", "oil"), table_of_words("look_in_words")
+    way = words.get(look) or words.get(respelt(look)) or f"with look={look}"
     style = keys.get("style", keys.get("style.image"))
     several = "the pictures of " if len(pictures) == 1 and is_several(pictures[0]) else ""
     return f"painting {several}{', '.join(pictures)} {way}" + (f", in the style of {style}" if style else "")

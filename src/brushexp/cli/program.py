@@ -14,18 +14,20 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.help import help_text
+from brushexp.cli.help import help_text, topic_of
 from brushexp.cli.many_pictures import as_sweep
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import one_store, parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
+from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
+from brushexp.config.stands_for import spell_out
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import RESUME_SWEEP, at_home, expand_positional, expand_shorthand, types_of_keys
+from brushexp.config.words import RESUME_SWEEP, at_home, expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
@@ -47,13 +49,17 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 def run(start: float) -> None:
     """Run the program with the words of its command line; ``start`` is `time.monotonic` when it began."""
     _start[0] = start
-    with reporting_errors(words := sys.argv[1:]):
+    typed_words = sys.argv[1:]
+    words = ["--help" if word.startswith("--help=") else word for word in typed_words]
+    with reporting_errors(words):
+        topic = topic_of(typed_words)
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
         words, folders = settings_first(expand_arguments(words)), folders_of(Path(), words)
         typed = parse_arguments(words)[0]
         if typed.help:  # Hydra's own takes seconds to list groups of configs
-            print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
+            settings = [word for word in typed.overrides if not word.endswith("=")]  # renderer= asks for its members
+            print(help_text(composed(settings, folders), typed.overrides, folders, topic))
         else:
             sys.argv[1:] = search_path(folders) + without_folder(words)
             with one_store():
@@ -71,7 +77,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     A UserError says which word is no ``key=value``, or has an impossible value.
     """
-    arguments = with_own_brush([at_home(word) for word in arguments])
+    arguments = spell_out([at_home(word) for word in arguments])
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
@@ -83,21 +89,9 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     whole = add_task(in_place(joined(words, TASKS[task])))
     ours = {*whole} - flags
     plain = as_sweep(whole, typed.multirun)
-    return [expand_shorthand(word, typed.multirun) if word in ours else word for word in plain]
-
-
-def with_own_brush(words: list[str]) -> list[str]:
-    """Write ``brush=FILE`` as the renderer whose marks are files; ``renderer=textured`` beside it says the same.
-
-    Paths are in full: the painting can then be drawn again from any folder.
-    """
-    typed = [word.removeprefix("brush=") for word in words if word.startswith("brush=")]
-    if not typed:
-        return words
-    files = typed[-1:] if is_path(typed[-1]) else typed[-1].split(",")
-    paths = ",".join(os.path.abspath(os.path.expanduser(file)) if is_path(file) else file for file in files)
-    others = [word for word in words if word != "renderer=textured" and not word.startswith("brush=")]
-    return [*others, "renderer=brush", f"renderer.files={paths}"]
+    has_study = any(word.startswith("experiment=") for word in plain)
+    task = "" if has_study else next((word[5:] for word in reversed(plain) if word.startswith("task=")), "paint")
+    return [expand_shorthand(word, typed.multirun, task) if word in ours else word for word in plain]
 
 
 def refuse_flags(words: Sequence[str]) -> None:
@@ -105,7 +99,7 @@ def refuse_flags(words: Sequence[str]) -> None:
     for word in words:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
-            cure = f"type {name}={value or '...'}, without dashes" if equal or name in types_of_keys() else ""
+            cure = f"type {name}={value or '...'}, without dashes" if equal or type_of_key(name)[0] else ""
             cure = f"type ./{word} for the file of this name" if is_path(word) else cure
             raise UserError(f"{word} is no flag; {cure or '--help lists the keys, which have no dashes'}")
 

@@ -1,10 +1,10 @@
 """Private parts of Hydra that the command line and Python need; tried with Hydra 1.3.8 and 1.4.0rc3."""
 
+from __future__ import annotations
+
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from copy import deepcopy
-from functools import cached_property
 from threading import Lock
 from typing import Any, NoReturn
 
@@ -13,6 +13,7 @@ from hydra.core.config_store import ConfigNode, ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.singleton import Singleton
 from hydra.version import VersionBase
+from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 
@@ -34,24 +35,78 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
     return namespace, others
 
 
-class WhenRead:
-    """A config that is made when Hydra, which reads copies, reads it first."""
+class NodeWhenRead(ConfigNode):
+    """A choice of a group whose config is made when Hydra reads it.
 
-    def __init__(self, make: Callable[[], Any]) -> None:
+    To copy the store makes none. To pickle it makes all: a process of a sweep composes before it knows any plugin.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        make: Callable[[], Any],
+        group: str | None,
+        package: str | None,
+        provider: str | None,
+    ) -> None:
+        self.name, self.group, self.package, self.provider = name, group, package, provider
         self.make = make
+        self.config: Any = None
 
-    @cached_property
-    def config(self) -> Any:
-        return self.make()
+    @property
+    def node(self) -> Any:
+        if self.config is None:
+            self.config = self.make()
+        return self.config
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        return deepcopy(self.config)
+    @node.setter
+    def node(self, config: Any) -> None:
+        self.config = config
+
+    def __copy__(self) -> NodeWhenRead:
+        twin = NodeWhenRead(self.name, self.make, self.group, self.package, self.provider)
+        twin.config = self.config
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> NodeWhenRead:
+        return self.__copy__()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        try:
+            config = self.node
+        except UserError:  # a file of the user is wrong, and where it is not chosen nobody minds
+            config = OmegaConf.create()
+        return ConfigNode, (self.name, config, self.group, self.package, self.provider)
 
 
-def store_when_read(group: str, name: str, make: Callable[[], Any], provider: str) -> None:
-    """Publish a choice of a group, in the global package, whose config ``make`` makes when it is read."""
-    choices, file, node = ConfigStore.instance().repo.setdefault(group, {}), f"{name}.yaml", WhenRead(make)
-    choices[file] = ConfigNode(file, node, group, "_global_", provider)  # type: ignore[arg-type]
+def store_when_read(
+    group: str,
+    name: str,
+    make: Callable[[], Any],
+    provider: str,
+    package: str | None = "_global_",
+) -> None:
+    """Publish a choice of a group (``loss``, ``look_options/init``) whose config ``make`` makes when it is read."""
+    file = f"{name}.yaml"
+    _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
+
+
+def move_choice(group: str, name: str, to: str, by: str) -> bool:
+    """Move a published choice to another group, where it has no package; False if ``by`` has published it."""
+    choices, file = _group(group), f"{name}.yaml"
+    if file not in choices or choices[file].provider == by:
+        return False
+    moved = _group(to)[file] = choices.pop(file)
+    moved.group, moved.package = to, None
+    return True
+
+
+def _group(path: str) -> dict[str, Any]:
+    """Return the choices of a group in Hydra's store."""
+    choices: dict[str, Any] = ConfigStore.instance().repo
+    for part in path.split("/"):
+        choices = choices.setdefault(part, {})
+    return choices
 
 
 @contextmanager

@@ -29,7 +29,9 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     schema = TASKS[cfg.task]
     leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:
-        if any(override.startswith(f"+{family}=") for override in overrides):
+        if any(word.startswith(f"+{family}=") for word in overrides) and any(
+            word.startswith(f"{family}=") for word in overrides
+        ):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
     check_names(cfg)
     check_chosen(cfg)
@@ -154,7 +156,7 @@ def unknown_key(typed: str, task: str) -> str:
     if (meant := spellings("keys").get(plain)) in keys:
         return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
     cure = spellings("instead").get(plain, "")
-    if cure.split("=")[0] in names or cure.startswith("brushexp "):
+    if cure.split("=")[0].lstrip("+") in names or cure.startswith(("brushexp ", "task=")):
         return f"{typed} is no key of task={task}; type {cure}"
     if family in MULTI_SELECT and rest:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]

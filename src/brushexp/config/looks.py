@@ -1,11 +1,12 @@
 """Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
 
-Options of plugins are taken out of a look and published one by one under the names of the look and of the plugin: the
-defaults lists of tasks and losses then load those of the plugins that a run chooses. So a typed ``renderer=analytic``
-keeps the rest of a look.
+A look also sets options of plugins, which must give way where another plugin is typed. So these options are published
+one by one, as ``look_options/<family>/<look>_<member>``: the defaults lists of tasks, and of members of families of
+which several are chosen, load those of the members that a run chooses. A typed ``renderer=analytic`` keeps the rest.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +15,21 @@ from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
+from brushexp.compat.hydra import move_choice, store_when_read
 from brushexp.config.check import unknown_option
+from brushexp.config.compose import files_of
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import task_for
 from brushexp.errors import UserError
 from brushexp.pictures.abstraction import FEWER
-from brushexp.registry import FAMILIES, plugins
+from brushexp.registry import FAMILIES, MULTI_SELECT, member
+from brushexp.system.reading import read_text, yaml_of
 
-LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
-UNTUNED = "untuned"  # group of losses as they are without a look
+LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<member>
+UNTUNED = "untuned"  # group of members of such families as they are without a look
+FAST_STARTS = "fast_start"  # group of files, one for an ``init``: what a draft has in its place
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 CLOSER = 50  # times as much weight of the focus with abstraction=1
-AT_A_GLANCE = {  # starts of looks, and what replaces them and their optimizer for strokes that a network lays
-    "slic": {"init": "predicted", "adam": "brief", "shaped": "briefly_shaped"},
-    "layers": {"init": "brushed"},
-}
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
 
@@ -45,71 +46,47 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
     return scaled[key]
 
 
-def at_a_glance(look: str, family: str) -> str:
-    """Choose of a family what suits strokes of a network, but where the look's own start makes it what it is."""
+def fast_start(look: str, family: str) -> str:
+    """Choose a member for a draft: of ``init`` what lays strokes at once in place of the look's own, if there is one.
+
+    Of other families, what suits those strokes. A look that imitates brushwork, or tunes the optimizer, keeps its own.
+    """
     store = ConfigStore.instance()
     node = store.load(f"look/{look}.yaml").node
     chosen = {of: str(name) for of, name in choices_of(node, PaintTask.groups).items()}
-    tuned = store.get_type(f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml") is ObjectType.CONFIG
-    if OmegaConf.select(node, "style.brushwork") or (family == "optimizer" and tuned):
+    file = f"{FAST_STARTS}/{chosen['init']}.yaml"
+    tuned = f"{LOOK_OPTIONS}/optimizer/{look}_{chosen['optimizer']}.yaml"
+    is_tuned = family == "optimizer" and store.get_type(tuned) is ObjectType.CONFIG
+    if store.get_type(file) is not ObjectType.CONFIG or OmegaConf.select(node, "style.brushwork") or is_tuned:
         return chosen[family]
-    replaced = family if family == "init" else chosen[family]
-    return AT_A_GLANCE.get(chosen["init"], {}).get(replaced, chosen[family])
-
-
-def by_checkpoint(values: Mapping[str, float], otherwise: float, *, _root_: DictConfig) -> float:
-    """Choose by the network that lays the first strokes, if one does."""
-    return values.get(str(_root_.init.get("checkpoint")), otherwise)
+    replaced = store.load(file).node[family]
+    return str(replaced) if family == "init" else str(replaced.get(chosen[family], chosen[family]))
 
 
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
-OmegaConf.register_new_resolver("at_a_glance", at_a_glance, replace=True)
-OmegaConf.register_new_resolver("by_checkpoint", by_checkpoint, replace=True)
+OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 
 
-def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
-    """Publish looks for a task, and list the families, without losses, of which they set options."""
-    tuned: dict[str, set[str]] = {}
+def publish_looks(folders: list[Path], schema: type[Any]) -> set[str]:
+    """Publish the looks in folders of configs for a task, and list the families of one member whose options they set.
+
+    Files are parsed now, and checked when they are chosen.
+    """
+    paths = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
+    tuned: set[str] = set()
     for name, path in paths.items():
-        values = read_look(path)
-        for family, plugin, options in take_out(values, schema.groups):
-            check_options(path, family, plugin, options)
-            if family == "init" and "layers" in options:
-                options.layers = as_scaled("layers", options.layers)
-            tuned.setdefault(family, set()).add(plugin)
-            ConfigStore.instance().store(
-                group=f"{LOOK_OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
-            )
-        for key in SCALED:
-            values[key] = as_scaled(key, values.get(key, getattr(schema, key)))
-        ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
-    for loss in tuned.pop("loss", ()):
-        make_tunable(loss)
-    return set(tuned)
-
-
-def read_look(path: Path) -> DictConfig:
-    """Read the file of a look; a UserError if plugins, or their options, do not stand where Hydra looks for them."""
-    look = OmegaConf.load(path)
-    if not isinstance(look, DictConfig):
-        raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
-    plain: Any = OmegaConf.to_container(look)
-    for part in plain.get("defaults") or []:
-        if part != "_self_" and not (isinstance(part, dict) and all(str(key).startswith("override /") for key in part)):
-            cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
-            raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
-    chosen = {family: plain[family] for family in FAMILIES if family in plain}
-    losses = chosen["loss"].values() if isinstance(chosen.get("loss"), dict) else ()
-    for family, options in [*chosen.items(), *(("loss", one) for one in losses)]:
-        if not isinstance(options, dict):
-            cure = f"options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
-            raise UserError(f"{path}: {family} is {options}; {cure}")
-    return look
-
-
-def as_scaled(key: str, value: object) -> object:
-    """Let `scale` adapt a number of a look."""
-    return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
+        store_when_read("look", name, partial(_keys_of, path, schema), str(path))
+        for family, chosen in _tuned_by(_parse(path), schema.groups):
+            options = partial(_options_of, path, family, chosen, schema.groups)
+            store_when_read(f"{LOOK_OPTIONS}/{family}", f"{name}_{chosen}", options, str(path), package=None)
+            if family in MULTI_SELECT:
+                _make_tunable(family, chosen)
+            else:
+                tuned.add(family)
+    for folder in folders:
+        for name, path in files_of(folder, FAST_STARTS).items():
+            store_when_read(FAST_STARTS, name, partial(OmegaConf.load, path), str(path))
+    return tuned
 
 
 def look_names() -> list[str]:
@@ -118,48 +95,106 @@ def look_names() -> list[str]:
     return [name for name in names if task_for("paint", {"look": name}) == "paint"]
 
 
-def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
-    """Take options out of a look, each with its family and the plugin that the look, or else the task, chooses."""
-    chosen, parts = choices_of(look, groups), []
+def _parse(path: Path) -> dict[str, Any]:
+    """Parse the file of a look into plain values; an empty mapping where it is none, of which `_read` tells."""
+    try:
+        values = yaml_of(read_text(path, "correct it"))
+    except UserError:
+        return {}
+    return values
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Read the file of a look; a UserError if plugins, or their options, do not stand where Hydra looks for them."""
+    look = yaml_of(read_text(path, "correct it"))
+    if not look:
+        raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
+    for part in look.get("defaults") or []:
+        if part != "_self_" and not (isinstance(part, dict) and all(str(key).startswith("override /") for key in part)):
+            cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
+            raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
+    chosen = {family: look[family] for family in FAMILIES if family in look}
+    several = [(family, one) for family in MULTI_SELECT for one in _values(chosen.get(family))]
+    for family, options in [*chosen.items(), *several]:
+        if not isinstance(options, dict):
+            cure = f"options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
+            raise UserError(f"{path}: {family} is {options}; {cure}")
+    return look
+
+
+def _values(options: Any) -> list[Any]:
+    return list(options.values()) if isinstance(options, dict) else []
+
+
+def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
+    """Make the config of a look without the options of plugins; ``detail`` and others scale its numbers."""
+    look = _read(path)
+    for family, chosen in _tuned_by(look, schema.groups):
+        _options_of(path, family, chosen, schema.groups)  # a UserError if it has no such options
+    values = {key: value for key, value in look.items() if key not in FAMILIES}
+    for key in SCALED:
+        values[key] = _as_scaled(key, values.get(key, getattr(schema, key)))
+    config: DictConfig = OmegaConf.create(values)
+    return config
+
+
+def _as_scaled(key: str, value: object) -> object:
+    """Let `scale` adapt a number of a look."""
+    return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
+
+
+def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """List family and name of the members of which a look sets options."""
+    chosen = choices_of(look, groups)
     for family in FAMILIES:
-        if family == "loss":
-            parts += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
-        elif family in look and isinstance(chosen.get(family), str):
-            parts.append((family, chosen[family], look.pop(family)))
-    return parts
+        if family not in look:
+            continue
+        if family in MULTI_SELECT:
+            yield from ((family, str(name)) for name in look[family] or ())
+        elif isinstance(chosen.get(family), str):
+            yield family, chosen[family]
 
 
-def choices_of(look: DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
+def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any]) -> DictConfig:
+    """Make the config of what a look says of a member; a UserError if the plugin does not have such options."""
+    look = _read(path)
+    options: DictConfig = OmegaConf.create(look[family][chosen] if family in MULTI_SELECT else look[family])
+    check_options(path, family, chosen, options)
+    if family == "init" and "layers" in options:
+        options.layers = _as_scaled("layers", options.layers)
+    return options
+
+
+def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
     """Map the families of a task to what a look, or else the task, chooses."""
     chosen = dict(groups)
     for entry in look.get("defaults") or []:
-        if entry != "_self_":
+        if isinstance(entry, Mapping | DictConfig):
             chosen |= {str(key).removeprefix("override /"): value for key, value in entry.items()}
     return chosen
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
     """Stop with a UserError when a plugin does not have options that a file sets of it."""
-    for plugin in plugins(family):
-        if plugin.name == name:
-            try:
-                OmegaConf.merge(OmegaConf.structured(plugin.config), options)
-            except OmegaConfBaseException as error:
-                is_unknown = isinstance(error, ConfigKeyError)
-                reason = unknown_option(str(error.key), plugin) if is_unknown else error.msg
-                raise UserError(f"{path} does not fit {family}={name}: {reason}; correct it") from error
+    if (plugin := member(family, name)) is None:
+        return  # a preset, of which Hydra tells
+    try:
+        OmegaConf.merge(OmegaConf.structured(plugin.config), options)
+    except OmegaConfBaseException as error:
+        is_unknown = isinstance(error, ConfigKeyError)
+        reason = unknown_option(str(error.key), plugin) if is_unknown else error.msg
+        raise UserError(f"{path} does not fit {family}={name}: {reason}; correct it") from error
 
 
-def make_tunable(loss: str) -> None:
-    """Publish a loss anew, so that ``look=`` sets its options wherever it is chosen."""
-    store = ConfigStore.instance()
-    published = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
-    if published == [True, False]:
-        own = store.load(f"loss/{loss}.yaml")
-        store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
-        parts = [
-            "_self_",
-            f"/{UNTUNED}/loss/{loss}@_here_",
-            {f"optional /{LOOK_OPTIONS}/loss@_here_": f"${{look}}_{loss}"},
-        ]
-        store.store(group="loss", name=loss, node={"defaults": parts}, package=f"loss.{loss}", provider=own.provider)
+def _make_tunable(family: str, name: str) -> None:
+    """Publish a member anew, so that ``look=`` sets its options wherever it is chosen."""
+    parts = [
+        "_self_",
+        f"/{UNTUNED}/{family}/{name}@_here_",
+        {f"optional /{LOOK_OPTIONS}/{family}@_here_": f"${{look}}_{name}"},
+    ]
+    if move_choice(family, name, f"{UNTUNED}/{family}", by=LOOK_OPTIONS):
+        store = ConfigStore.instance()
+        store.store(
+            group=family, name=name, node={"defaults": parts}, package=f"{family}.{name}", provider=LOOK_OPTIONS
+        )

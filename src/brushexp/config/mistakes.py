@@ -15,11 +15,12 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
-from brushexp.config.compose import chosen_groups, composed, files_of
+from brushexp.config.compose import CHOSEN_GROUPS, composed, files_of
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.words import as_typed
-from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.registry import MULTI_SELECT, loaded_plugins, plugins
+from brushexp.registry.loading import missing_because
 
 LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
 EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
@@ -53,7 +54,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         more = LIGHTNINGS if match[1] == "callbacks" else ""
         near = f"{nearest_first(match[2], names)} (all: --help)"
         near += f", or {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else ""
-        return f"{match[1]}={match[2]} is not there; choose one of {near}{more}" if names else None
+        return f"{match[1]}={match[2]} is not there; choose one of {near}{more}{missing_because()}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
@@ -62,7 +63,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
             more = f"; drop {form}, and when it is painted, type: brushexp export {painted} {form}"
         return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
-        found = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
+        found = [plugin for plugin in loaded_plugins() if plugin.config.__name__ == match[2]]
         return unknown_option(match[1], found[0], arguments) if found else None
     if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
         return unknown_key(match[1], task)
@@ -81,7 +82,7 @@ def of_grammar(text: str) -> str | None:
     if "${" in os.getcwd() and re.search(r"Interpolation key|'\$\{'|<EOF>", text):
         return f"{os.getcwd()} has ${{ in its name, where nothing can be written; go to another folder"
     if match := re.search(r"Interpolation key '(\w+)' not found", text):
-        cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in chosen_groups() else "the name of a key"
+        cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in CHOSEN_GROUPS else "the name of a key"
         return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
     return None
 
@@ -184,7 +185,8 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")
-    owners = [plugin for plugin in plugins() if plugin.path == above and option in plugin.meanings]
+    candidates = plugins(above.partition(".")[0])
+    owners = [plugin for plugin in candidates if plugin.path == above and option in plugin.meanings]
     if not owners:
         return None
     (kind,) = (item.type for item in fields(owners[0].config) if item.name == option)

@@ -1,12 +1,9 @@
 """Load all plugins, and publish tasks, looks and presets to Hydra."""
 
 import atexit
-import logging
 import shutil
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache, partial
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -18,11 +15,14 @@ from omegaconf import OmegaConf
 from brushexp.compat.hydra import store_when_read
 from brushexp.config.compose import files_of, folders_of
 from brushexp.config.keys import without_class
-from brushexp.config.looks import LOOK_OPTIONS, check_options, offer_looks
-from brushexp.config.tasks import TASKS, load_tasks
+from brushexp.config.looks import LOOK_OPTIONS, check_options, publish_looks
+from brushexp.config.own_files import check_own_files
+from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
-from brushexp.plugin_loading import load_plugins
 from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.registry.loading import load_plugins
+from brushexp.system.published import published
+from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
 
 @cache
@@ -35,36 +35,45 @@ def scratch_folder() -> str:
 
 OmegaConf.register_new_resolver("scratch", scratch_folder, replace=True)
 MEMBERS = "members"  # group of the families of each task: they are chosen before options of looks are
+SWEEPERS = "brushexp.sweepers"  # entry-point group: name -> function that returns the config of a sweeper, or None
 PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 
 def prepare(root: Path, words: Sequence[str] = ()) -> None:
-    """Load the plugins of the program and of ``root/plugins``, and publish tasks and presets to Hydra."""
-    load_tasks()
+    """Announce all plugins, import those of ``root/plugins``, and publish tasks and presets to Hydra."""
     load_plugins(root / "plugins")
-    offer(folders_of(root, words))
+    folders = folders_of(root, words)
+    offer(folders, left_out=check_own_files(folders, words))
 
 
-def offer(folders: Sequence[Path]) -> None:
+def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
     """Publish the tasks, the looks, and the presets in folders of configs for families with several members."""
     for folder in folders:
         for family in MULTI_SELECT:
-            offer_presets(family, files_of(folder, family))
-    looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
-    offer_tasks(TASKS, offer_looks(looks, TASKS["paint"]))
+            files = files_of(folder, family)
+            offer_presets(family, {name: path for name, path in files.items() if path not in left_out})
+    offer_tasks(publish_looks(list(folders), TASKS["paint"]))
     offer_sweepers()
 
 
-def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
-    """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
-    for name, schema in tasks.items():
-        groups = [{f"optional /{name}" if "@" in name else f"/{name}": one} for name, one in schema.groups.items()]
-        ConfigStore.instance().store(group=MEMBERS, name=name, node={"defaults": groups}, provider=PUBLISHER)
-        store_when_read("task", name, partial(config_of_task, name, schema, tuned), PUBLISHER)  # a run reads one
+def offer_tasks(tuned: Collection[str]) -> None:
+    """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families.
+
+    A run reads one of them.
+    """
+    for name in TASKS:
+        store_when_read(MEMBERS, name, partial(members_of_task, name), PUBLISHER, package=None)
+        store_when_read("task", name, partial(config_of_task, name, tuned), PUBLISHER)
 
 
-def config_of_task(name: str, schema: type[Any], tuned: Collection[str]) -> Any:
+def members_of_task(name: str) -> Any:
+    """Make the defaults list of the families of a task."""
+    return OmegaConf.create({"defaults": [{f"/{group}": chosen} for group, chosen in TASKS[name].groups.items()]})
+
+
+def config_of_task(name: str, tuned: Collection[str]) -> Any:
     """Make the config of a task."""
+    schema = TASKS[name]
     options = []
     if "look" in schema.presets:
         options = [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
@@ -94,18 +103,15 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Replace the sweepers of Hydra and of Optuna by ours, under the same names.
+    """Replace Hydra's sweeper by ours, under the same name, and offer those of packages.
 
-    A default in config.yaml would win over a study that chooses another one, and Optuna's would minimise a PSNR.
+    A default in config.yaml would win over a study that chooses another one.
     """
-    logging.getLogger("alembic").setLevel(logging.WARNING)  # Optuna imports it, and it logs each part that it loads
     Plugins.instance()  # publishes Hydra's own sweepers, at first use
-    ours = {"basic": ("settings", "SettingsSweeperConf"), "optuna": ("optuna", "StudySweeperConf")}
-    if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
-        del ours["optuna"]
-    for name, (module, conf) in ours.items():
-        node = getattr(import_module(f"hydra_plugins.brushexp_{module}"), conf)
-        ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
+    ConfigStore.instance().store(group="hydra/sweeper", name="basic", node=SettingsSweeperConf, provider=PUBLISHER)
+    for name, point in published(SWEEPERS).items():
+        if sweeper := point.load()():
+            ConfigStore.instance().store(group="hydra/sweeper", name=name, node=sweeper, provider=PUBLISHER)
     groups = ConfigStore.instance().repo["hydra"]
     groups["sweeper"] = PinnedGroup(groups["sweeper"])
 

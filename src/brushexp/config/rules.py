@@ -34,12 +34,6 @@ NEEDS = {  # keys of task=paint without which others have no effect
     "style.image": ("style.content", "style.colors"),
     "frames": ("frame_side", "timelapse", "timelapse_seconds"),
     "light.depth": ("light.azimuth", "light.elevation", "light.gloss"),
-    "lpips_weights": ("lpips_backbone",),
-}
-OF_TRAINING = {  # options of the Trainer that a painting has no use for, and what to type instead
-    **dict.fromkeys(("max_epochs", "min_epochs", "min_steps", "limit_train_batches"), "type steps=100"),
-    **dict.fromkeys(("limit_val_batches", "val_check_interval", "check_val_every_n_epoch"), "drop it"),
-    "accumulate_grad_batches": "type sampler=whole, whose gradient is that of all strokes",
 }
 BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
@@ -72,11 +66,9 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
     from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
-    from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
-    check_trainer(cfg)
     warn_of_unused_keys(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
@@ -98,18 +90,10 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
         keep_built(cfg.style.loss).check(size)
-    official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
     if cfg.timelapse_seconds is not None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
-
-
-def check_trainer(cfg: DictConfig) -> None:
-    """Refuse (UserError) options of Lightning's Trainer that count epochs and validations: painting has none."""
-    for name, cure in OF_TRAINING.items():
-        if (value := cfg.trainer.get(name)) not in (None, -1):
-            raise UserError(f"trainer.{name}={value} is for training networks, and painting has steps only; {cure}")
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -137,7 +121,7 @@ def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check that the renderer can be built, and that the painting fits into memory and its formats."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
-    from brushexp.plugins.export.job import export_job  # noqa: PLC0415
+    from brushexp.painting.reopen import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     saved = load_catalogue(Path(cfg.catalogue))

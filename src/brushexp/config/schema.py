@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import DURATION, FILE, INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.bounds import DURATION, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS
@@ -58,17 +59,9 @@ class TrainerOptions:
         None, "write where the time was spent into profile.txt; null = no", one_of("simple", "advanced")
     )
     precision: str = key("32-true", "precision; bf16-mixed = networks compute in 16 bits", one_of(*PRECISIONS))
-    max_epochs: int | None = key(-1, "epochs at most; -1 = no limit (a task has limits of its own)", at_least(-1))
-    min_epochs: int | None = key(None, "epochs at least", at_least(0))
     max_steps: int = key(-1, "gradient steps at most; -1 = no limit", at_least(-1))
-    min_steps: int | None = key(None, "gradient steps at least", at_least(0))
     max_time: str | None = key(None, "limit of wall time, days:hours:minutes:seconds", DURATION)
-    limit_train_batches: int | float | None = key(None, "batches per epoch: number or fraction as 0.5", at_least(0))
-    limit_val_batches: int | float | None = key(None, "batches per validation: number or fraction as 0.5", at_least(0))
-    val_check_interval: int | float | None = key(None, "batches between validations, or a fraction: 0.5", above(0))
-    check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1))
     log_every_n_steps: int = key(1, "steps between logged values; in painting, at least 0.25 s", at_least(1))
-    accumulate_grad_batches: int | None = key(None, "batches accumulated into a gradient step", at_least(1))
     gradient_clip_val: float | None = key(None, "clip gradients at this value; null = no clipping", above(0))
     gradient_clip_algorithm: str | None = key(None, "clip the norm of gradients, or values", one_of("norm", "value"))
     detect_anomaly: bool | None = key(None, "find the operation that produced a NaN; slow")
@@ -83,19 +76,24 @@ class Task:
     """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
 
     # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
-    # whose options are below ``style.loss``, if a package has it. Presets are values of the keys and win over those
-    # here.
+    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
+    is_research: ClassVar[bool] = False  # whether it is listed by --help=research, not by --help=tasks
     module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
     alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
-    instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
     painted: ClassVar[str] = ""  # what of its results ``task=export`` can take
+    results: ClassVar[tuple[str, ...]] = ()  # names of files that it writes over, without their endings
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        """Whether values of keys, typed or of a config, ask for this task where ``instead_of`` is named."""
+        """Whether values of keys, typed or of a config, ask for this task where it may stand in for another one."""
+        return False
+
+    @staticmethod
+    def grows(cfg: DictConfig, folder: Path) -> bool:
+        """Whether this run adds to results that are in its folder already."""
         return False
 
     @staticmethod
@@ -122,6 +120,21 @@ class PaintTask(Task):
     module = "brushexp.tasks.paint"
     alone = "image"
     painted = "FOLDER"
+    results: ClassVar[tuple[str, ...]] = (
+        "painting",
+        "target",
+        "flat",
+        "style",
+        "focus",
+        "timelapse",
+        "catalogue",
+        "strokes",
+    )
+    common: ClassVar[tuple[str, ...]] = (  # keys of the first page of the help
+        *("image", "resolution", "strokes", "detail", "abstraction", "steps", "seconds", "psnr", "background"),
+        *("focus", "style.image", "light.depth", "variety", "frames", "report", "resume"),
+        *("seed", "device", "threads", "output", "overwrite"),
+    )
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
@@ -167,13 +180,11 @@ class PaintTask(Task):
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
     frames: int = key(60, "frames of the timelapse; 0 = no timelapse", between(0, 2000))
     frame_side: int = key(720, "longer side of these frames in pixels", between(2, 4096))
-    timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
+    timelapse: str = key("mp4", "format of the timelapse: mp4 or gif", one_of("mp4", "gif"))
     timelapse_seconds: float | None = key(None, "length of the timelapse in seconds; null = 15 frames/s", above(0))
     report: bool = key(True, "write report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "weights of errors: auto (saliency) or a mask, bright = important; null = 1", FOCUS)
     focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
-    lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
-    lpips_weights: str | None = key(None, "file of weights; metrics then include the official LPIPS; null = none", FILE)
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)

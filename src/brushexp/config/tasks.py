@@ -1,21 +1,45 @@
-"""List all tasks by name: those of the program, and those that installed packages publish."""
+"""The tasks by name: those of the program, and those that installed packages publish."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
-from importlib.metadata import entry_points
 from typing import Any
 
-from brushexp.config.schema import Task
-from brushexp.config.vocabulary import TASK_POINTS
-from brushexp.plugin_loading import import_or_explain
+from brushexp.config.schema import ExportTask, PaintTask, Task
+from brushexp.config.vocabulary import STAND_INS, TASK_POINTS
+from brushexp.registry.plugin import import_or_explain
+from brushexp.system.published import published
 
-TASKS: dict[str, type[Task]] = {task.__name__.removesuffix("Task").lower(): task for task in Task.__subclasses__()}
+
+class Tasks(Mapping[str, type[Task]]):
+    """Map names to tasks; one of a package is imported when it is first asked for."""
+
+    def __init__(self, own: Mapping[str, type[Task]]) -> None:
+        self._loaded = dict(own)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys([*self._loaded, *published(TASK_POINTS)]))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._loaded or name in published(TASK_POINTS)
+
+    def __getitem__(self, name: str) -> type[Task]:
+        """Return a task; a UserError says why its module cannot be imported."""
+        if name not in self._loaded:
+            point = published(TASK_POINTS)[name]
+            self._loaded[name] = import_or_explain(point.load, f"entry point {name} ({point.value})")
+        return self._loaded[name]
 
 
-def load_tasks() -> None:
-    """Add the tasks of installed packages; a UserError says which one cannot be imported."""
-    for point in entry_points(group=TASK_POINTS):
-        TASKS[point.name] = import_or_explain(point.load, f"entry point {point.name} ({point.value})")
+TASKS = Tasks({"paint": PaintTask, "export": ExportTask})
+
+
+def stand_ins_of(name: str) -> list[str]:
+    """List the tasks that take the place of a task where their `Task.suits` says so."""
+    points = (point.partition(".") for point in published(STAND_INS))
+    return [other for of, _, other in points if of == name]
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
@@ -24,7 +48,7 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
     """
-    suiting = [other for other, task in TASKS.items() if task.instead_of == name and task.suits(values)]
+    suiting = [other for other in stand_ins_of(name) if TASKS[other].suits(values)]
     return max(suiting, key=lambda other: _count_known(TASKS[other], values), default=name)
 
 

@@ -2,29 +2,22 @@
 
 import os
 import re
-import tomllib
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
+from brushexp.system.published import published
+from brushexp.system.words import conf_folders, table_of_words
+
 PACKAGE = Path(__file__).parents[1]
-SHIPPED = PACKAGE / "conf"
 TASK_POINTS = "brushexp.tasks"  # entry-point group: name of a task -> its class
-WORDS = {  # what a painter types -> what it means
-    "finer": "detail=2",
-    "bolder": "detail=0.25",
-    "abstract": "abstraction=0.7",
-    **{f"{key}={no}": "frames=0" for key in ("timelapse", "film") for no in ("none", "null", "no", "false")},
-}
-SPELLINGS = Path(__file__).with_name("spellings.toml")
+STAND_INS = "brushexp.stand_ins"  # entry-point group: "task.other" -> the class of the other one, which may replace it
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
 
 
 @cache
 def spellings(table: str) -> dict[str, str]:
-    """Read what others say for ``keys``, ``members`` or what is typed ``instead``, and what we say."""
-    tables = tomllib.loads(SPELLINGS.read_text(encoding="utf-8"))
-    return {theirs: ours for ours, others in tables[table].items() for theirs in others}
+    """Map what others say for ``keys``, for ``members``, or for what is typed ``instead``, to what we say."""
+    return {theirs: ours for ours, others in table_of_words(table).items() for theirs in others}
 
 
 def members_alone() -> dict[str, str]:
@@ -38,13 +31,13 @@ def meaning_of(word: str) -> str | None:
     >>> meaning_of("finer"), meaning_of("watercolor"), meaning_of("photo.jpg")
     ('detail=2', 'look=watercolour', None)
     """
-    known = WORDS | members_alone()
+    known = table_of_words("alone") | members_alone()
     return known.get(word) or known.get(respelt(word))
 
 
 def members_of_group(group: str) -> set[str]:
     """List the presets of a group, those that ship and those of ``conf/``."""
-    return {path.stem for root in (SHIPPED, Path("conf")) for path in (root / group).glob("*.yaml")}
+    return {path.stem for root in (*conf_folders(), Path("conf")) for path in (root / group).glob("*.yaml")}
 
 
 def respelt(text: str) -> str:
@@ -73,7 +66,7 @@ def as_task(word: str) -> str:
 def task_names() -> set[str]:
     """List the tasks by their names, without their classes."""
     own = {path.stem for path in (PACKAGE / "tasks").glob("[a-z]*.py")}
-    return own | {point.name for point in entry_points(group=TASK_POINTS)}
+    return own | set(published(TASK_POINTS))
 
 
 def is_path(text: str) -> bool:

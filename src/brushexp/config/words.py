@@ -16,12 +16,9 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from difflib import get_close_matches
 from enum import Enum
-from functools import cache
 from pathlib import Path
-from types import NoneType
 from typing import Any, get_args, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -29,11 +26,10 @@ from hydra.core.override_parser.types import ChoiceSweep, Glob, Sweep
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from brushexp.config.compose import chosen_groups, quote
-from brushexp.config.keys import keys_of
+from brushexp.config.compose import CHOSEN_GROUPS, quote
+from brushexp.config.key_types import is_key, type_of_key
 from brushexp.config.tasks import TASKS, task_for
 from brushexp.config.vocabulary import (
-    WORDS,
     is_path,
     meaning_of,
     members_alone,
@@ -45,6 +41,7 @@ from brushexp.config.vocabulary import (
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.system.words import table_of_words
 
 RESUME_SWEEP = "resume=sweep"
 CATALOGUES = (".h5", ".json")
@@ -85,18 +82,17 @@ def is_setting(word: str) -> bool:
         return False
     if not is_path(word):
         return True
-    is_known = key.lstrip("+~") in {*types_of_keys(), *chosen_groups()}
-    return is_known and (is_path(value) or (os.sep not in word and not Path(word).suffix))
+    return is_key(key.lstrip("+~")) and (is_path(value) or (os.sep not in word and not Path(word).suffix))
 
 
 def unknown_word(word: str) -> str:
     """Explain that a word alone means nothing here; the nearest words that do are named."""
     group = word.removesuffix("s")
-    if group in chosen_groups():
+    if group in CHOSEN_GROUPS:
         own = TASKS if group == "task" else members_of_group(group)
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *own}))
         return f"{word} stands for nothing alone; type {group}= and one of {names}"
-    if word in types_of_keys():
+    if is_key(word):
         return f"{word} is a key; type {word}=..., without spaces"
     if word in ("-v", "-V"):
         return f"{word} is no flag; type brushexp --version"
@@ -104,7 +100,7 @@ def unknown_word(word: str) -> str:
         return f"{word} is no flag; --help lists the keys, which have no dashes"
     if meant := setting_in(word):
         return f"{word} is no file, no task and no key=value; type {meant}"
-    known = [*TASKS, *members_alone(), *WORDS, *samples()]
+    known = [*TASKS, *members_alone(), *table_of_words("alone"), *samples()]
     ours = spellings("members").get(plain_name(word), "")
     near = [ours] if ours in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
@@ -132,7 +128,7 @@ def setting_in(word: str) -> str | None:
     if word == "version":
         return "brushexp --version"
     if pair := re.fullmatch(r"([\w.]+):=?(.+)", word):
-        return f"{pair[1]}={pair[2]}" if {pair[1]} & {*types_of_keys(), *chosen_groups()} else None
+        return f"{pair[1]}={pair[2]}" if is_key(pair[1]) else None
     size = re.fullmatch(r"(\d+)(?:[x×](\d+))?(px|p|s|sec|k|cm|mm|in|dpi)?|(a[0-6])", word.lower())
     if not size:
         return spellings("instead").get(plain_name(word))
@@ -152,8 +148,11 @@ def at_home(word: str) -> str:
     return word if is_other or not re.fullmatch(r"~(/.*)?", value) else f"{key}={os.path.expanduser(value)}"
 
 
-def expand_shorthand(word: str, sweep: bool = False) -> str:
-    """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs."""
+def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
+    """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs.
+
+    ``task`` is the one that the word is for, "" if that is not known yet.
+    """
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
     name, equal, value = expand_positional(word).partition("=")
@@ -169,73 +168,71 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
         return f"light={{azimuth:{azimuth},elevation:{elevation}}}"
     refuse_deletion(name)
     key = name.lstrip("+")
-    kind, optional = types_of_keys().get(key, (None, False))
-    if key in chosen_groups():
+    if key in CHOSEN_GROUPS:
         check_choice(key, value)
     if key == "resume" and not value:
         raise UserError("resume= names no folder; give the folder of an interrupted run")
-    if key == "output" and not value:
+    return name + equal + (output_folder(value) if key == "output" else spell_value(key, value, sweep, task))
+
+
+def output_folder(value: str) -> str:
+    """Write the value of ``output`` so that Hydra reads it; a UserError if nothing can be written there."""
+    if not value:
         raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
-    if key == "output" and "${" in value and is_path(value):
+    if "${" in value and is_path(value):
         raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
-    if key == "output" and not OF_HYDRA.match(value) and "${" not in value:
-        value = verbatim(value)  # a folder, also in a sweep: its comma is a comma
-    elif kind is str:
-        value = quote_text(key, value, sweep, optional)
-    elif get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
+    if OF_HYDRA.match(value) or "${" in value:
+        return quote_text("output", value)
+    return verbatim(value)  # a folder, also in a sweep: its comma is a comma
+
+
+def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
+    """Write the value of a key in the grammar of Hydra, by the type of the key."""
+    kind, optional = type_of_key(key, task)
+    if kind is str:
+        return quote_text(key, value, sweep, optional)
+    if kind in (int, float) and not is_readable(value):
+        return quote(value)  # so that it is told what kind of number is wanted
+    if get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")
         parts = [quote_text(key, part) for part in parts] if get_args(kind) == (str,) else parts
-        value = ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
-    elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
-        value = f"[{value}]"
-    return name + equal + value
+        return ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
+    if key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
+        return f"[{value}]"
+    return value
 
 
 def refuse_deletion(name: str) -> None:
     """Refuse (UserError) ``~strokes``: every run has its keys; groups of plugins can be deleted."""
     key = name.removeprefix("~")
-    if key != name and key in types_of_keys() and key not in chosen_groups():
+    if key != name and key not in CHOSEN_GROUPS and is_key(key):
         raise UserError(f"{name} deletes a key that every run has; drop it, or type {key}=...")
 
 
 def respell(key: str, value: str) -> tuple[str, str]:
     """Spell a key and the member of a group as we do: look=watercolor, style.colours=content."""
-    names = {*types_of_keys(), *chosen_groups()}
     plain = key.lstrip("+~")
-    if plain not in names and respelt(plain) in names:
+    if respelt(plain) != plain and not is_key(plain) and is_key(respelt(plain)):
         key = key.removesuffix(plain) + respelt(plain)
-    if plain in chosen_groups() and respelt(value) != value:
+    if plain in CHOSEN_GROUPS and respelt(value) != value:
         known = {plugin.name for plugin in plugins(plain)} | members_of_group(plain)
         parts = re.split(r"([\[\],])", value)
         value = "".join(respelt(part) if part not in known and respelt(part) in known else part for part in parts)
     return key, value
 
 
-@cache
-def types_of_keys() -> dict[str, tuple[Any, bool]]:
-    """Map every key of a task and option of a plugin to its type, and whether it may be null."""
-    types = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
-    types += [(f"{plugin.path}.{item.name}", item.type) for plugin in plugins() for item in fields(plugin.config)]
-    optional = {name for name, kind in types if NoneType in get_args(kind)}  # in one of the tasks that have this key
-    typed: dict[str, tuple[Any, bool]] = {}
-    for name, kind in types:
-        parts = get_args(kind)
-        plain = next(part for part in parts if part is not NoneType) if NoneType in parts else kind
-        is_text = typed.get(name, (plain,))[0] is str  # in one of the tasks, whatever their order
-        typed[name] = str if is_text else plain, name in optional
-    return typed
-
-
-@cache
-def number_keys() -> set[str]:
-    """List the keys that are a number in a task, whatever they are in another one."""
-    keys = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
-    return {name for name, kind in keys if {int, float} & {kind, *get_args(kind)}}
-
-
 def parse_value(value: str) -> Any:
     """Read a text as Hydra does; a `HydraException` if its grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
+
+
+def is_readable(value: str) -> bool:
+    """Whether the grammar of Hydra allows a text as a value."""
+    try:
+        parse_value(value)
+    except HydraException:
+        return False
+    return True
 
 
 def verbatim(text: str) -> str:
@@ -263,7 +260,7 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
     except HydraException:
         return quote(value)
     is_number = isinstance(reading, int | float) or (reading is None and not optional)
-    return quote(value) if is_number and key not in number_keys() else value
+    return quote(value) if is_number else value
 
 
 def check_choice(group: str, value: str) -> None:

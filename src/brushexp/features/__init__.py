@@ -1,13 +1,13 @@
 """Feature networks, from pictures to named activations, for losses and metrics, without access to any network."""
 
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from brushexp.errors import UserError
 from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
+from brushexp.system.published import published
 
-PUBLISHED = {point.name: point for point in entry_points(group="brushexp.networks")}  # functions: name, tensors -> it
+PUBLISHED = published("brushexp.networks")  # functions: name, tensors -> it
 NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` takes
 
 

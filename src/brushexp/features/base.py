@@ -10,7 +10,8 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
-from brushexp.system.reading import check_finite, explaining, read_pickled, read_safetensors
+from brushexp.system.reading import explaining
+from brushexp.system.reading_tensors import check_finite, read_pickled, read_safetensors
 
 OPTION = "loss.perceptual.weights"  # key that errors name by default
 TILE_PIXELS = 512  # side of the tiles: bounds the memory of a picture of any size

@@ -16,7 +16,7 @@ from brushexp.pages import drawings
 from brushexp.pages.html import embed, page, readable_number
 from brushexp.pages.replay import replay_of
 from brushexp.painting.finished import Finished
-from brushexp.registry import plugins
+from brushexp.registry import family_of_key, name_of_target
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import command_of, read_curves
@@ -208,19 +208,22 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
     """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
-    names = {plugin.target: plugin.name for plugin in plugins()}
-    rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
+    rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
+
+
+def _as_name(key: str, value: str) -> str:
+    """Write the value of a setting: a plugin by its name."""
+    return name_of_target(value, family_of_key(key)) if key.endswith("._target_") else value
 
 
 def line_of(config: Mapping[str, Any]) -> str:
     """Write all settings as one line that can be typed: plugins by their names, then every key that has a value."""
-    names = {plugin.target: plugin for plugin in plugins()}
     chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
     words, keys = [], []
     for key, value in config.items():
-        if isinstance(value, dict) and value.get("_target_") in names:
-            words.append(f"{key}={names[value['_target_']].name}")
+        if isinstance(value, dict) and "_target_" in value:
+            words.append(f"{key}={name_of_target(str(value['_target_']), key)}")
         elif isinstance(value, dict) and value and all(isinstance(one, dict) for one in value.values()):
             words.append(f"{key}=[{','.join(value)}]")
     for key, text in _flat(config):

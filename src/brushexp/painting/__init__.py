@@ -3,5 +3,5 @@
 build (with components, init) -> painting_module (with schedule, picture)
 -> other_painter (with painter), stroke_optimizer (with sampler, canvas_memory, renderer, order, blend, loss, partial,
 optimizer, divergence, density, densification)
--> goals -> variety -> wet -> timelapse -> metrics -> finished
+-> goals -> variety -> wet -> timelapse -> metrics -> finished -> reopen
 """

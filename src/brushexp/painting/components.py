@@ -101,10 +101,8 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses of one name, one that no package has, and a loss without a reference."""
-    for key, name, node in (("image", STYLE, cfg.style.loss), ("brushwork", BRUSHWORK, cfg.style.strokes)):
-        if cfg.style[key] is not None and "_target_" not in node:
-            raise UserError(f"style.{key}={cfg.style[key]} needs the loss {name}; install the package that has it")
+    """Refuse (UserError) two losses of one name, and a loss without a reference."""
+    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
     if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
@@ -142,7 +140,7 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
-    smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
+    smaller = "resolution=, or fewer strokes=" if windows else "resolution="
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 

@@ -7,9 +7,8 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers
-from brushexp.plugin_errors import OURS
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.registry import plugins
+from brushexp.registry import plugin_of_class
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -43,8 +42,8 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
 
 def name_member(family: str, member: object, name: str = "") -> str:
     """Name a member of a family as messages do: ``loss=mse``, and a user's plugin with its file."""
-    plugin = next((one for one in plugins(family) if one.cls is type(member)), None)
-    is_ours = plugin is None or plugin.cls.__module__.startswith(OURS)
+    plugin = plugin_of_class(type(member))
+    is_ours = plugin is None or plugin.is_ours
     source = "" if is_ours else f" ({inspect.getsourcefile(type(member))})"
     return f"{family}={name or (plugin.name if plugin else type(member).__name__)}{source}"
 

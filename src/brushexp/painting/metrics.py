@@ -13,20 +13,14 @@ from brushexp.strokes.catalogue import Strokes
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
-    """Build the chosen metrics by name, always PSNR, and LPIPS with ``lpips_weights``."""
+    """Build the chosen metrics by name, and always PSNR."""
     chosen = {name: take_built(node) for name, node in cfg.metric.items()}
-    return {"psnr": build_named("metric", "psnr", {})} | chosen | official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
+    return {"psnr": build_named("metric", "psnr", {})} | chosen
 
 
 def standard_metrics() -> dict[str, Metric]:
     """Build the metrics that are chosen by default."""
     return {name: build_named("metric", name, {}) for name in STANDARD}
-
-
-def official_lpips(backbone: str, weights: str | None) -> dict[str, Metric]:
-    """Build LPIPS with the features of a network in a file, if there is one."""
-    options = {"backbone": backbone, "weights": weights}
-    return {} if weights is None else {"lpips": build_named("metric", "lpips", options, "lpips_weights")}
 
 
 @torch.no_grad()

@@ -1,4 +1,4 @@
-"""Film a painting while it is made: a short video, a GIF, or both."""
+"""Film a painting while it is made: a short video, or a GIF."""
 
 import io
 import math
@@ -61,10 +61,10 @@ class Timelapse(L.Callback):
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
             self.frames[step] = encoded.getvalue()
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write ``timelapse.mp4`` (or ``.gif``, or both) and return the paths; none if there are no frames."""
+    def write(self, folder: Path) -> Path | None:
+        """Write ``timelapse.mp4`` or ``.gif`` and return its path; None if there are no frames."""
         if not self.frames:
-            return []
+            return None
         *steps, last = sorted(self.frames)
         rate, ticks = timing(len(self.frames), self.seconds)
         painting = self._frame(last)
@@ -72,7 +72,7 @@ class Timelapse(L.Callback):
             for step in steps:
                 film.show(self._frame(step), ticks)
             film.show(painting, ticks + round(HOLD_SECONDS * rate))
-        return film.paths
+        return film.path
 
     def _frame(self, step: int) -> np.ndarray:
         return np.asarray(Image.open(io.BytesIO(self.frames[step])).convert("RGB"))

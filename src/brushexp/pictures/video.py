@@ -3,7 +3,7 @@
 import importlib
 import logging
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -32,9 +32,9 @@ Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how
 
 
 class Film(NamedTuple):
-    """The files that a film is written to, and the function that adds a picture to them."""
+    """The file that a film is written to, and the function that adds a picture to it."""
 
-    paths: list[Path]
+    path: Path
     show: Show
 
 
@@ -42,7 +42,7 @@ class Film(NamedTuple):
 def filming(
     stem: Path, kind: str, size: tuple[int, int], rate: Fraction, *, usual: Fraction | None = None, begin: int = 0
 ) -> Iterator[Film]:
-    """Write ``stem`` as mp4, gif or both; where PyAV is missing, a GIF takes the place of the video.
+    """Write ``stem`` as mp4 or gif; where PyAV is missing, a GIF takes the place of the video.
 
     A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
     ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a picture that
@@ -52,20 +52,10 @@ def filming(
     av = _encoder(kind)
     if av is None and kind != "gif":
         log.info("%s becomes a GIF; for a video: pip install 'brushexp[video]'", stem.name)
-    with ExitStack() as opened:
-        files = {}
-        if av is not None:
-            path = stem.with_name(f"{stem.name}.mp4")
-            files[path] = opened.enter_context(_mp4(path, size, rate, usual, begin, av))
-        if av is None or kind == "both":
-            path = stem.with_name(f"{stem.name}.gif")
-            files[path] = opened.enter_context(_gif(path, rate))
-
-        def show(picture: Array, ticks: int) -> None:
-            for each in files.values():
-                each(picture, ticks)
-
-        yield Film(list(files), show)
+    path = stem.with_name(f"{stem.name}.{'gif' if av is None else 'mp4'}")
+    writing = _gif(path, rate) if av is None else _mp4(path, size, rate, usual, begin, av)
+    with writing as show:
+        yield Film(path, show)
 
 
 def largest_side(kind: str) -> int:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brushexp.plugin_loading import import_or_explain
+from brushexp.registry.plugin import import_or_explain
+from brushexp.system.published import published
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -37,5 +37,5 @@ class RunComparison:
 
 def comparisons() -> list[RunComparison]:
     """Load the comparisons of installed packages; a UserError says which one cannot be imported."""
-    points = entry_points(group=COMPARISONS)
+    points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

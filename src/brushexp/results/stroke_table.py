@@ -11,7 +11,7 @@ from torch import Tensor
 
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.registry import plugins
+from brushexp.registry import name_of_target
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes
@@ -129,9 +129,8 @@ def sizes_set_by(saved: Saved) -> str:
     Strokes that were recovered from a picture, and those of no run, have sizes of their own.
     """
     config = config_of(saved)
-    names = {plugin.target: plugin.name for plugin in plugins()}
     chosen = {
-        family: names.get(target, target)
+        family: name_of_target(target, family)
         for family in ("painter", "init")
         if isinstance(node := config.get(family), dict) and isinstance(target := node.get("_target_"), str)
     }

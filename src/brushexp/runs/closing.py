@@ -13,6 +13,7 @@ from brushexp.config.words import parse_value
 from brushexp.runs.run_folder import HYDRAS_FILES
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, files_written
 from brushexp.system.terminal import as_shown
+from brushexp.system.words import table_of_words
 
 log = logging.getLogger(__name__)
 MANY = 600  # strokes, from which 300 are few
@@ -55,8 +56,9 @@ def say_page(folder: Path, what: str) -> None:
     """Name the page of a run or sweep, if there is one, and how to look at it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()
-        view = ["brushexp", "view", *([] if newest else [as_shown(folder)])]
-        log.info("%s  %s; look at it: %s", as_shown(folder / "report.html"), what, shlex.join(view))
+        look = "".join(f"; {words}: {command}" for command, words in table_of_words("page").items())
+        place = "" if newest or not look else f" {shlex.quote(as_shown(folder))}"
+        log.info("%s  %s%s%s", as_shown(folder / "report.html"), what, look, place)
 
 
 def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
@@ -76,8 +78,8 @@ def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
     keys = {word.partition("=")[0] for word in words}
     others = [word for word in words if not word.startswith(("output=", "overwrite=", "resume="))]
     typed = [_unquoted(word).removeprefix("image=") for word in others]
-    more = {"strokes": ("fewer and larger strokes", "strokes=300"), "look": ("another look", "look=watercolour")}
-    for key, (what, word) in more.items():
+    for word, what in table_of_words("next").items():
+        key = word.partition("=")[0]
         if not keys & {key, "detail", "resume"} and not (key == "strokes" and strokes < MANY):
             return f"{what}: {shlex.join(['brushexp', *typed, word])}"
     return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"

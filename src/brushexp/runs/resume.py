@@ -16,7 +16,8 @@ from brushexp.errors import UserError
 from brushexp.registry import plain_config
 from brushexp.results.runs import words_of
 from brushexp.runs.run_folder import note_words
-from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
+from brushexp.system.reading import check_plain, digest_of, in_short
+from brushexp.system.reading_tensors import read_pickled
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import use_threads
 

@@ -16,6 +16,7 @@ from brushexp.config.check import check, leaves
 from brushexp.config.compose import folders_in
 from brushexp.config.mistakes import explanation
 from brushexp.config.schema import BY_TIME
+from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.system.files import TEMPORARY, write_text
@@ -30,9 +31,7 @@ from brushexp.system.run_files import (
 )
 
 HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # written before a task
-PICTURE_STEMS = ("painting", "target", "flat", "style", "focus", "timelapse", "film", "preview")
 N_JOBS = "hydra.launcher.n_jobs="  # with a launcher, what jobs= is short for
-RESULT_STEMS = (*PICTURE_STEMS, "catalogue", "strokes")  # names of the results of a run, without their endings
 log = logging.getLogger(__name__)
 _locks: list[Any] = []  # held until this process ends
 
@@ -99,7 +98,7 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     goes_on = goes_on or (source is not None and Path(source).resolve() == folder.resolve())
     if not goes_on and "trainer" in cfg:  # a fit, whose results have the usual names
         check_inputs(folder, cfg)
-    if not goes_on and not _grows(folder, cfg):
+    if not goes_on and not TASKS[cfg.task].grows(cfg, folder):
         if not cfg.overwrite:
             _check_replaceable(folder)
         clear(folder, cfg)
@@ -128,7 +127,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
     """
     if "resume" in cfg and (folder / CHECKPOINT).is_file():
         cfg.resume = str(folder)
-    elif not _grows(folder, cfg):
+    elif not TASKS[cfg.task].grows(cfg, folder):
         clear(folder, cfg, HYDRAS_FILES)
     record_files(sweep)  # its report is renewed by every process
     record_files(folder)
@@ -139,7 +138,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
     """Refuse (UserError) to read a file of this folder that has the name of a result of the run."""
     for key, value, path in _inputs(cfg):
-        is_result = path.stem in RESULT_STEMS or (path.suffix == ".safetensors" and cfg.task != "paint")
+        is_result = path.stem in TASKS[cfg.task].results or (path.suffix == ".safetensors" and cfg.task != "paint")
         if is_result and path.parent == folder.resolve() and path.is_file():
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
 
@@ -154,11 +153,6 @@ def _inputs(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
         if is_picture or "." in value or key.partition(".")[0] in ("catalogue", "data", "runs"):
             for path in pictures_in(value) if is_picture and is_several(value) else [value]:
                 yield key.removeprefix("hydra.sweeper."), value, Path(os.path.expanduser(path)).resolve()
-
-
-def _grows(folder: Path, cfg: DictConfig) -> bool:
-    """Tell whether a folder holds a set of strokes that this run enlarges."""
-    return cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()
 
 
 def note_words(folder: Path, cfg: DictConfig, words: Sequence[str]) -> None:

@@ -20,8 +20,7 @@ from brushexp.compat.hidden_packages import hidden
 from brushexp.config.check import check
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
-from brushexp.plugin_errors import naming_plugins
-from brushexp.registry import plugins
+from brushexp.registry.blame import naming_plugins
 from brushexp.results.runs import objective_in
 from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.run_folder import lock, release, take_job
@@ -116,7 +115,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
     """Raise a UserError for what a user can mend: too little memory, a full disk, or a plugin."""
     try:
-        with naming_plugins(plugins()):
+        with naming_plugins():
             yield
     except BaseException as error:
         if (reason := _reason_of(error, cfg)) is error:

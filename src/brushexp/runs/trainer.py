@@ -15,8 +15,8 @@ from omegaconf import DictConfig
 
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.errors import UserError, first_line
-from brushexp.plugin_errors import EXPLAINED_ERRORS, mistake_of
-from brushexp.registry import plugins, take_built
+from brushexp.registry import take_built
+from brushexp.registry.blame import EXPLAINED_ERRORS, mistake_of
 from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RunRecord
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
@@ -54,6 +54,8 @@ def make_trainer(
     own = [RunRecord(cfg, folder), ProgressBar(), ProfileFile(folder)]
     own.append(TimedCheckpoint(path, cfg.get("checkpoint_every")))
     cuda = device.type == "cuda"
+    chosen_options = {str(key): value for key, value in cfg.trainer.items() if value is not None}
+    all_options: dict[str, Any] = {"profiler": NoProfiler(), "max_epochs": -1} | options | chosen_options
     try:
         return L.Trainer(
             accelerator="gpu" if cuda else "cpu",
@@ -61,9 +63,7 @@ def make_trainer(
             default_root_dir=folder,
             logger=list(loggers),
             callbacks=[*callbacks, *chosen, *own],
-            **{"profiler": NoProfiler()}
-            | options
-            | {str(key): value for key, value in cfg.trainer.items() if value is not None},
+            **all_options,
         )
     except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
@@ -95,7 +95,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
             log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
             module.stop = FAILED
             return error
-        is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error, plugins())
+        is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error)
         if checkpoint is None or record.begun or is_known:
             raise
         reason = in_short(f"{type(error).__name__}: {error}")

@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
-from brushexp.system.reading import check_plain, in_short, json_of, read_safetensors, read_text
+from brushexp.system.reading import check_plain, in_short, json_of, read_text
+from brushexp.system.reading_tensors import read_safetensors
 
 VERSION = 1  # raise it when a new file would mislead an older reader
 PROGRAM = "brushexp "  # first word of every format

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.plugins.export.job import export_job, with_renderer
+from brushexp.painting.reopen import export_job, with_renderer
 from brushexp.registry import take_built
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.run_files import note_files

@@ -15,7 +15,7 @@ import torch
 from brushexp.pages.html import page
 from brushexp.pages.replay import pack_strokes, pack_textures, textured_of
 from brushexp.pictures.region import Region
-from brushexp.plugins.export.job import ExportJob
+from brushexp.plugins.export.base import ExportJob
 from brushexp.system.files import write_text
 from brushexp_canvases.laying import reaching
 from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi

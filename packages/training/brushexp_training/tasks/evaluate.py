@@ -16,11 +16,11 @@ from brushexp.reporting.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
-from brushexp_training.benchmark import draw_extremes, evaluate, speed_and_size
-from brushexp_training.dataset import Split
-from brushexp_training.evaluation import effl0_distance, inception_distance
-from brushexp_training.stroke_data import stroke_data
-from brushexp_training.stroke_sheets import sheet_of_extremes, sheet_of_strokes
+from brushexp_training.evaluation.benchmark import draw_extremes, evaluate, speed_and_size
+from brushexp_training.evaluation.evaluation import effl0_distance, inception_distance
+from brushexp_training.stroke_sets.dataset import Split
+from brushexp_training.stroke_sets.stroke_data import stroke_data
+from brushexp_training.stroke_sets.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 
 PICTURE_STROKES = 24  # drawn in strokes.png
 

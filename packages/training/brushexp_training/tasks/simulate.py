@@ -13,9 +13,9 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build
 from brushexp.system.files import write_picture
 from brushexp.system.terminal import as_shown
-from brushexp_training.dataset import StrokeSet, origin_of, pictures_of
-from brushexp_training.evaluation import stroke_sheet
-from brushexp_training.writer import simulate_set
+from brushexp_training.evaluation.evaluation import stroke_sheet
+from brushexp_training.stroke_sets.dataset import StrokeSet, origin_of, pictures_of
+from brushexp_training.stroke_sets.writer import simulate_set
 
 SHEET_STROKES, SHEET_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
 

@@ -13,13 +13,13 @@ from brushexp.bounds import Bounds
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plugin_of, plugins
-from brushexp_training.benchmark import draw_batch, evaluate
-from brushexp_training.datamodule import StrokeData
-from brushexp_training.dataset import Origin, Split
-from brushexp_training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
-from brushexp_training.network_fitting import NetworkJob, renderer_settings, save_renderer, train_network
-from brushexp_training.renderer_module import ALIVE, FreshStart, RendererModule, share_drawn
-from brushexp_training.stroke_data import stroke_data
+from brushexp_training.evaluation.benchmark import draw_batch, evaluate
+from brushexp_training.evaluation.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
+from brushexp_training.fitting.network_fitting import NetworkJob, renderer_settings, save_renderer, train_network
+from brushexp_training.fitting.renderer_module import ALIVE, FreshStart, RendererModule, share_drawn
+from brushexp_training.stroke_sets.datamodule import StrokeData
+from brushexp_training.stroke_sets.dataset import Origin, Split
+from brushexp_training.stroke_sets.stroke_data import stroke_data
 
 DISTILLED = {"window": 1024, "supersample": 1}  # options of the engine that a renderer is distilled from
 LOOKED_AT = 64  # held-out strokes by which a network is judged to have learned anything

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from typing import Annotated
 
 import torch
@@ -18,6 +17,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
+from brushexp.system.published import published
 
 log = logging.getLogger(__name__)
 KERNELS = "brushexp.kernels"  # entry-point group: kernel -> function as `Rasterization`, None for what it cannot draw
@@ -84,8 +84,10 @@ class Tiled(Blend):
 @cache
 def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
     """Find what makes the rasterizer of a kernel, ours or one that a package publishes."""
-    points = entry_points(group=KERNELS, name=kernel)
-    return Rasterization if kernel == "numba" else next((point.load() for point in points), None)
+    if kernel == "numba":
+        return Rasterization
+    point = published(KERNELS).get(kernel)
+    return None if point is None else point.load()
 
 
 @cache

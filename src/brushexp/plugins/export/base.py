@@ -1,12 +1,157 @@
 """The contract of exporters, which write a painting into files."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
-from brushexp.plugins.export.job import ExportJob
-from brushexp.registry import plugins
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
 
-__all__ = ["ExportJob", "Exporter"]
+from brushexp.compositing.bands import BAND, band_of, bands, cuts, within
+from brushexp.plugins.blend.base import Blend, Compositor
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.paper.base import Paper, Rows
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.registry import plugin_of_class
+from brushexp.shading.height import heights
+from brushexp.shading.light import UNLIT, Light, normals_of, shade_picture
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.saved import Saved
+from brushexp.system.files import to_bytes
+from brushexp.system.progress import with_progress
+
+LARGEST_SIDE_PIXELS = 65_536  # no picture that is written has a longer side
+LARGE = 8 * BAND  # pixels from which painting shows a progress bar
+
+
+@dataclass(frozen=True)
+class ExportJob:
+    """A saved painting at the size in which it is drawn, with everything that draws it."""
+
+    saved: Saved  # strokes have the numbers of the catalogue, because a renderer may choose their look by it
+    renderer: Renderer
+    blend: Blend
+    space: ColorSpace  # the blend lays paint over paint in it
+    light: Light = UNLIT  # lamp over the finished paint
+    source: str = ""  # file or picture that titles name
+    paper: Paper | None = None  # what the paint lies on; None for a smooth ground
+
+    @property
+    def strokes(self) -> Strokes:
+        """N strokes in pixels of `size`."""
+        return self.saved.strokes
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the canvas in pixels."""
+        return self.saved.size
+
+    @property
+    def bottom_up(self) -> Tensor:
+        """Numbers (N,) of the strokes, the bottom one first."""
+        return self.saved.depth.argsort()
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether the painting is nothing but the colours of its strokes, without light and paper."""
+        return not self.light.depth and (self.paper is None or self.paper.is_smooth)
+
+    def bare(self) -> "ExportJob":
+        """Take light and paper away, so that the colours of the strokes remain."""
+        return replace(self, light=UNLIT, paper=None)
+
+    def at_most(self, side: int) -> "ExportJob":
+        """Shrink the painting to at most ``side`` pixels on its longer side."""
+        return self if side >= max(self.size) else self.scaled(side / max(self.size))
+
+    def scaled(self, zoom: float) -> "ExportJob":
+        """Scale strokes, not pixels, by ``zoom``, so that the painting stays crisp."""
+        size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
+        return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
+
+    def picture(self, flat: Tensor | None = None) -> np.ndarray:
+        """Paint the picture (H, W, 3) in 8 bits; `bands` explains ``flat``."""
+        picture = np.empty((*self.size, 3), dtype=np.uint8)
+        for top, band in self.bands(flat):
+            picture[top : top + band.shape[1]] = to_bytes(band)
+        return picture
+
+    def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
+        """Paint from top to bottom, in its light: first row of each band, and its pixels (3, h, W) in [0, 1].
+
+        So a large picture takes little more memory than its pixels. ``job.bare()`` paints the colours alone; ``flat``
+        (3, H, W) are these if they are painted already.
+        """
+        if self.light.depth:
+            painting = self._lit(flat)
+        elif not self.is_bare:
+            parts = cuts(self.strokes, self.size, self.renderer)
+            painting = ((top, self.on_paper(Rows(top, rows, self.size), flat)) for top, rows, _ in parts)
+        else:
+            canvas = self.size, self.saved.background, self.renderer, self._compositor
+            painting = bands(self.strokes, self.bottom_up.flip(0), *canvas)
+        if self.size[0] * self.size[1] < LARGE:
+            return painting
+        return with_progress(painting, self.size[0], "painting", lambda item: item[1].shape[1])
+
+    def alpha(self, top: int = 0, rows: int | None = None) -> np.ndarray | None:
+        """Compute how much of the painting is kept (rows, W, 1) uint8, from row ``top`` on; None for all of it."""
+        if self.saved.alpha is None:
+            return None
+        height, width = self.size
+        y = (torch.arange(top, height if rows is None else top + rows) + 0.5) * (2 / height) - 1
+        x = (torch.arange(width) + 0.5) * (2 / width) - 1
+        places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)[None]
+        share = self.saved.alpha[None, None] / 255
+        return to_bytes(functional.grid_sample(share, places, padding_mode="border", align_corners=False)[0])
+
+    def height(self) -> np.ndarray:
+        """Compute the height of paint and paper (H, W), float32, in pixels of the picture, as `heights` does."""
+        height = np.empty(self.size, np.float32)
+        for top, rows, band in self._heights():
+            height[top : top + rows] = band[top > 0 :][:rows]
+        return height
+
+    @property
+    def _compositor(self) -> Compositor:
+        return Compositor(self.blend, self.space)
+
+    def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Compute heights as `heights` does, on the paper."""
+        canvas = self.size, self.renderer, self.blend
+        for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
+            wide = Rows(top, rows, self.size).widened(1)
+            yield top, rows, paint if self.paper is None else paint + self.paper.relief(wide).numpy()
+
+    def _lit(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
+        for top, rows, height in self._heights():
+            colors = self.on_paper(Rows(top, rows, self.size), flat)
+            facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
+            yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
+
+    def on_paper(self, rows: Rows, flat: Tensor | None = None) -> Tensor:
+        """Paint rows on the paper: pixels (3, h, W); `bands` explains ``flat``."""
+        wide = rows if self.paper is None else rows.widened(self.paper.margin(self.size))
+        colors = self._colors(wide) if flat is None else flat[:, wide.top : wide.top + wide.count]
+        if self.paper is None:
+            return colors
+        covered = self.paper.cover(colors, self.saved.background.to(colors), wide)
+        return covered[:, rows.top - wide.top :][:, : rows.count].clamp(0, 1)
+
+    def _colors(self, rows: Rows) -> Tensor:
+        place, reached = self._places
+        number = torch.arange(len(place)) if reached is None else within(reached, rows.top, rows.count)
+        band, canvas = (rows.top, rows.count, self.size[1]), (self.saved.background, self.renderer, self._compositor)
+        return band_of(self.strokes, place, number, band, *canvas)
+
+    @cached_property
+    def _places(self) -> tuple[Tensor, Tensor | None]:
+        """Compute the place (N,) of each stroke, 0 for the top one, and the rows (N, 2) that it may touch, if known."""
+        return self.bottom_up.flip(0).argsort(), self.renderer.rows(self.strokes)
 
 
 class Exporter(ABC):
@@ -16,13 +161,12 @@ class Exporter(ABC):
     ...     def write(self, job: ExportJob, folder: Path) -> list[Path]:
     ...         (folder / "size.txt").write_text("{} x {}, {} strokes".format(*job.size, len(job.strokes)))
     ...         return [folder / "size.txt"]
-    >>> import torch
     >>> from tempfile import TemporaryDirectory
-    >>> from brushexp.plugins.export.job import export_job
+    >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
-    >>> from brushexp.strokes.saved import Saved
-    >>> strokes, depth = sample_prior(3), torch.arange(3, dtype=torch.int32)
-    >>> job = export_job(Saved(strokes, depth, (24, 32), torch.ones(3), renderer="analytic"))
+    >>> saved = Saved(sample_prior(3), torch.arange(3, dtype=torch.int32), (24, 32), torch.ones(3))
+    >>> parts = (build_named(*part, {}) for part in (("renderer", "analytic"), ("blend", "tiled"), ("color", "rgb")))
+    >>> job = ExportJob(saved, *parts)
     >>> with TemporaryDirectory() as folder:
     ...     Sizes().write(job, Path(folder))[0].read_text()
     '24 x 32, 3 strokes'
@@ -33,7 +177,8 @@ class Exporter(ABC):
     @property
     def key(self) -> str:
         """The key of its options on the command line: ``to.`` and the registered name."""
-        return next(plugin.path for plugin in plugins("to") if plugin.cls is type(self))
+        plugin = plugin_of_class(type(self))
+        return "to" if plugin is None else plugin.path
 
     def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)
         """Raise a UserError if the form cannot hold ``count`` strokes on a canvas of ``size`` (H, W)."""

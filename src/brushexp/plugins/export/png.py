@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.pictures.credits import chunks_about, credits_of
+from brushexp.plugins.export._prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
 

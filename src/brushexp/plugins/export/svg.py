@@ -14,10 +14,10 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
+from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
 from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, rounded
 from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
 from brushexp.shading.light import overlay
 from brushexp.strokes.bezier import curve_of, half_width_of

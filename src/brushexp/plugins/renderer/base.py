@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from inspect import getfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,11 +17,12 @@ from brushexp.compositing.layers import EDGE, REACH, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
-from brushexp.registry import plugins
+from brushexp.registry import plugin_of_class, plugins
 from brushexp.strokes.bezier import half_width_of, softness_of
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
 from brushexp.system.checkpoint import CheckpointFormat
+from brushexp.system.words import table_of_words
 
 LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
@@ -37,14 +38,18 @@ def reach_of(strokes: Strokes, edge: float) -> Tensor:
 
 def weight_folders() -> list[Path]:
     """List the folders of weights that ship: ``weights`` beside the file of any renderer, of other packages too."""
-    files = [__file__, *(getfile(plugin.cls) for plugin in plugins("renderer"))]
-    return list(dict.fromkeys(Path(file).parent / "weights" for file in files))
+    files = [__file__, *(found.origin for plugin in plugins("renderer") if (found := find_spec(plugin.module)))]
+    return list(dict.fromkeys(Path(file).parent / "weights" for file in files if file))
 
 
 RENDERERS = CheckpointFormat(
-    noun="renderer", family="renderer", key="renderer.checkpoint", task="task=train",
-    without="weights that are not trained", folders=weight_folders,
-)  # fmt: skip
+    noun="renderer",
+    family="renderer",
+    key="renderer.checkpoint",
+    task=table_of_words("trained_by").get("renderer", "a package that trains renderers"),
+    without="weights that are not trained",
+    folders=weight_folders,
+)
 
 
 class Renderer(nn.Module, ABC):
@@ -75,7 +80,8 @@ class Renderer(nn.Module, ABC):
         ``options`` are those that the weights depend on. A checkpoint that was trained with others is refused
         (UserError); an option that is None is not compared.
         """
-        name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is type(self)), type(self).__name__)
+        plugin = plugin_of_class(type(self))
+        name = type(self).__name__ if plugin is None else plugin.name
         compared = {key: value for key, value in options.items() if value is not None}
         self.weights_hash = RENDERERS.restore(self, name, checkpoint, compared)
 
@@ -120,7 +126,7 @@ class PatchRenderer(Renderer):
     """Draws the window of every stroke with a network: a subclass says `draw` and ``window``, S in pixels."""
 
     cost = "high: a network draws every stroke"
-    weights = "trained (task=train)"
+    weights = "trained"
     strokes = "valid ones; others are clamped"
     warm_up = "textured"
     window: int
@@ -186,8 +192,9 @@ def check_trained(renderer: Renderer, choice: str) -> None:
     trainable = any(True for _ in renderer.parameters())
     if renderer.weights == Renderer.weights or renderer.weights_hash or not trainable:
         return
-    name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is type(renderer)), choice)
-    cure = f"train it: brushexp task=train renderer={choice} output=outputs/{choice}"
+    plugin = plugin_of_class(type(renderer))
+    name = choice if plugin is None else plugin.name
+    cure = f"train it: brushexp {RENDERERS.task} renderer={choice} output=outputs/{choice}"
     file = f"renderer.checkpoint=outputs/{choice}/{name}.safetensors"
     raise UserError(f"renderer={choice} has no trained weights here, and would draw noise; {cure}, then add {file}")
 

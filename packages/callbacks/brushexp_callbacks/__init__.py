@@ -1,1 +1,0 @@
-"""Callbacks that come with Lightning, as members of the family ``callbacks``."""

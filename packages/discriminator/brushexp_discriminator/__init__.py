@@ -1,1 +1,0 @@
-"""A network that recognises valid strokes, and the loss that asks it."""

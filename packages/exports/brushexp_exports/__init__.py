@@ -1,0 +1,1 @@
+"""Exporters for mail, print, film, relief, tables and machines, as members of the family ``to``."""

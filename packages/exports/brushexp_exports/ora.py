@@ -1,0 +1,73 @@
+"""Write the painting as layers (OpenRaster 0.0.6), for Krita, GIMP, MyPaint and others."""
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Annotated
+from xml.sax.saxutils import quoteattr
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import numpy as np
+from PIL import Image
+
+from brushexp.bounds import between
+from brushexp.plugins.export._prints import PrintExporter
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import register
+from brushexp.system.files import replacing
+from brushexp_exports.layers import Layer, layers_of
+
+THUMBNAIL = 256  # pixels of its longer side at most
+LAYER = (
+    '  <layer name={} src="data/{}.png" x="0" y="0" opacity="1.0" composite-op="svg:src-over" visibility="visible"/>\n'
+)
+
+
+@register("to", "ora")
+@dataclass(kw_only=True)
+class OpenRaster(PrintExporter):
+    """``painting.ora``: the ground, the strokes in layers from the lowest, large ones to small ones, light and paper.
+
+    Layers show the painting when all are seen, to two levels of 255, and each can be changed, hidden or lit anew. The
+    uppermost, ``light and paper``, is what the strokes alone do not show: lamp, paper and a mixing of paint that is not
+    that of light (``color=``). With ``background=transparent`` every layer ends where the picture does. All of it is in
+    memory at once.
+
+    Args:
+        layers: in how many layers the strokes are, with the same number of strokes each.
+    """
+
+    layers: Annotated[int, between(1, 64)] = 5
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        job = self.scale_to_paper(job)
+        finished, layers = layers_of(job, self.layers)
+        with replacing(folder / "painting.ora") as temporary, ZipFile(temporary, "w") as archive:
+            _add(archive, "mimetype", b"image/openraster", ZIP_STORED)
+            _add(archive, "stack.xml", self._stack(job, layers).encode())
+            for number, layer in enumerate(layers):
+                _add(archive, f"data/{number}.png", png_of(layer.pixels))
+            _add(archive, "mergedimage.png", png_of(finished))
+            small = Image.fromarray(finished)
+            small.thumbnail((THUMBNAIL, THUMBNAIL))
+            _add(archive, "Thumbnails/thumbnail.png", png_of(np.asarray(small)))
+        return [folder / "painting.ora"]
+
+    def _stack(self, job: ExportJob, layers: list[Layer]) -> str:
+        """List the layers, the uppermost first, as the form wants them."""
+        height, width = job.size
+        dots = f' xres="{self.density:.0f}" yres="{self.density:.0f}"' if self.density else ""
+        rows = [LAYER.format(quoteattr(layer.name), number) for number, layer in enumerate(layers)]
+        head = f'<?xml version="1.0" encoding="UTF-8"?>\n<image version="0.0.6" w="{width}" h="{height}"{dots}>\n'
+        return f"{head} <stack>\n{''.join(reversed(rows))} </stack>\n</image>\n"
+
+
+def png_of(pixels: np.ndarray) -> bytes:
+    """Pack pixels as PNG."""
+    Image.fromarray(pixels).save(file := BytesIO(), "PNG")
+    return file.getvalue()
+
+
+def _add(archive: ZipFile, name: str, data: bytes, packing: int = ZIP_DEFLATED) -> None:
+    """Add a file with no time, so that the same painting has the same bytes."""
+    archive.writestr(ZipInfo(name), data, packing)

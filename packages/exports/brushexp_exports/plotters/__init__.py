@@ -1,0 +1,1 @@
+"""Plans for pen plotters and painting robots."""

@@ -1,0 +1,93 @@
+"""Write stroke plans as G-code, the language of most homemade machines."""
+
+import io
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from brushexp.bounds import between
+from brushexp.errors import UserError
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import register
+from brushexp_exports.plotters.pens import PenExporter, PenPlan, load_vpype, quiet_vpype
+
+Speed = Annotated[float, between(1, 1_000_000)]
+
+
+@register("to", "gcode")
+@dataclass(kw_only=True)
+class Gcode(PenExporter):
+    """``painting.gcode``: a stroke plan for plotters and painting robots that speak G-code, and a picture of it.
+
+    Millimetres from the lower left corner of the paper, y up; written by the plugin vpype-gcode. For a servo as on many
+    plotters: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
+
+    Args:
+        feed: mm per minute while drawing.
+        travel: mm per minute between strokes, for the estimate: how fast G0 is, is the machine's own business.
+        up: lifts the pen.
+        down: sets it down.
+        change: takes another tool; {tool} stands for its number and {color} for its colour. A plan of one pen has no
+            change: it begins in its holder. GRBL, which has no M6, wants 'M0'.
+    """
+
+    feed: Speed = 1500.0
+    travel: Speed = 5000.0
+    up: str = "G0 Z5"
+    down: str = "G1 Z0 F600"
+    change: str = "M6 T{tool}"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, text in (("up", self.up), ("down", self.down), ("change", self.change)):
+            if not text.isascii() or not text.isprintable():
+                raise UserError(f"to.gcode.{key}={text!r} is not one line of ASCII; write 'to.gcode.{key}=M3 S90'")
+        try:
+            self.change.format(tool=1, color="#000000")
+        except (LookupError, ValueError, AttributeError, TypeError) as error:
+            wrong = f"to.gcode.change={self.change!r} names more than {{tool}} and {{color}}"
+            raise UserError(f"{wrong}; write 'to.gcode.change=M6 T{{tool}}'") from error
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        return self.feed, self.travel
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp_exports.plotters.program import write_plan  # noqa: PLC0415  (needs the extra plot)
+
+        return write_plan(job, self, folder)
+
+    def programs(self, plan: PenPlan) -> dict[str, str]:
+        vpype = load_vpype()
+        from vpype_cli.state import State  # noqa: PLC0415  (slow to import)
+        from vpype_gcode.gwrite import gwrite  # noqa: PLC0415
+
+        head = [*plan.report(*self.speeds), "millimetres from the lower left corner of the paper, y up"]
+        document = self._with_changes(plan)
+        up, down = (text.replace("{", "{{").replace("}", "}}") for text in (self.up, self.down))
+        vpype.config_manager.config.setdefault("gwrite", {})["brushexp"] = {
+            "unit": "mm",
+            "vertical_flip": True,
+            "document_start": "".join(f"; {row}\n" for row in head) + f"G21\nG90\n{up}\n",
+            "layer_start": f"; {{vp_name}}\n{{change}}{up}\n",
+            "segment_first": f"G0 X{{x:.3f}} Y{{y:.3f}}\n{down}\nG1 F{self.feed:.10g}\n",
+            "segment": "G1 X{x:.3f} Y{y:.3f}\n",
+            "line_end": f"{up}\n",
+            "document_end": "G0 X0 Y0\nM2\n",
+        }
+        text = io.StringIO()
+        text.name = "painting.gcode"
+        with quiet_vpype():
+            gwrite.callback(output=text, profile="brushexp", default=())(State(document))
+        return {"painting.gcode": text.getvalue()}
+
+    def _with_changes(self, plan: PenPlan) -> Any:
+        """Copy the document of a plan, whose layers tell how their tool is taken where it is not held already."""
+        document = deepcopy(plan.document)
+        held = 1 if len(plan.tools) == 1 else None
+        for (_, tool, _), number in zip(plan.runs(), sorted(document.ids()), strict=True):
+            change = self.change.format(tool=tool, color=plan.tools[tool - 1]) + "\n"
+            document.layers[number].set_property("change", "" if tool == held else change)
+            held = tool
+        return document

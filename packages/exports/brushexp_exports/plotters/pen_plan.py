@@ -1,0 +1,229 @@
+"""Plan what pens draw: filled strokes, by layer and pen, in a short order.
+
+shapely makes outlines and fillings, vpype orders lines; a grid of stroke numbers tells the hidden parts of a stroke.
+Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from PIL import Image, ImageDraw
+
+from brushexp.pictures.color import hex_of, nearest_ink, palette, to_lab, to_rgb
+from brushexp.plugins.export.base import ExportJob
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.system.progress import with_progress
+from brushexp_exports.plotters.pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
+
+Array = np.ndarray
+
+LEAST_OPACITY = 0.05  # fainter strokes are not drawn
+OPAQUE = 0.5  # opacity from which a stroke hides what lies below it
+JOINED_PENS = 2.0  # widths of the pen, of which one is ink: where the next line begins as near, the pen stays down
+CELLS = 500, 2000  # least and most cells of the grid of hidden parts along the picture's longer side
+CHORDS = 256  # chords of a curve before simplification
+AT_ONCE = 4096  # curves that are flattened in one batch
+MOST_SWAPPED = 20_000  # lines whose order is improved by swaps, which take the square of their number
+
+
+class OnPaper(NamedTuple):
+    """Where N strokes lie on paper, bottom to top."""
+
+    strokes: Strokes  # in pixels
+    middles: Array  # (N,) their curves, lines of shapely
+    widths: Array  # (N,)
+    frame: tuple[float, ...]  # left, top, right and bottom of the painting
+    paper: tuple[float, float]  # width and height
+
+
+def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
+    """Place a painting on the paper of a machine; a UserError if a paper or plan cannot hold it."""
+    machine.check(len(job.strokes), job.size)
+    paper, corner, scale = machine.frame(job.size)
+    frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
+    strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
+    middles = flatten(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
+    return OnPaper(strokes, middles, 2 * scale * half_width_of(strokes).numpy(), frame, paper)
+
+
+def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
+    """Plan what pens draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+    strokes, middles, widths, frame, paper = on_paper(job, machine)
+    opacity = strokes.opacity.numpy()
+    outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
+    drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
+    layer = np.arange(len(strokes)) * machine.layers // max(1, len(strokes))
+    grid = _Grid(frame, machine.pen_mm)
+    tops = [grid.topmost(outlines, drawable & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
+    above_all = np.maximum.reduce(tops)
+    candidates = np.flatnonzero(drawable & ((machine.hidden == "draw") | grid.may_be_visible(above_all, outlines)))
+    lines: list[list[Array]] = [[] for _ in widths]
+    for k in with_progress(candidates.tolist(), len(candidates), "strokes filled"):
+        filling = _fill_stroke(middles[k], widths[k], machine, frame, grid.cell / 2)
+        if machine.hidden == "draw" or any(grid.is_visible(above_all, line, k).any() for line in filling):
+            lines[k] = filling
+            if machine.hidden == "cut":
+                lines[k] = [piece for line in filling for piece in grid.cut(tops[layer[k]], line, k, machine.pen_mm)]
+    visible = np.array([bool(pieces) for pieces in lines], dtype=bool)
+    colors, area = grid.colors(job.bare().picture(), above_all, strokes.color.numpy())
+    inks, tool = _choose_inks(colors[visible], area[visible], machine)
+    tools = [hex_of(ink) for ink in inks]
+    runs: dict[tuple[int, int], list[Array]] = {}
+    for k, which in zip(np.flatnonzero(visible).tolist(), tool.tolist(), strict=True):
+        runs.setdefault((int(layer[k]), which), []).extend(lines[k])
+    counts = np.bincount(tool, minlength=len(inks)).tolist()
+    layers = []
+    for (k, which), pieces in sorted(runs.items()):
+        also = f", layer {k + 1}" * (machine.layers > 1)
+        layers.append(Layer(k * len(tools) + which + 1, which, tools[which], machine.pen_mm, also, pieces))
+    document = ordered(layers, paper, machine, joins=machine.hidden == "cut")
+    return PenPlan(document, paper, machine.pen_mm, tools, counts, int((~visible).sum()), job.source)
+
+
+class Layer(NamedTuple):
+    """Lines of one tool, a layer of a document of vpype."""
+
+    number: int  # from 1; AxiDraw takes layers by that with which their name begins
+    tool: int  # from 0
+    color: str
+    width: float
+    also: str  # in the name, behind number and colour
+    lines: list[Array]
+
+
+def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
+    """Make a document of layers whose lines are simplified, in an order with little travel, and maybe joined."""
+    vpype = load_vpype()
+    document = vpype.Document(page_size=tuple(MM * side for side in paper))
+    for number, tool, color, width, also, lines in layers:
+        document.add(vpype.LineCollection([MM * line for line in lines]), number)
+        properties = {"tool": tool + 1, "color": color, "vp_color": color}
+        properties |= {"vp_name": f"{number} - {color}{also}", "vp_pen_width": MM * width}
+        for key, value in properties.items():
+            document.layers[number].set_property(key, value)
+    if document.is_empty():
+        return document
+    import vpype_cli  # noqa: PLC0415  (slow to import)
+
+    swaps = "--two-opt --passes 5" if max(map(len, document.layers.values())) <= MOST_SWAPPED else ""
+    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if joins else ""
+    with quiet_vpype():
+        return vpype_cli.execute(
+            f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort {swaps}", document
+        )
+
+
+def flatten(curves: Array, tolerance: float) -> Array:
+    """Turn quadratic Bezier curves (N, 3, 2) into N polylines of shapely, within ``tolerance`` of fine ones."""
+    t, polylines = np.linspace(0, 1, CHORDS + 1), [np.empty(0, dtype=object)]
+    weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
+    for first in range(0, len(curves), AT_ONCE):
+        points = np.einsum("kp,npd->nkd", weights, curves[first : first + AT_ONCE])
+        points[:, -1, 0] += 1e-6  # mm: shapely takes a closed line for a ring, without ends
+        polylines.append(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False))
+    return np.concatenate(polylines)
+
+
+def _fill_stroke(
+    middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
+) -> list[Array]:
+    """Fill a stroke with round ends by lines (M,), as far as they are on the picture, of points a ``step`` apart.
+
+    They are offsets of its curve, from the outline to the middle, at most a pen apart, joined where they stay on the
+    picture. A stroke that is not wider than the pen is its middle.
+    """
+    pen = machine.pen_mm
+    farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
+    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings beyond are not on the picture
+    needed = int(np.ceil(2 * radius / pen - 1e-6)) + 1
+    count = min(needed, machine.passes or needed)
+    offsets = radius - 2 * radius / max(count - 1, 1) * np.arange(count // 2)
+    # Normalised rings begin where x is least: one beside the other.
+    rings = shapely.normalize(shapely.boundary(shapely.buffer(middle, offsets, quad_segs=16)))
+    parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
+    parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
+    return _join_lines([shapely.get_coordinates(part) @ (1, 1j) for part in parts], JOINED_PENS * pen)
+
+
+def _join_lines(lines: list[Array], reach: float) -> list[Array]:
+    """Join each line (M,) to the next where that begins or ends within ``reach``, then any two that are as near."""
+    joined: list[Array] = []
+    for line in lines:
+        gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
+        if min(gaps) <= reach:
+            joined[-1] = np.concatenate([joined[-1], line if gaps[0] <= gaps[-1] else line[::-1]])
+        else:
+            joined.append(line)
+    if len(joined) < 2:
+        return joined
+    collection = load_vpype().LineCollection(joined)
+    with quiet_vpype():
+        collection.merge(reach)
+    return list(collection)
+
+
+class _Grid:
+    """Cells over a picture (``frame``: left, top, right, bottom), about half a ``pen`` wide, that find hidden parts."""
+
+    def __init__(self, frame: tuple[float, ...], pen: float) -> None:
+        self.corner, extent = np.array(frame[:2]), np.array(frame[2:]) - np.array(frame[:2])
+        self.cell = float(np.clip(pen / 2, extent.max() / CELLS[1], extent.max() / CELLS[0]))
+        self.columns, self.rows = (max(1, round(side / self.cell)) for side in extent)
+
+    def topmost(self, outlines: Array, chosen: Array) -> Array:
+        """Paint the ``chosen`` strokes with their numbers from 1 on the cells (rows, columns); 0 is none."""
+        picture = Image.new("I", (self.columns, self.rows))
+        draw = ImageDraw.Draw(picture)
+        for k in np.flatnonzero(chosen):
+            for part in shapely.get_parts(outlines[k]):
+                if isinstance(part, shapely.Polygon) and not part.is_empty:
+                    corners = (shapely.get_coordinates(part.exterior) - self.corner) / self.cell - 0.5
+                    draw.polygon(corners.ravel().tolist(), fill=int(k) + 1)
+        return np.array(picture)
+
+    def may_be_visible(self, top: Array, outlines: Array) -> Array:
+        """Tell quickly which strokes (N,) have a box in which others leave any cell bare."""
+        corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
+        (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
+        boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
+        bare = ((top[first:last, left:right] <= k + 1).any() for k, (first, last, left, right) in enumerate(boxes))
+        return np.fromiter(bare, dtype=bool)
+
+    def is_visible(self, top: Array, points: Array, k: int) -> Array:
+        """Tell which points (M,) of stroke ``k`` no other stroke hides."""
+        return np.asarray(top[self._cells(points)] <= k + 1)
+
+    def _cells(self, points: Array) -> tuple[Array, Array]:
+        row = np.clip((points.imag - self.corner[1]) / self.cell, 0, self.rows - 1).astype(int)
+        column = np.clip((points.real - self.corner[0]) / self.cell, 0, self.columns - 1).astype(int)
+        return row, column
+
+    def cut(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
+        """Cut a line (M,) of stroke ``k`` into the parts, ``shortest`` or longer, that no other stroke hides."""
+        visible = self.is_visible(top, line, k)
+        if visible.all():
+            return [line]
+        changes = np.flatnonzero(np.diff(visible)) + 1
+        parts = [line[part] for part in np.split(np.arange(len(line)), changes) if visible[part[0]]]
+        return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
+
+    def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:
+        """Average a picture where strokes are uppermost, else take their ``own`` colours (N, 3), and count cells."""
+        cells = np.asarray(Image.fromarray(picture).resize((self.columns, self.rows), Image.Resampling.NEAREST)) / 255
+        area = np.bincount(top.ravel(), minlength=len(own) + 1)[1:, None]
+        sums = [np.bincount(top.ravel(), channel.ravel(), len(own) + 1)[1:] for channel in np.moveaxis(cells, 2, 0)]
+        return np.where(area > 0, np.stack(sums, axis=1) / np.maximum(area, 1), own), np.maximum(area[:, 0], 1e-3)
+
+
+def _choose_inks(colors: Array, area: Array, machine: PenExporter) -> tuple[Array, Array]:
+    """Choose the colours (K, 3) of the tools, from light to dark, and the tool (N,) from 0 of each stroke."""
+    if len(colors) == 0:
+        return np.empty((0, 3)), np.empty(0, dtype=int)
+    lab = to_lab(colors)
+    inks = palette(lab, area, machine.colors) if machine.own_pens is None else to_lab(machine.own_pens)
+    inks = inks[np.argsort(-inks[:, 0], kind="stable")]
+    used, tool = np.unique(nearest_ink(lab, inks), return_inverse=True)
+    return to_rgb(inks[used]), tool

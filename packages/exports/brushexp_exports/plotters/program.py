@@ -1,0 +1,23 @@
+"""Write what a machine follows: its program, and a picture of the plan."""
+
+import logging
+from pathlib import Path
+
+from brushexp.plugins.export.base import ExportJob
+from brushexp.system.files import write_text
+from brushexp_exports.plotters.brush_plan import brush_plan
+from brushexp_exports.plotters.pen_plan import pen_plan
+from brushexp_exports.plotters.pens import PenExporter
+
+log = logging.getLogger(__name__)
+
+
+def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]:
+    """Plan what pens or brushes draw, and write the program of the machine and a picture of the plan into a folder."""
+    plan = pen_plan(job, machine) if machine.wells is None else brush_plan(job, machine)
+    log.info("%s: %s", machine.key, "; ".join(plan.report(*machine.speeds)[2:5]))
+    texts = machine.programs(plan)
+    texts[f"{next(iter(texts))}.svg"] = plan.svg()
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]

@@ -1,0 +1,150 @@
+"""Film the painting process: lay the strokes from the bottom to the top."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import tee
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import between, one_of
+from brushexp.compositing.bands import Drawer, cuts
+from brushexp.pictures.video import filming, largest_side
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.color.rgb import Rgb
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.svg import profile_of
+from brushexp.plugins.paper.base import Rows
+from brushexp.registry import register
+from brushexp.shading.height import Impasto, typical_width
+from brushexp.shading.light import normals_of, shade_picture
+from brushexp.strokes.bezier import cut_short
+from brushexp.strokes.catalogue import LATER_FIELDS, Strokes
+from brushexp.system.files import to_bytes
+from brushexp.system.progress import with_progress
+
+log = logging.getLogger(__name__)
+GROWTH = 0.25  # seconds from the beginning of a stroke to its end
+
+
+@register("to", "process")
+@dataclass(kw_only=True)
+class Process(Exporter):
+    """``process.mp4`` or ``process.gif``: how the strokes are laid down, bottom to top, at the size of ``resolution``.
+
+    A video has at most 4096 pixels on its longer side, a GIF 480; larger paintings are drawn at that size.
+
+    Args:
+        seconds: how long the painting takes.
+        fps: pictures per second.
+        format: mp4 (a GIF where PyAV is missing), gif, or both.
+        hold: seconds that the finished painting stays.
+        pace: even lays as many strokes in every second; quickening begins slowly, while strokes are large.
+        growing: draw each stroke from its start to its end instead of laying it at once; null: unless the renderer is
+            slow, because a stroke is drawn about seven times then.
+    """
+
+    seconds: Annotated[float, between(0.1, 300)] = 10.0
+    fps: Annotated[int, between(1, 50)] = 25
+    format: Annotated[str, one_of("mp4", "gif", "both")] = "mp4"
+    hold: Annotated[float, between(0, 300)] = 1.5
+    pace: Annotated[str, one_of("even", "quickening")] = "quickening"
+    growing: bool | None = None
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        job, frames = shrink_to_side(job, largest_side(self.format)), max(1, round(self.seconds * self.fps))
+        growing = job.renderer.warm_up is None if self.growing is None else self.growing
+        shares = schedule(len(job.strokes), frames, self.seconds, self.pace, growing=growing)
+        pictures = with_progress(states(job, shares), frames, "pictures")
+        with filming(folder / "process", self.format, job.size, Fraction(self.fps)) as film:
+            for k, picture in enumerate(pictures, start=1):
+                film.show(to_bytes(picture), 1 + (round(self.hold * self.fps) if k == frames else 0))
+        return [film.path]
+
+
+def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
+    """Yield for each frame the share (n,) in [0, 1] of each stroke, the bottom one first, from none to all."""
+    growth = min(GROWTH, 0.5 * seconds)
+    share = np.arange(n) / max(n, 1)
+    begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
+    for now in np.linspace(0, seconds, frames) if frames > 1 else [seconds]:
+        shares = np.clip((now - begin) / growth, 0, 1)
+        yield shares if growing else np.floor(shares)
+
+
+def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
+    """Shrink a painting to ``side`` pixels on its longer side, and log it, if it has more."""
+    small = job.at_most(side)
+    if small is not job:
+        log.info("the film is drawn with %d x %d pixels, the most that it can have", small.size[1], small.size[0])
+    return small
+
+
+def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
+    """Yield the canvas (3, H, W), to be used before the next one is asked for, with ``shares`` of each stroke on it.
+
+    It is on the painting's paper and under its lamp: heights are laid over each other as colours are.
+    """
+    if not job.blend.layered:
+        log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
+    background, rows = job.saved.background, Rows(0, job.size[0], job.size)
+    shares, again = tee(shares)
+    colors = (job.on_paper(rows, flat) for flat in _lay_in_steps(job, shares, background, job.renderer, job.space))
+    if not job.light.depth:
+        yield from colors
+        return
+    ground = 0.0 if job.paper is None else job.paper.relief(rows).numpy()
+    impasto = Impasto(job.renderer, typical_width(job.strokes))
+    heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
+    for color, height in zip(colors, heights, strict=True):
+        normals = normals_of(height[0].cpu().numpy() + ground, job.light.depth)
+        yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
+
+
+@torch.no_grad()
+def _lay_in_steps(
+    job: ExportJob, shares: Iterable[np.ndarray], bare: Tensor, renderer: Drawer, space: ColorSpace
+) -> Iterator[Tensor]:
+    """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job on it.
+
+    Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
+    over the paint below, so that each is drawn once, unless the blend is not `layered`.
+    """
+    canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
+    strokes = job.strokes[job.bottom_up]
+    if not profile_of(job)[1]:  # its renderer draws none of these, and a part of a stroke has others
+        strokes = replace(strokes, **dict.fromkeys(LATER_FIELDS))  # type: ignore[arg-type]
+    for share in shares:
+        finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
+        if job.blend.layered:
+            _lay(canvas, strokes[bottom:finished], renderer, job.blend, space)
+            bottom = finished
+        picture = canvas
+        if begun > bottom:
+            picture = canvas.clone()
+            growing = torch.from_numpy(share[bottom:begun]).to(strokes.start)
+            _lay(picture, cut_short(strokes[bottom:begun], growing), renderer, job.blend, space)
+        yield space.decode(picture)
+
+
+def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space: ColorSpace) -> None:
+    """Lay strokes (n,), the bottom one first, over a canvas (C, H, W) in channels of the colour space, in place.
+
+    On black a blend shows what the strokes contribute, on white also what they let through: white light.
+    """
+    if not len(strokes):
+        return
+    black, white = canvas.new_zeros(len(canvas)), canvas.new_ones(len(canvas))
+    for top, rows, part in cuts(strokes, (canvas.shape[1], canvas.shape[2]), renderer):
+        layers = renderer(strokes[part].moved(shift=(0, -top)))
+        layers = layers if space.is_rgb else layers.encoded(space.encode)
+        above, size = torch.arange(len(part), device=part.device).flip(0), (rows, canvas.shape[2])
+        paint = blend(layers, above, size, black).image
+        light = (blend(layers, above, size, white).image - paint).mean(0)
+        canvas[:, top : top + rows].mul_(light).add_(paint)

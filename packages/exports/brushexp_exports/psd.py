@@ -1,0 +1,87 @@
+"""Write the painting as layers (Adobe's PSD, version 1), for Photoshop, Affinity, Procreate, Krita, GIMP and others."""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from PIL import Image
+
+from brushexp.bounds import between
+from brushexp.errors import UserError
+from brushexp.plugins.export._prints import PrintExporter, over_white
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import register
+from brushexp.system.files import replacing
+from brushexp_exports.jpg import srgb
+from brushexp_exports.layers import layers_of
+
+if TYPE_CHECKING:
+    from psd_tools.psd.image_resources import ImageResources
+
+LARGEST_SIDE = 30_000  # pixels, of the form
+FIXED = 2**16  # resolutions are fixed-point numbers with so many parts
+PER_INCH, CENTIMETRES = 1, 2  # numbers of its units
+
+
+@register("to", "psd")
+@dataclass(kw_only=True)
+class Psd(PrintExporter):
+    """``painting.psd``: the layers of ``to=ora``, for programs that do not read that; ``pip install 'brushexp[psd]'``.
+
+    Ground, strokes from the lowest, large ones to small ones, light and paper; together they show the painting, to two
+    levels of 255. It has an sRGB profile, and the finished picture for programs that read no layers. All of it is in
+    memory at once.
+
+    Args:
+        layers: in how many layers the strokes are, with the same number of strokes each.
+    """
+
+    layers: Annotated[int, between(1, 64)] = 5
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        try:
+            from psd_tools import PSDImage  # noqa: PLC0415  (the extra ``psd``)
+            from psd_tools.constants import Compression  # noqa: PLC0415
+            from psd_tools.psd import PSD  # noqa: PLC0415
+            from psd_tools.psd.header import FileHeader  # noqa: PLC0415
+            from psd_tools.psd.image_data import ImageData  # noqa: PLC0415
+        except ImportError as error:
+            raise UserError("to=psd needs psd-tools; install it with: pip install 'brushexp[psd]'") from error
+        job = self.scale_to_paper(job)
+        height, width = job.size
+        if max(job.size) > LARGEST_SIDE:
+            excess = f"to=psd holds {LARGEST_SIDE} pixels a side, and this picture has {max(job.size)}"
+            raise UserError(f"{excess}; choose a smaller resolution=, or to=ora")
+        finished, layers = layers_of(job, self.layers)
+        document = PSD(FileHeader(channels=4, height=height, width=width), image_resources=self._resources())
+        image = PSDImage(document)  # with an alpha layers have one, and no mask instead
+        for layer in layers:
+            pixels = Image.fromarray(layer.pixels)
+            left, top, right, bottom = pixels.getchannel("A").getbbox() or (0, 0, 1, 1)
+            image.create_pixel_layer(pixels.crop((left, top, right, bottom)), layer.name, top, left)
+        if finished.shape[2] == 4:  # the form has colours over white, and a sign for an alpha that is no selection
+            finished = np.dstack([over_white(finished[..., :3], finished[..., 3:]), finished[..., 3]])
+            info = document.layer_and_mask_information.layer_info
+            assert info is not None
+            info.layer_count *= -1
+        channels = [finished[..., k].tobytes() for k in range(finished.shape[2])]
+        document.header.channels = len(channels)
+        document.image_data = ImageData(Compression.RLE)
+        document.image_data.set_data(channels, document.header)
+        with replacing(folder / "painting.psd") as temporary, temporary.open("wb") as file:
+            document.write(file)
+        return [folder / "painting.psd"]
+
+    def _resources(self) -> "ImageResources":
+        """Make the parts of the file that hold its profile and its resolution."""
+        from psd_tools.constants import Resource  # noqa: PLC0415
+        from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
+
+        resources = ImageResources.new()
+        resources[Resource.ICC_PROFILE] = ImageResource(key=Resource.ICC_PROFILE, data=srgb())
+        if self.density is not None:
+            info = struct.pack(">IHHIHH", *2 * (round(FIXED * self.density), PER_INCH, CENTIMETRES))
+            resources[Resource.RESOLUTION_INFO] = ImageResource(key=Resource.RESOLUTION_INFO, data=info)
+        return resources

@@ -1,0 +1,1 @@
+"""Other programs: trackers of runs, callbacks of Lightning, clusters and searches."""

@@ -1,0 +1,185 @@
+"""Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the direction of the objective.
+
+It replaces the original of this name, which would minimise a PSNR, and continues studies.
+"""
+
+import logging
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import MISSING, DictConfig
+
+DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # of Optuna, by the better side of a metric
+
+
+@dataclass
+class StudySweeperConf:
+    """Options of ``hydra/sweeper=optuna`` (`offer_sweepers`): the original's, and ``resume`` to go on."""
+
+    _target_: str = "hydra_plugins.brushexp_optuna.StudySweeper"
+    defaults: list[Any] = field(default_factory=lambda: [{"sampler": "tpe"}])
+    sampler: Any = MISSING
+    direction: Any = None
+    storage: Any = None
+    study_name: str = "study"
+    n_trials: int = 20
+    n_jobs: int = 1
+    max_failure_rate: float = 1.0
+    params: dict[str, str] | None = None
+    custom_search_space: str | None = None
+    resume: bool = False
+
+
+def sweeper_config() -> type[StudySweeperConf] | None:
+    """Return the config of the sweeper where hydra-optuna-sweeper is installed, else None."""
+    if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
+        return None
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # Optuna imports it, and it logs each part that it loads
+    return StudySweeperConf
+
+
+class StudySweeper(Sweeper):
+    """Run Optuna's trials as jobs; a failed one is marked, and the study goes on."""
+
+    config: Any  # of Hydra, from `setup` on
+
+    def __init__(self, resume: bool, direction: str | None, **options: Any) -> None:
+        self.resume, self.direction, self.options = resume, direction, options
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        from brushexp.errors import UserError  # noqa: PLC0415
+
+        if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
+            cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
+            raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
+        from hydra_plugins.hydra_optuna_sweeper import _impl  # noqa: PLC0415  (private; tried with 1.3.0)
+
+        self.config, self.loader = config, hydra_context.config_loader
+        self.direction = better_direction(config.objective, self.direction)
+        self.space_of = _impl.create_params_from_overrides
+        self.study = _impl.OptunaSweeperImpl(search_space=None, direction=self.direction, **self.options)
+        self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Check the ends of the search space, then run the trials that have not ended."""
+        from brushexp.errors import UserError  # noqa: PLC0415
+        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
+        from brushexp.runs.sweep_report import renew  # noqa: PLC0415
+
+        words = [*(f"{key}={value}" for key, value in (self.options["params"] or {}).items()), *arguments]
+        overrides = OverridesParser.create(config_loader=self.loader).parse_overrides(words)
+        check_jobs(self.loader, self.config, corner_jobs({one.get_key_element(): ends_of(one) for one in overrides}))
+        begin_sweep(self.config, [words], self.resume)
+        if self.resume:
+            self.go_on(words)
+        folder = Path(self.config.hydra.sweep.dir)
+        try:
+            self.study.sweep(arguments)
+        except ValueError as error:
+            if "No trials are completed" not in str(error):
+                raise
+            raise UserError(f"all trials of the study failed; {folder / 'table.md'} says why") from error
+        finally:
+            renew(folder)
+
+    def go_on(self, words: list[str]) -> None:
+        """Add the trials in the folder of the sweep to the study; those that were killed are repeated first."""
+        import optuna  # noqa: PLC0415
+
+        from brushexp.results.runs import has_ended, read_result, words_of  # noqa: PLC0415
+
+        space, study = self.space_of(words)[0], self.open_study()
+        recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
+        folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
+        killed: list[dict[str, Any]] = []
+        ended: list[dict[str, Any]] = []
+        for folder in sorted(folders, key=lambda path: int(path.name)):
+            typed = dict(word.split("=", 1) for word in words_of(folder) if "=" in word)
+            values = {key: value_in(one, typed[key]) for key, one in space.items() if key in typed}
+            (ended if has_ended(folder) else killed).append(values)
+            if has_ended(folder) and values not in recorded:
+                study.add_trial(frozen_trial(read_result(folder), values, space, self.config.objective))
+        for k, values in enumerate(killed):
+            if values not in (*ended, *killed[:k]):  # else an earlier resume has repeated them
+                study.enqueue_trial(values)
+        self.study.n_trials -= sum(trial.state.is_finished() for trial in study.trials)
+        self.study.job_idx = 1 + max((int(path.name) for path in folders), default=-1)
+        if isinstance(self.study.sampler, optuna.samplers.BaseSampler):
+            self.study.sampler.reseed_rng()  # else it would propose the first trials again
+
+    def open_study(self) -> Any:
+        """Create or load the study of Optuna; trials that a database holds for running have failed."""
+        import optuna  # noqa: PLC0415
+
+        name = self.study.study_name = self.options["study_name"]
+        storage = self.study.storage = self.options["storage"] or optuna.storages.InMemoryStorage()
+        study = optuna.create_study(storage=storage, study_name=name, direction=self.direction, load_if_exists=True)
+        for trial in study.trials:
+            if trial.state is optuna.trial.TrialState.RUNNING:
+                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+                self.study.n_trials += 1
+        return study
+
+
+def better_direction(objective: str | None, typed: str | None) -> str:
+    """Return ``maximize`` or ``minimize``, as the tables have it or as ``typed`` for a metric that they lack."""
+    from brushexp.errors import UserError  # noqa: PLC0415
+    from brushexp.results.quantities import quantities  # noqa: PLC0415
+
+    option, choices = "hydra.sweeper.direction", tuple(DIRECTIONS.values())
+    if objective is None:
+        raise UserError("Optuna needs objective=: the number of metrics.json that it improves; try objective=psnr")
+    if typed is not None and typed not in choices:
+        raise UserError(f"{option}={typed} is not one of {', '.join(choices)}; drop it")
+    metric = quantities().get(objective)
+    own = DIRECTIONS.get(metric.better) if metric else None
+    if own and typed not in (None, own):
+        raise UserError(f"{option}={typed} looks for the worst {objective}; drop it")
+    if not (own or typed):
+        names = ", ".join(name for name, metric in quantities().items() if metric.better)
+        raise UserError(f"nobody knows which {objective} is better; add {option}=minimize or maximize (known: {names})")
+    return own or str(typed)
+
+
+def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str, Any], objective: str) -> Any:
+    """Record a trial that has ended for Optuna."""
+    import optuna  # noqa: PLC0415
+
+    from brushexp.results.runs import objective_in  # noqa: PLC0415
+
+    failed, states = result["status"] == "failed", optuna.trial.TrialState
+    state, value = (states.FAIL, None) if failed else (states.COMPLETE, objective_in(result, objective))
+    return optuna.trial.create_trial(state=state, value=value, params=values, distributions=space)
+
+
+def value_in(space: Any, typed: str) -> Any:
+    """Convert the word of a job to the value that Optuna had proposed."""
+    if hasattr(space, "choices"):
+        return next(choice for choice in space.choices if str(choice) == typed)
+    return int(typed) if type(space).__name__.startswith("Int") else float(typed)
+
+
+def ends_of(override: Override) -> list[str]:
+    """Return the values of an override: all of a choice, the first and last of a range or interval."""
+    if not override.is_sweep_override():
+        return [override.get_value_element_as_str()]
+    sweep: Any = override.value()
+    if override.is_interval_sweep():
+        return [str(sweep.start), str(sweep.end)]
+    if override.is_range_sweep():
+        return [str(sweep.start), str(sweep.stop)]  # which Optuna includes
+    return list(override.sweep_string_iterator())
+
+
+def corner_jobs(ends: dict[str, list[str]]) -> list[list[str]]:
+    """Return jobs that have each value of each key once, with the first values of the others."""
+    first = {key: values[0] for key, values in ends.items()}
+    jobs = [first] + [first | {key: value} for key, values in ends.items() for value in values[1:]]
+    return [[f"{key}={value}" for key, value in job.items()] for job in jobs]

@@ -1,0 +1,45 @@
+"""The perceptual distance LPIPS as a loss."""
+
+from typing import Annotated
+
+from torch import Tensor
+
+from brushexp.bounds import FILE, one_of
+from brushexp.plugins.loss.base import Loss, PaintedView
+from brushexp.registry import register
+from brushexp_losses.calibrated import CALIBRATED, open_distance
+
+
+@register("loss", "lpips")
+class Lpips(Loss):
+    """LPIPS perceptual distance (Zhang et al.) between painting and target, in the features of a network.
+
+    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it has the published weights, and logs
+    call it lpips-alexnet and so on. Differs by default: ``effl0`` has one weight for all channels of an activation.
+
+    Args:
+        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
+            ``mse`` for pictures of 256 pixels blurred by two; for alexnet that is at 0.0025, for squeeze at 0.0015.
+            Beside ``mse`` it cost less than 0.1 dB of PSNR and took a fifth to a quarter off the distance.
+        backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
+        weights: file with the network's features, under torchvision's names.
+    """
+
+    weight = 0.0012
+    cost = "5.9 x mse"
+    exact_on_parts = False
+
+    def __init__(
+        self,
+        *,
+        backbone: Annotated[str, one_of("effl0", *CALIBRATED)] = "effl0",
+        weights: Annotated[str | None, FILE] = None,
+    ) -> None:
+        super().__init__()
+        self.distance = open_distance(backbone, weights)
+        self.label = self.distance.label
+        self.context, self.grid = self.distance.network.context, self.distance.network.grid
+
+    def forward(self, view: PaintedView) -> Tensor:
+        theirs, ours = self.of_target(view.target, self.distance.look), self.distance.look(view.image)
+        return self.distance.compare(ours, theirs, [view.weights(value) for value in ours])

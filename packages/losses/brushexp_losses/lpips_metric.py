@@ -1,0 +1,41 @@
+"""The calibrated distance of features: LPIPS."""
+
+from typing import Annotated
+
+from brushexp.bounds import FILE, one_of
+from brushexp.plugins.metric.base import Comparison, Metric
+from brushexp.registry import register
+from brushexp_losses.calibrated import CALIBRATED, open_distance
+
+
+@register("metric", "lpips")
+class OfficialLpips(Metric):
+    """LPIPS (Zhang et al., 2018) with its published weights, in a network whose features come from a file.
+
+    With ``effl0`` it is ``perceptual`` by another name.
+
+    Args:
+        option: what sets the file, for messages.
+        backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
+        weights: file with the network's features, under torchvision's names.
+    """
+
+    title = "LPIPS"
+    variants = {  # noqa: RUF012
+        "lpips_alexnet": "LPIPS (AlexNet)", "lpips_squeeze": "LPIPS (SqueezeNet)", "lpips_vgg16": "LPIPS (VGG16)",
+    }  # fmt: skip
+    higher_is_better = False
+    matters = 0.005
+
+    def __init__(
+        self,
+        option: str = "metric.lpips.weights",
+        *,
+        backbone: Annotated[str, one_of("effl0", *CALIBRATED)] = "effl0",
+        weights: Annotated[str | None, FILE] = None,
+    ) -> None:
+        self.distance = open_distance(backbone, weights, option)
+        self.label = self.distance.label.replace("-", "_")
+
+    def __call__(self, comparison: Comparison) -> float:
+        return float(self.distance(comparison.image, comparison.target))

@@ -1,0 +1,74 @@
+"""Draw strokes with brushes of one's own: scanned strokes, and the brushes of GIMP."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.textured import FADED, Textured
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+from brushexp_media.brushes.marks import ROWS, Mark, columns_for, read_marks, texture_of
+from brushexp_media.brushes.rule import BRUSH
+
+TONE = 0.25  # share of white in the fullest hair, of black in the barest
+AROUND = 9  # texels over which coverage is compared with that around it
+DRY = (256, 1400)  # rows and columns of the dry brush that stands in where no file is given
+
+
+@register("renderer", "brush")
+class Brush(Renderer):
+    """Bezier stroke with the mark of a brush of one's own: ``brush=stroke.png`` on the command line.
+
+    A picture of a stroke is read as coverage: its alpha, or else how far it is from the grey of its border, dark on
+    white or bright on black. It goes from left to right, or from top to bottom. Its beginning, thin or full, and its
+    frayed end keep their shape, and a longer stroke has more of its middle. A brush of GIMP, .gbr or .gih, is a stamp,
+    and is dragged along a line with its own spacing. ``brushexp brushes stroke.png`` shows what is read.
+
+    Args:
+        files: pictures, .gbr, .gih, and folders of them, each stroke with one of their marks; none: a dry brush.
+    """
+
+    def __init__(self, *, files: Annotated[list[str] | None, BRUSH] = None) -> None:
+        super().__init__()
+        marks = marks_of(files)
+        columns = columns_for(marks)
+        self.drawn = Textured(variants=len(marks), rows=ROWS, columns=columns, checkpoint=None)
+        weights = torch.stack([weights_of(texture_of(mark, columns)) for mark in marks])
+        self.drawn.textures = nn.Parameter(weights, requires_grad=False)
+
+    def forward(self, strokes: Strokes) -> TexturedProfile:
+        return self.drawn.forward(strokes)
+
+
+def marks_of(files: Sequence[str] | None) -> list[Mark]:
+    """Read the marks of files; without any it is the dry brush."""
+    return read_marks(files) if files else [Mark("dry brush", dry_brush())]
+
+
+def weights_of(coverage: Tensor) -> Tensor:
+    """Turn coverage (rows, columns) into the weights (3, rows, columns) of textures: full hairs are pale and high."""
+    around = functional.avg_pool2d(coverage[None], AROUND, 1, AROUND // 2)[0]
+    tone = TONE * torch.tanh(3 * (coverage - around)) * (coverage > FADED)
+    height = (0.15 + 0.85 * coverage) * (coverage > FADED)
+    inside = (part.clamp(FADED, 1 - FADED).logit() for part in (coverage, height))
+    return torch.stack([next(inside), tone.atanh(), next(inside)])
+
+
+@lru_cache(maxsize=1)
+def dry_brush() -> np.ndarray:
+    """Draw a dry brush, the same every time: hairs that begin together and run out one by one."""
+    rows, columns = DRY
+    chance = np.random.default_rng(0)
+    load, begin = np.repeat(chance.random((2, rows // 4)), 4, axis=1)
+    along, across = np.linspace(0, 1, columns)[None], np.linspace(-1, 1, rows)[:, None]
+    rounded = 0.06 * np.sqrt(1 - 0.97 * across**2)
+    start = (60 * (along - 0.06 + rounded - 0.03 * begin[:, None])).clip(0, 1)
+    finish = (30 * (1.05 - 0.45 * load[:, None] ** 2 - along)).clip(0, 1)
+    return (start * finish * (0.55 + 0.45 * load[:, None])).astype(np.float32)

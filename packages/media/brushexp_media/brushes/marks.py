@@ -1,0 +1,178 @@
+"""Marks of brushes: pictures of one stroke, from left to right, as files have them, and textures made of them."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.textures import LONG, Loop
+from brushexp.errors import UserError
+from brushexp.pictures.folders import picture_suffixes
+from brushexp.pictures.load import BRIGHTNESS, load_cutout, nearest_files
+from brushexp.plugins.renderer.textured import close_loop
+from brushexp_media.brushes.gimp import Stamp, read_stamps
+
+STAMPS = (".gbr", ".gih")
+ELSEWHERE = {  # files of other programs, and how they become what is read here
+    ".abr": "a set of brushes of Photoshop; open it in GIMP or Krita and save them as .gbr or PNG",
+    ".kpp": "a preset of Krita, whose brush is another file; give that one, a .gbr, .gih or PNG",
+    ".myb": "a brush of MyPaint, a recipe without a picture; paint a stroke with it and save that as PNG",
+    ".vbr": "a brush of GIMP that is a formula; paint a stroke with it and save that as PNG",
+}
+MOST = 64  # marks of a renderer
+SIDE = 2048  # pixels of the longer side of a picture that is read
+PAPER = 0.1  # share of the contrast below which a scan shows the grain of its paper
+DARKEST = 0.95  # share of a scanned mark that is no darker than full coverage
+ALONG = 8  # heights of a stamp that it is dragged along
+STAMP = 96  # pixels of the longer side of a stamp that is dragged
+ROWS = 128  # texels across a texture
+LENGTHS = (128, 256, 512)  # texels along: 6, 12 or 24 half widths
+OVER = 0.5  # half widths by which a mark begins before the curve and ends behind it
+FULL = 0.3  # share of the fullest row's coverage that belongs to the width of a mark
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """One stroke, from left to right."""
+
+    name: str  # of its file, with a number where that has several
+    coverage: np.ndarray  # (H, W) float32 in [0, 1]
+
+
+def read_marks(paths: Sequence[str]) -> list[Mark]:
+    """Read the marks of files and folders; a UserError names the key to type and what is wrong."""
+    files = [file for path in paths for file in _files_of(path)]
+    marks = [mark for file in files for mark in _marks_of(file)]
+    if len(marks) > MOST:
+        raise UserError(f"brush={','.join(paths)} has {len(marks)} marks; give at most {MOST}, file by file")
+    return marks
+
+
+def _files_of(path: str) -> list[str]:
+    """List what a folder has that is a mark, by name, or the file itself."""
+    path = os.path.expanduser(path)
+    if not os.path.exists(path):
+        near = [f"did you mean {name}? " for name in nearest_files(path)[:1]]
+        raise UserError(
+            f"brush={path} is not there; {''.join(near)}give a picture of a stroke, or a .gbr or .gih of GIMP"
+        )
+    if not os.path.isdir(path):
+        return [path]
+    files = [str(file) for file in sorted(Path(path).iterdir()) if _ending(file) in {*STAMPS, *picture_suffixes()}]
+    if not files:
+        raise UserError(f"brush={path} has no brush in it; put strokes as PNG there, or .gbr and .gih of GIMP")
+    return files
+
+
+def _ending(path: str | Path) -> str:
+    return Path(path).suffix.lower()
+
+
+def _marks_of(file: str) -> list[Mark]:
+    if (kind := ELSEWHERE.get(_ending(file))) is not None:
+        raise UserError(f"brush={file} is {kind}")
+    try:
+        if _ending(file) not in STAMPS:
+            color, alpha = load_cutout(file, None, "brush")
+            return [Mark(Path(file).name, lying(cropped(shrunk(coverage_of(color, alpha)))))]
+        try:
+            stamps = read_stamps(Path(file).read_bytes())
+        except OSError as error:
+            raise UserError(f"cannot be read ({error.strerror}); give the path of a brush") from error
+        names = [Path(file).name + f" {k + 1}" * (len(stamps) > 1) for k in range(len(stamps))]
+        return [Mark(name, cropped(dragged(stamps[k:] + stamps[:k]))) for k, name in enumerate(names)]
+    except UserError as error:
+        raise UserError(str(error) if str(error).startswith("brush=") else f"brush={file} {error}") from error
+
+
+def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
+    """Compute the coverage (H, W) of a picture (3, H, W): its alpha, or how far it is from the grey of its border."""
+    if float(alpha.min()) < 1 - PAPER:
+        return alpha.numpy()
+    grey = torch.einsum("chw,c->hw", color, torch.tensor(BRIGHTNESS)).numpy()
+    ground = np.median(np.concatenate([grey[0], grey[-1], grey[:, 0], grey[:, -1]]))
+    far = np.abs(grey - ground)
+    if ground in (0.0, 1.0):
+        return far
+    full = np.quantile(far[far >= 0.5 * far.max()], DARKEST)
+    return ((far / max(full, 1e-6) - PAPER) / (1 - PAPER)).clip(0, 1)
+
+
+def shrunk(coverage: np.ndarray, side: int = SIDE) -> np.ndarray:
+    """Average a mark to at most ``side`` pixels a side."""
+    shape = np.array(coverage.shape)
+    size = tuple(int(one) for one in np.maximum(np.round(shape * min(side / shape.max(), 1)), 1))
+    return functional.interpolate(
+        torch.from_numpy(np.ascontiguousarray(coverage, np.float32))[None, None], size, mode="bilinear", antialias=True
+    )[0, 0].numpy()
+
+
+def cropped(coverage: np.ndarray) -> np.ndarray:
+    """Cut what is bare around a mark off; a UserError if there is nothing else."""
+    rows, columns = (np.flatnonzero((coverage > PAPER).any(axis)) for axis in (1, 0))
+    if not len(rows):
+        raise UserError("has no mark on it; give a stroke in another brightness than its ground, or transparent around")
+    return coverage[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def lying(coverage: np.ndarray) -> np.ndarray:
+    """Turn a stroke that goes from top to bottom to the left: it then goes from left to right."""
+    height, width = coverage.shape
+    return np.ascontiguousarray(np.rot90(coverage)) if height > width else coverage
+
+
+def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
+    """Drag stamps, one after the other, along a line: each dab lies over those before it, as in GIMP."""
+    side = max(max(stamp.coverage.shape) for stamp in stamps)
+    dabs = [
+        shrunk(stamp.coverage, max(1, round(STAMP * max(stamp.coverage.shape) / max(side, STAMP)))) for stamp in stamps
+    ]
+    height, width = (max(dab.shape[axis] for dab in dabs) for axis in (0, 1))
+    length = ALONG * max(height, width)
+    bare, x, k = np.ones((height, length + width), np.float32), 0.0, 0
+    while x <= length:
+        dab = dabs[k % len(dabs)]
+        top, left = (height - dab.shape[0]) // 2, round(x) + (width - dab.shape[1]) // 2
+        bare[top : top + dab.shape[0], left : left + dab.shape[1]] *= 1 - dab
+        x += max(1.0, stamps[k % len(stamps)].spacing * max(dab.shape))
+        k += 1
+    return 1 - bare
+
+
+def place_of(coverage: np.ndarray) -> tuple[float, float]:
+    """Find the row of a mark's axis and its half width in pixels; thin starts and stray hairs do not count in it."""
+    full = np.flatnonzero(coverage.mean(1) >= FULL * coverage.mean(1).max())
+    middle, half = (full[0] + full[-1] + 1) / 2, (full[-1] + 1 - full[0]) / 2
+    return middle, max(half, max(middle, len(coverage) - middle) / (SPREAD * (1 - 4 / ROWS)))
+
+
+def columns_for(marks: Sequence[Mark]) -> int:
+    """Choose how many texels the marks are long, so that they keep about the proportions of the one in the middle."""
+    lengths = [mark.coverage.shape[1] / place_of(mark.coverage)[1] for mark in marks]
+    wanted = float(np.median(lengths)) + 2 * (SPREAD - OVER)
+    return min(LENGTHS, key=lambda columns: abs(np.log(columns * LONG * 2 * SPREAD / ROWS / wanted)))
+
+
+def texture_of(mark: Mark, columns: int) -> Tensor:
+    """Lay a mark on the texels (rows, columns) of a stroke; beginning and end keep their shape, the middle repeats."""
+    middle, half = place_of(mark.coverage)
+    margin = round((SPREAD - OVER) / (LONG * 2 * SPREAD / ROWS))
+    height, top = 2 * SPREAD * half, SPREAD * half - middle
+    rows = (np.arange(ROWS + 1) / ROWS * height - top).clip(0, len(mark.coverage))
+    summed = np.concatenate([np.zeros((1, mark.coverage.shape[1])), mark.coverage.cumsum(0, dtype=np.float64)])
+    at = np.stack([np.interp(rows, np.arange(len(summed)), column) for column in summed.T], axis=1)
+    means = np.diff(at, axis=0) / (height / ROWS)  # of the pixels under each row of texels
+    along = torch.from_numpy(means.astype(np.float32))[None, None]
+    body = functional.interpolate(along, (ROWS, columns - 2 * margin), mode="bilinear", antialias=True)[0, 0]
+    return close_loop(functional.pad(body.clamp(0, 1), (margin, margin)), loop_of(columns))
+
+
+def loop_of(columns: int) -> Loop:
+    """The columns that a long stroke repeats, as ``renderer=textured`` has them."""
+    return Loop(3 * columns // 8, 3 * columns // 8)

@@ -1,0 +1,16 @@
+"""What the keys that name brushes hold; nothing here is slow to import."""
+
+from brushexp.bounds import Rule
+from brushexp.errors import UserError
+
+
+def _check(path: str, option: str) -> None:
+    from brushexp_media.brushes.marks import read_marks  # noqa: PLC0415  (it imports torch)
+
+    try:
+        read_marks([path])
+    except UserError as error:
+        raise UserError(f"{option}: {error}") from error
+
+
+BRUSH = Rule(_check)

@@ -1,0 +1,16 @@
+"""Keys of ``task=brushes``."""
+
+from dataclasses import dataclass
+
+from brushexp.config.keys import key
+from brushexp.config.schema import Task
+from brushexp_media.brushes.rule import BRUSH
+
+
+@dataclass
+class BrushesTask(Task):
+    """Show what is read of brushes of one's own, and how strokes look that are painted with them."""
+
+    module = "brushexp_media.brushes.task"
+    alone = "brushes"
+    brushes: list[str] = key([], "pictures of strokes, .gbr and .gih of GIMP, folders; none = the dry brush", BRUSH)

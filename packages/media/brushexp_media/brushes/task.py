@@ -1,0 +1,56 @@
+"""``task=brushes`` draws a sheet of brushes: what was read of each file, and strokes with it."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+from PIL import Image, ImageDraw
+
+from brushexp.plugins.renderer.base import window_pictures
+from brushexp.system.files import write_picture
+from brushexp.system.terminal import as_shown
+from brushexp_media.brushes.brush import Brush, marks_of
+from brushexp_media.brushes.marks import Mark
+
+log = logging.getLogger(__name__)
+HIGH, WIDE, LINE = 128, 384, 18  # pixels of a row, of the mark in it, and of the name above
+STROKES = [  # a long straight one, a curved one, a thin one: three points, width and black, as renderers are trained
+    [-0.8, 0, 0, 0, 0.8, 0, 0.6, -1, -1, -1],
+    [-0.8, 0.5, 0, -1.0, 0.8, 0.5, 0.0, -1, -1, -1],
+    [-0.8, 0.3, 0, 0.1, 0.8, -0.3, -0.9, -1, -1, -1],
+]
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write ``brushes.png`` of ``cfg.brushes``."""
+    marks, brush = marks_of(cfg.brushes), Brush(files=[*cfg.brushes]).eval()
+    write_picture(path := folder / "brushes.png", sheet_of(marks, brush))
+    chosen = f"brush={','.join(cfg.brushes)}" if cfg.brushes else "renderer=brush"
+    count = f"{len(marks)} mark{'' if len(marks) == 1 else 's'}"
+    log.info("%s: %s; paint with it: brushexp PICTURE %s", as_shown(path), count, chosen)
+    return {"n_marks": len(marks)}
+
+
+def sheet_of(marks: Sequence[Mark], brush: Brush) -> np.ndarray:
+    """Draw a row for each mark (H, W, 3) uint8: the mark as it was read, and strokes with it."""
+    sheet = Image.new("RGB", (WIDE + (len(STROKES)) * HIGH, len(marks) * (HIGH + LINE)), "white")
+    for k, mark in enumerate(marks):
+        top = k * (HIGH + LINE) + LINE
+        ImageDraw.Draw(sheet).text((4, top - LINE + 2), mark.name, fill="#666")
+        read = Image.fromarray((255 * (1 - mark.coverage)).round().astype(np.uint8))
+        read.thumbnail((WIDE - 8, HIGH - 8))
+        sheet.paste(read, (4, top + (HIGH - read.height) // 2))
+        for i, picture in enumerate(strokes_with(brush, k)):
+            sheet.paste(Image.fromarray(picture), (WIDE + i * HIGH, top))
+    return np.asarray(sheet)
+
+
+@torch.no_grad()
+def strokes_with(brush: Brush, number: int) -> list[np.ndarray]:
+    """Draw ``STROKES`` with one mark, black on white: (HIGH, HIGH) uint8 each."""
+    parameters = torch.tensor(STROKES, dtype=torch.float32)
+    alpha = window_pictures(brush, parameters, HIGH, torch.full((len(STROKES),), number))[:, 3]
+    return [*(255 * (1 - alpha)).round().to(torch.uint8).numpy()]

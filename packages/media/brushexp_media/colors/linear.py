@@ -1,0 +1,36 @@
+"""Mix paint as amounts of light."""
+# mypy: allow-untyped-defs
+
+import torch
+from torch import Tensor
+
+from brushexp.compat.compiled import inline
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.registry import register
+from brushexp_media.colors.decoding import Decoder, F, linear_of
+
+
+@inline
+def _same(x):
+    return x
+
+
+@inline
+def _one(x):
+    return F(1)
+
+
+DECODER = Decoder(torch.eye(3, dtype=torch.float64), torch.Tensor.clone, _same, _one)
+
+
+@register("color", "linear")
+class Linear(ColorSpace):
+    """As lights and fine dots of ink mix: amounts of red, green and blue light (linear RGB); soft edges are lighter."""
+
+    cost, mixes = "not measured", "light grey"
+
+    def encode(self, color: Tensor) -> Tensor:
+        return linear_of(color)
+
+    def decode(self, picture: Tensor) -> Tensor:
+        return DECODER(picture)

@@ -1,0 +1,61 @@
+"""Mix paint in steps that are even to the eye."""
+# mypy: allow-untyped-defs
+
+import torch
+from torch import Tensor
+
+from brushexp.compat.compiled import inline
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.registry import register
+from brushexp_media.colors.decoding import Decoder, F, linear_of
+
+# Response of each kind of cone to linear red, green and blue (Ottosson, 2020).
+CONES = torch.tensor(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ],
+    dtype=torch.float64,
+)
+TOE = 2e-4  # light that is added before the cube root, whose slope at 0 has no bound
+DARK = TOE ** (1 / 3)
+RANGE = (1 + TOE) ** (1 / 3) - DARK
+
+
+def cone_responses(channels: Tensor) -> Tensor:
+    """Compute the responses of the cones from channels."""
+    return (channels * RANGE + DARK) ** 3 - TOE
+
+
+@inline
+def _cube(x):
+    y = x * F(RANGE) + F(DARK)
+    return y * y * y - F(TOE)
+
+
+@inline
+def _slope(x):
+    y = x * F(RANGE) + F(DARK)
+    return F(3 * RANGE) * y * y
+
+
+DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cube, _slope)
+
+
+@register("color", "oklab")
+class Oklab(ColorSpace):
+    """As the eye sees steps: what is between two colours looks like their middle (Oklab, Ottosson 2020).
+
+    Channels are the cube roots of what the three kinds of cones see, of which Oklab's lightness and two opponent
+    colours are sums: laying over is the same in both. Differs: a small light (2e-4) is added before the roots.
+    """
+
+    cost, mixes = "not measured", "grey"
+
+    def encode(self, color: Tensor) -> Tensor:
+        response = linear_of(color) @ CONES.T.to(color)
+        return ((response + TOE).pow(1 / 3) - DARK) / RANGE
+
+    def decode(self, picture: Tensor) -> Tensor:
+        return DECODER(picture)

@@ -1,0 +1,124 @@
+"""Place strokes as in a pastel: masses that are rubbed in, hatchings over them, small forms, and accents."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import above, between
+from brushexp.pictures.structure import sampled_at, structure_tensor
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init.layers import InLayers
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+from brushexp_media.init.accents import accents
+from brushexp_media.init.drawing import ANGLES, forms, hatching, noise_of, strokes_of
+from brushexp_media.marks import RUBBED, VARIANTS
+
+Array = np.ndarray
+BLUR = 0.004  # deviation of the blur under hatchings, in longer sides
+EDGE = 3.0  # slope of colour, per longer side, at which a hatching ends
+PATCH, LEFT = 0.13, -0.8  # longer sides from one rubbed place to the next; deviations below which none is hatched
+FOLLOWED = 0.6  # of the way from the slant of the hand to the direction of forms
+SWAY = 0.14  # radians by which groups of lines turn
+GROUP = 0.12  # longer sides from one group to the next
+BROKEN, PRESSED = 0.065, 0.25  # deviations of the lightness of hatchings, and of the logarithm of their widths
+FOCUSED = 0.5  # how much sparser hatchings are where one looks first
+NEAREST = 1.5  # widths of a hatching from one line to the next
+SHORTER = 0.6  # strokes of a face that is drawn by itself, over others
+EDGED, LIGHTS = 0.7, 0.2  # width of an accent over that of a hatching; share of accents that are light
+DEEPER, LIGHTER = 0.35, 0.6  # how far dark accents go to black, and light ones to white
+
+
+@register("init", "chalks")
+@dataclass(kw_only=True)
+class Chalks(Initializer):
+    """Broad masses that are rubbed in, hatchings in the slant of a hand, small forms, and accents along edges.
+
+    Hatchings leave some places as they were rubbed, end where colours do, and turn half-way towards forms. Strokes are
+    in this order, which ``order=fixed`` keeps; masses have the soft mark of ``renderer.kind=chalk``, others its grain.
+
+    Args:
+        layers: of masses and forms, from the side of the stick to its edge.
+        ratio: size of the strokes of a layer over that of the layer below.
+        cover: share of the canvas that a layer covers, of what the one below does.
+        width: of a stroke of a layer, in its pitches.
+        length: of a stroke of a layer, in its pitches.
+        edges: a stroke ends where the picture differs by this from its colour, 0 to 1.
+        calm: weight of a nearly level direction, in means of what the picture says: where that says little it prevails.
+        hatched: share of the strokes that are hatchings, 0 to 1.
+        accents: share of the strokes that are accents, 0 to 1.
+        thickness: of hatchings, in distances at which all strokes would lie from each other; accents are thinner.
+        reach: length of hatchings, in thicknesses.
+    """
+
+    layers: Annotated[int, between(1, 8)] = 4
+    ratio: Annotated[float, between(0.2, 1)] = 0.5
+    cover: Annotated[float, above(0, 1)] = 0.6
+    width: Annotated[float, above(0, 10)] = 0.6
+    length: Annotated[float, above(0, 10)] = 3.5
+    edges: Annotated[float, above(0, 1)] = 0.1
+    calm: Annotated[float, between(0, 100)] = 0.02
+    hatched: Annotated[float, between(0, 1)] = 0.36
+    accents: Annotated[float, between(0, 1)] = 0.02
+    thickness: Annotated[float, above(0, 10)] = 0.6
+    reach: Annotated[float, above(0, 100)] = 9.0
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
+        hatched = min(n - 1, round(n * self.hatched))
+        last = min(n - 1 - hatched, round(n * self.accents))
+        layers = InLayers(
+            layers=self.layers, ratio=self.ratio, cover=self.cover, width=self.width, length=self.length,
+            edges=self.edges, calm=self.calm, underpainting=self.layers > 1, opacity=1.0,
+        )(target, n - hatched - last, generator, focus)  # fmt: skip
+        picture = target.numpy().astype(np.float64)
+        weight = None if focus is None else focus.numpy().astype(np.float64)
+        thick = self.thickness * math.sqrt(picture[0].size / n)
+        size = layers.width * layers.scale
+        fine = size < 1.01 * size.min()
+        strokes = Strokes.join(
+            layers[~fine],
+            self._hatchings(picture, weight, hatched, thick, random),
+            layers[fine],
+            self._accents(picture, last, thick),
+        )
+        number = torch.arange(n)
+        rubbed = number < int((~fine).sum())
+        sides = torch.where(rubbed, VARIANTS - RUBBED + number % RUBBED, number % (VARIANTS - RUBBED))
+        return replace(strokes, brush=sides + VARIANTS * (number // VARIANTS % 2))
+
+    def nearer(self) -> "Chalks":
+        return replace(self, layers=1, hatched=0.0, length=SHORTER * self.length)  # over masses that are there
+
+    def _hatchings(
+        self, picture: Array, weight: Array | None, n: int, thick: float, random: np.random.Generator
+    ) -> Strokes:
+        from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+        side = max(picture.shape)
+        blurred = np.stack([gaussian_filter(plane, BLUR * side) for plane in picture])
+        xx, _, yy = structure_tensor(blurred, 0.0)
+        free = 1 - np.sqrt(xx + yy) * side / EDGE
+        free *= noise_of(free.shape, PATCH, random) > LEFT
+        if weight is not None:
+            free *= 1 - FOCUSED * weight / weight.max()
+        turned = FOLLOWED * forms(picture) + SWAY * noise_of(free.shape, GROUP, random)
+        length = self.reach * thick
+        gap = max(NEAREST * thick, free.clip(0).sum() / max(n, 1) / (0.7 * length))
+        curve = hatching(free, 0.0, ANGLES[0], turned, gap, length, random)
+        curve = curve[np.sort(random.permutation(len(curve))[:n])]
+        color = sampled_at(blurred, *curve.mean(1).T).T + random.normal(0, BROKEN, (len(curve), 1))
+        width = thick * random.lognormal(0, PRESSED, len(curve))
+        return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
+
+    def _accents(self, picture: Array, n: int, thick: float) -> Strokes:
+        lights = round(LIGHTS * n)
+        length, width = self.reach * thick, EDGED * thick
+        return Strokes.join(
+            accents(picture, n - lights, length, width, None, dark=True, toward=np.zeros(3), share=DEEPER),
+            accents(picture, lights, length, width, None, dark=False, toward=np.ones(3), share=LIGHTER),
+        )

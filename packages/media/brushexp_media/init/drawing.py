@@ -1,0 +1,297 @@
+"""Place strokes as in an ink drawing: washes in the shapes of shadows, hatching, contours and the darkest accents."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.bounds import Rule, above, between
+from brushexp.errors import UserError
+from brushexp.pictures.abstraction import flattened
+from brushexp.pictures.load import named_color
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.plugins.init.base import Initializer
+from brushexp.registry import register
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes
+from brushexp_media.init.washes import between_tones, cleaned, filled
+from brushexp_media.picture.lines import anisotropy_of, edge_lines, find_apart, followed, luminance
+from brushexp_media.picture.noise import fractal_noise
+
+Array = np.ndarray
+ANGLES = (-0.9, -0.7, -0.4)  # radians of the hatchings, the first of the half tones
+BROADEST = 0.06  # width of a wash, in longer sides
+DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
+LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
+INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
+REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
+DEEPEST = 0.35  # luma up to which there are accents
+SPECK = 6e-4  # least accent over what is looked at
+LOOKED_AT = 0.5  # share of the largest focus above which one looks first
+EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
+FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
+FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
+SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
+FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
+MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
+FAINTEST = 0.12  # strength of a line below which none is drawn
+FEATURES = 0.35  # share of contours that are fine ones where one looks first; as many are elsewhere
+FINER = 0.55  # size of fine contours over that of the others
+SPARED = 0.6  # share of darkness that hatchings leave to lines where one looks first
+SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
+SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
+GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
+PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
+SHORTEST = 0.21  # of the full length of lines, below which a contour is no line
+MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
+FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
+TINY = 1e-9  # an even focus is none
+INK = Rule(named_color)
+
+
+@register("init", "drawing")
+@dataclass(kw_only=True)
+class Drawing(Initializer):
+    """Washes in the shapes of three tones, hatchings over them, contours that swell with contrast, and dark accents.
+
+    Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
+    after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
+    fixed but for `TURN` and `SWAY`. Shapes are those of a flattened picture; the focus keeps its forms, has finer
+    contours, fewer hatchings, and small dark shapes (lids, pupils, a mouth) that are filled.
+
+    Args:
+        contours: share of the strokes that are contours, 0 to 1.
+        washes: share of the strokes that are washes, 0 to 1.
+        accents: share of the strokes that fill what is small and dark, 0 to 1.
+        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
+        tones: darkness (0 white to 1 black) from which on there is the first, second and third hatching.
+        wash_tones: darkness from which on there is the light, the middle and the dark wash.
+        white: share of the picture that stays without hatching and wash at least, 0 to 1.
+        width: of a contour, in thousandths of the longer side.
+        length: of a line, in hundredths of the longer side.
+        color: of the ink, as '#rrggbb'.
+        wash: of the light wash; the others are powers of it, as of a tint that is laid over itself.
+    """
+
+    contours: Annotated[float, between(0, 1)] = 0.4
+    washes: Annotated[float, between(0, 1)] = 0.25
+    accents: Annotated[float, between(0, 1)] = 0.15
+    flatness: Annotated[float, between(0, 2)] = 0.3
+    tones: tuple[float, float, float] = (0.5, 0.68, 0.84)
+    wash_tones: tuple[float, float, float] = (0.4, 0.6, 0.78)
+    white: Annotated[float, between(0, 1)] = 0.5
+    width: Annotated[float, above(0, 100)] = 3.4
+    length: Annotated[float, above(0, 100)] = 7.0
+    color: Annotated[str, INK] = "#16130f"
+    wash: Annotated[str, INK] = "#c9c3b8"
+
+    def __post_init__(self) -> None:
+        for option, tones in (("tones", self.tones), ("wash_tones", self.wash_tones)):
+            if len(tones) != len(DEPTHS):
+                cure = f"give three, as init.{option}=[0.4,0.6,0.8]"
+                raise UserError(f"init.{option}={list(tones)} are {len(tones)} values; {cure}")
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+        picture = target.numpy().astype(np.float64)
+        side, size = max(picture.shape), picture.shape[1:]
+        flat = flattened(target, self.flatness * side / FLAT_AT).numpy().astype(np.float64)
+        weight = None if focus is None else focus.numpy().astype(np.float64)
+        attended = np.zeros(size) if weight is None else (weight - weight.min()) / max(np.ptp(weight), TINY)
+        simple = flat + attended * (picture - flat)
+        random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
+        inner = _within_margin(size, random)
+        dark = (1 - luminance(flat)) * inner
+        washes = round(n * self.washes)
+        lines = min(n - washes, round(n * self.contours))
+        accents = min(n - washes - lines, round(n * self.accents))
+        steep = slope_of(inner * (1 - luminance(picture)))
+        sparing = gaussian_filter(dark * (1 - SPARED * attended), SMOOTH * side)
+        return Strokes.join(
+            self._washes(gaussian_filter(dark, SMOOTH_WASH * side), steep, washes, random),
+            self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
+            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
+            self._inked(
+                edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
+            ),
+            self._inked(
+                _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
+            ),
+        )
+
+    def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Fill lines (H, W), which are as thick as the picture has them, but for specks beside an ``area`` (H, W)."""
+        shapes = cleaned(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
+        curve, half = filled(shapes, n, REED * max(lines.shape), random)
+        return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
+
+    def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Lay lines over dark places at the angles, ``turned`` (H, W) by forms, as close as ``n`` lines allow."""
+        side, tones = max(dark.shape), self._above(self.tones, dark)
+        area = sum(float((dark > tone).sum()) for tone in tones)
+        gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
+        hatchings = zip(tones, ANGLES, strict=True)
+        parts = [hatching(dark, tone, angle, turned, gap, self._longest(side), random) for tone, angle in hatchings]
+        curve = np.concatenate(parts)
+        curve = curve[np.sort(random.permutation(len(curve))[:n])]
+        darkness = sampled_at(dark, *curve.mean(1).T)
+        width = self._widest(side) * (0.08 + 0.5 * darkness**2) * random.lognormal(0, PRESSED, len(curve))
+        return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
+
+    def _washes(self, dark: Array, steep: Array, n: int, random: np.random.Generator) -> Strokes:
+        """Lay a wash over the shapes of each tone, each darker over the ones before.
+
+        An edge is crisp where the picture has one nearby, and lost where forms are soft.
+        """
+        from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
+
+        tones = self._above([between_tones(dark, tone) for tone in self.wash_tones], dark)
+        parts = []
+        for number, (depth, tone) in enumerate(zip(DEPTHS, tones, strict=True)):
+            count = n * (number + 1) // len(tones) - n * number // len(tones)
+            shape = cleaned(dark > tone, LEAST_WASH * dark.size)
+            curve, half = filled(shape, count, BROADEST * max(dark.shape), random)
+            strokes = strokes_of(curve, 2 * half, half > 0, rgb_of(self.wash) ** depth, count)
+            ends = distance_transform_edt(np.pad(shape, 1, mode="edge"), return_indices=True, return_distances=False)
+            y, x = (sampled_at(end[1:-1, 1:-1] - 1, *curve.mean(1).T) for end in ends)
+            lost = np.pad((1 - sampled_at(steep, x, y) / FOUND).clip(0, 1), (0, count - len(curve)))
+            parts.append(replace(strokes, softness=(EDGE + LOST * torch.from_numpy(lost).float()) * strokes.width))
+        return Strokes.join(*parts)
+
+    def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
+        """Raise tones where the picture is so dark that too little of the paper would stay white."""
+        left = [1 - (1 - self.white) / 2**k for k in range(len(tones))]
+        return [max(tone, float(np.quantile(dark, share)) - EVEN) for tone, share in zip(tones, left, strict=True)]
+
+    def _longest(self, side: int) -> float:
+        return 0.01 * self.length * side
+
+    def _widest(self, side: int) -> float:
+        return 0.001 * self.width * side
+
+
+def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
+    """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
+
+    ``length`` and ``width``, in pixels, are those of the strongest. With a focus (H, W) a share of them is finer, and
+    where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those.
+    """
+    side = max(picture.shape)
+    frame = round(FRAME * side)
+    inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
+    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner
+    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+    # Outlines are straight for long, texture is not.
+    straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
+    if focus is None:
+        return _traced(coarse, flow, straight, n, length, width, color)
+    attended = focus > LOOKED_AT * focus.max()
+    few, finer, area = round(FEATURES * n), FINER * width, float(attended.sum())
+    faint, clear = (_fine_lines(picture, least) * inner for least in (SUBTLE, CLEAR))
+    return Strokes.join(
+        _traced(coarse, flow, straight, n - 2 * few, length, width, color),
+        _traced(clear * ~attended, flow, straight, few, length, finer, color),
+        _traced(faint * attended, flow, straight, few, FINER * length, finer, color, area),
+    )
+
+
+def _fine_lines(picture: Array, least: float) -> Array:
+    """Find lines (H, W) of a picture (3, H, W) that are as fine as a pen's, or finer."""
+    return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
+
+
+def _traced(
+    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, color: Array,
+    area: float | None = None,
+) -> Strokes:  # fmt: skip
+    """Trace n lines of a map (H, W) of their strength along a flow (H, W), those in ``straight`` places (H, W) first.
+
+    There is at most one in each of the cells that divide an ``area`` in pixels, or all of the map.
+    """
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
+    strength = sampled_at(lines, x, y)
+    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
+    places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
+    pressed = 0.35 + 0.65 * strength
+    curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST * length)
+    kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
+    return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
+
+
+def forms(picture: Array) -> Array:
+    """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
+    side = max(picture.shape)
+    flow = along_edges(structure_tensor(picture, FORM * side))
+    angle = (flow - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    return angle.clip(-TURN, TURN)
+
+
+def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
+    """Find what lies within a margin (H, W) that the draughtsman leaves, whose edge wavers."""
+    y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
+    reach = np.minimum(x, y[:, None])
+    return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
+
+
+def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
+    """Compute noise (H, W) in cells of so many longer sides, of mean 0 and deviation 1."""
+    y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
+    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
+    return noise.double().numpy()
+
+
+def _swayed(turned: Array, random: np.random.Generator) -> Array:
+    """Turn hatchings (H, W), radians, a little from one group of lines to the next."""
+    return turned + SWAY * noise_of(turned.shape, GROUPS, random)
+
+
+def hatching(
+    dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
+) -> Array:
+    """Draw curves (n, 3, 2), some ``gap`` pixels apart, where a map (H, W) is above ``tone``; ``turned`` is (H, W)."""
+    height, width = dark.shape
+    half = 0.5 * math.hypot(height, width)
+    u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
+    u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
+    v = v + 0.4 * gap * random.standard_normal(v.shape)
+    c, s = math.cos(angle), math.sin(angle)
+    places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
+    places = places[((places >= 0) & (places < (width, height))).all(1)]
+    deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
+    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
+    reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
+    return followed(places, angle + turned, reach, dark, tone)
+
+
+def slope_of(luma: Array) -> Array:
+    """Compute how steep luma is (H, W), per longer side, where it is blurred as for washes."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    side = max(luma.shape)
+    xx, _, yy = structure_tensor(gaussian_filter(luma, SMOOTH_WASH * side)[None], 0.0)
+    slope: Array = np.sqrt(xx + yy) * side
+    return slope
+
+
+def rgb_of(color: str) -> Array:
+    """Return the colour (3,), 0 to 1, that a name or '#rrggbb' says."""
+    return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
+
+
+def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
+    """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
+    lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
+    curve, width, seen, color = (
+        np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])
+        for part, fill in ((curve, 0), (width, 1), (seen, False), (color, 0))
+    )
+    paint = torch.from_numpy(color)
+    opacity = torch.from_numpy(seen).double()
+    return strokes_along(torch.from_numpy(curve), torch.from_numpy(width), paint, opacity).map(Tensor.float)

@@ -1,0 +1,76 @@
+"""Fill the shapes of a picture with strokes as broad as there is room, as a brush does: washes, and darkest accents."""
+
+import numpy as np
+
+from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp_media.picture.lines import TIMES, followed, points_of
+
+Array = np.ndarray
+TRIED = 16  # places that are tried for each stroke that is asked
+OVERLAP, LEAST = 0.92, 0.6  # share of half its width, and pixels, within which a stroke leaves nothing bare
+RARE, FAR, NEARBY = 1.5, 3.0, 0.06  # blur of the histogram, cost of a tone that is moved, and by how much it may be
+THINNER = 0.75  # by so much are the ends of strokes, as in look=ink
+NARROWER, LONG = 0.65, 9.0  # least room on the way of a stroke, and its length, over half its width
+
+
+def cleaned(mask: Array, least: float) -> Array:
+    """Drop the parts of a mask (H, W) that have fewer than ``least`` pixels, and fill its holes that have fewer."""
+    from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
+
+    for inside in (True, False):
+        parts, _ = label(mask == inside)
+        small = np.bincount(parts.ravel()) < least
+        small[0] = False
+        mask = np.where(small[parts], not inside, mask)
+    return mask
+
+
+def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) -> tuple[Array, Array]:
+    """Fill a mask (H, W) with at most ``n`` strokes, broad ones first: curves (m, 3, 2), and half their widths (m,).
+
+    None is broader than ``broadest`` pixels; each begins where those before it left the mask bare.
+    """
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
+
+    rows, columns = np.nonzero(mask)
+    if not n or not len(rows):
+        return np.zeros((0, 3, 2)), np.zeros(0)
+    room = distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1]
+    flow = along_edges(structure_tensor(room[None], 1.5))
+    room = room.clip(0, broadest / 2)
+    chosen = random.permutation(len(rows))[: TRIED * n]
+    chosen = chosen[np.argsort(-room[rows[chosen], columns[chosen]], kind="stable")]
+    places, half = np.stack([columns, rows], 1)[chosen] + 0.5, room[rows[chosen], columns[chosen]]
+    curve = followed(places, flow, 0.5 * LONG * half, room, NARROWER * half)
+    bare: Array = mask.copy()
+    kept: list[int] = []
+    for number in range(len(curve)):
+        if len(kept) == n:
+            break
+        column, row = places[number].astype(int)
+        if bare[row, column]:
+            kept.append(number)
+            _cover(bare, curve[number], half[number])
+    return curve[kept], half[kept]
+
+
+def _cover(bare: Array, curve: Array, half: float) -> None:
+    """Take what a stroke along a curve (3, 2), whose ends are `THINNER`, covers from a map (H, W) of what is bare."""
+    points = points_of(curve[None])[:, 0]
+    reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), LEAST)
+    (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)
+    box = bare[top:bottom, left:right]
+    y, x = (np.arange(side) + 0.5 for side in box.shape)
+    square = (x[:, None] + left - points[:, 0]) ** 2 + (y[:, None, None] + top - points[:, 1]) ** 2
+    box &= (square >= reach**2).all(-1)
+
+
+def between_tones(dark: Array, tone: float) -> float:
+    """Move a tone of a map (H, W), 0 to 1, to where there is the least of it nearby: no shape is cut in two."""
+    from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415  (slow to import)
+
+    count, ends = np.histogram(dark, 100, (0, 1))
+    middle = (ends[1:] + ends[:-1]) / 2
+    away = np.abs(middle - tone)
+    frequent = gaussian_filter1d(count / dark.size, RARE) * len(count) + FAR * away
+    return float(middle[np.where(away > NEARBY, np.inf, frequent).argmin()])

@@ -1,0 +1,1 @@
+"""Papers and canvases, and what wet paint does on them."""

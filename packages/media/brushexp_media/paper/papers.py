@@ -1,0 +1,202 @@
+"""Papers and canvases as height maps: formulas of the place, so that they have any size."""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import above, at_least, between
+from brushexp.plugins.paper.base import Paper, Rows
+from brushexp.registry import register
+from brushexp_media.paper.wetness import density_of_edges, gather_pigment, wandered
+from brushexp_media.picture.noise import REACH, drawn_out, evened, fractal_noise, gradient_noise
+from brushexp_media.picture.smoothing import direction_of_edges, gaussian_blur, with_clean_edges
+
+THOUSANDTHS, HUNDREDTHS = 1000, 100
+WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # of the edge of a border: deviation over its breadth; longer sides; grains
+PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
+STEEP = 2.2  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
+UNLIKE = 3.5  # times the difference from the ground at which the hand presses hardest
+PRESSED = 0.35  # share of the paper by which it covers more there than no hollows at all
+ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
+THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
+DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
+CRISP = 0.6  # grains: over which the directions of edges are found
+RIM = 1.5  # deviation of the blur against which edges are found, in grains
+RUNS, RAN = 3.0, 1.5  # grains: how far edges run where paper is wet, and deviation of the blur there
+WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of the paper from a dry place to a wet one
+SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
+HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
+LEFT = 0.5  # share of the paint that is dust which a hollow keeps
+STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
+
+
+@dataclass(kw_only=True, eq=False)
+class GrainedPaper(Paper):
+    """A paper with hollows that dry paint skips, and in which wet pigment settles.
+
+    Args:
+        grain: size of its grain in thousandths of the longer side of the picture.
+        tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
+        pressure: by how much the hand presses unevenly, 0 to 1: a share of ``tooth`` by which it varies.
+        dust: how much of the paint is dust that half fills hollows, 0 (none: their borders are crisp) to 1.
+        drag: how much grain is drawn out along the strokes, as a stick does that skips, 0 to 1.
+        accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
+        roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
+        granulation: how much wet pigment settles in hollows, 0 to 2.
+        rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
+        blooms: how unevenly a wash dries, 0 to 2.
+        clean: how far paint is evened along its edges, in grains: what many touches made has the edges of one.
+        wander: how far wet edges wander, in grains.
+        lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
+        charged: by how much a wash changes its hue from place to place, warmer and cooler, 0 to 2.
+        halftones: how much harder the hand presses where paint is lighter or darker than the ground, 0 to 1: the ground
+            serves as a halftone.
+        frayed: over how many times the border strokes fray out within it, 0 to 10.
+        border: how much of the paper stays bare along its edges, in hundredths of the longer side.
+        seed: of the grain.
+    """
+
+    grain: Annotated[float, above(0, 1000)] = 4.0
+    tooth: Annotated[float, between(0, 1)] = 0.15
+    pressure: Annotated[float, between(0, 1)] = 0.4
+    dust: Annotated[float, between(0, 1)] = 0.0
+    drag: Annotated[float, between(0, 1)] = 0.0
+    accents: Annotated[float, between(0, 1)] = 0.0
+    roughness: Annotated[float, between(0, 10)] = 0.15
+    granulation: Annotated[float, between(0, 2)] = 0.0
+    rims: Annotated[float, between(0, 10)] = 0.0
+    blooms: Annotated[float, between(0, 2)] = 0.0
+    clean: Annotated[float, between(0, 10)] = 0.0
+    wander: Annotated[float, at_least(0)] = 0.0
+    lost: Annotated[float, between(0, 1)] = 0.0
+    charged: Annotated[float, between(0, 2)] = 0.0
+    halftones: Annotated[float, between(0, 1)] = 0.0
+    frayed: Annotated[float, between(0, 10)] = 0.0
+    border: Annotated[float, between(0, 50)] = 0.0
+    seed: Annotated[int, between(0, 2**31 - 1)] = 0
+
+    @abstractmethod
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
+
+    def margin(self, size: tuple[int, int]) -> int:
+        around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
+        drawn = (4 * HAND + REACH) * (self.drag > 0) + 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
+        drawn += (12 * CRISP + 2 * self.clean) * (self.clean > 0)
+        return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if max(around) > 0 else 0
+
+    def _grain_of(self, size: tuple[int, int]) -> float:
+        """Return the size of a grain in pixels."""
+        return self.grain / THOUSANDTHS * max(size)
+
+    def _in_grains(self, rows: Rows) -> tuple[Tensor, Tensor]:
+        x, y = rows.places
+        return x * THOUSANDTHS / self.grain, y * THOUSANDTHS / self.grain
+
+    def _heights(self, rows: Rows) -> Tensor:
+        return self.surface(*self._in_grains(rows))
+
+    def relief(self, rows: Rows) -> Tensor:
+        return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
+
+    def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
+        low, grain = evened(self._dragged(flat, rows)).to(flat), self._grain_of(rows.size)
+        x, y = rows.places
+        if self.clean:
+            flat = with_clean_edges(flat, CRISP * grain, self.clean * grain)
+        if self.wander:
+            flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
+        if self.lost or self.charged:
+            ran = gaussian_blur(wandered(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain)
+            detail = gaussian_blur((flat - ran).abs().amax(0, keepdim=True), NEARBY * grain)[0]
+            dry = (SPARED * detail).clamp(0, 1)  # what is small is painted when the rest has dried
+            wet = evened(fractal_noise(x / WET, y / WET, self.seed + 53, 3)).to(flat) - dry
+            flat = torch.lerp(flat, ran, ((wet - 1 + self.lost) / SOAKED).clamp(0, 1))
+            hue = self.charged * (1 - dry) * fractal_noise(x / HUES, y / HUES, self.seed + 57, 3).to(flat)
+        ground = bare[:, None, None]
+        density = self.granulation * (0.5 - low)
+        if self.blooms:
+            density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
+        if self.rims:
+            density = density + self.rims * density_of_edges(flat, RIM * grain)
+        if self.charged:
+            density = density + hue * flat.new_tensor(COOLER)[:, None, None]
+        painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
+        flat = gather_pigment(flat, painted * density)
+        within = self._within(rows).to(flat) if self.border else torch.ones_like(low)
+        if self.border:
+            flat = ground + (within * THOUSANDTHS / self.grain / FADE + 0.5).clamp(0, 1) * (flat - ground)
+        if self.tooth == 0:
+            return flat
+        pressed = self.pressure * fractal_noise(x / PRESSURE, y / PRESSURE, self.seed + 11, UNEVEN)
+        skipped = self.tooth * (1 + pressed.to(flat))
+        if self.accents or self.halftones:
+            around = gaussian_blur(flat, RIM * grain)
+            detail, unlike = (flat - around).abs().amax(0), (around - ground).mean(0).abs()
+            skipped = skipped * (1 - self.accents * (ACCENT * detail).clamp(0, 1))
+            skipped = skipped - self.halftones * (self.tooth + PRESSED) * (UNLIKE * unlike).clamp(0, 1)
+        if self.border and self.frayed:
+            skipped = 1 - (1 - skipped) * (within * HUNDREDTHS / self.border / self.frayed).clamp(0, 1).sqrt()
+        covered = (0.5 + STEEP / (1 + self.dust) * (low - skipped)).clamp(0, 1)
+        return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
+
+    def _within(self, rows: Rows) -> Tensor:
+        """Compute how far each pixel (h, W) lies within the border, in longer sides; its edge wavers as by hand."""
+        x, y = rows.places
+        height, width = (side / max(rows.size) for side in rows.size)
+        reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
+        return reach - self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
+
+    def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
+        """Compute the heights (h, W) that a stick meets: those of the paper, and streaks along the strokes."""
+        heights = self._heights(rows)
+        if self.drag == 0:
+            return heights
+        (x, y), grain = self._in_grains(rows), self._grain_of(rows.size)
+        noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
+        streaks = drawn_out(noise, direction_of_edges(flat, HAND * grain), REACH * grain)
+        return torch.lerp(heights.float(), streaks, self.drag) / math.hypot(self.drag, 1 - self.drag)
+
+
+@register("paper", "cold_pressed")
+class ColdPressed(GrainedPaper):
+    """Watercolour paper with the even, felted grain of a cold press."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        return fractal_noise(x / 1.6, y / 1.6, self.seed, 3)
+
+
+@register("paper", "rough")
+class Rough(GrainedPaper):
+    """Rough paper: pebbles between narrow hollows, which dry paint and chalk skip."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        pebbles = gradient_noise(x / 1.7, y / 1.7, self.seed).abs() - 0.18
+        return 0.45 * pebbles / 0.14 + 0.8 * fractal_noise(x / 2.6, y / 2.6, self.seed + 3, 4)
+
+
+@register("paper", "laid")
+class Laid(GrainedPaper):
+    """Laid paper: fine ribs of the wires of its mould, and chain lines across them."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        waver = 0.25 * gradient_noise(x / 12, y / 12, self.seed)
+        ribs = torch.cos(2 * math.pi * (y / 1.6 + waver))
+        chains = torch.exp(-(((x / 24 + waver / 8) % 1 - 0.5) / 0.03).square())
+        return 0.9 * ribs - 1.2 * chains + 0.6 * fractal_noise(x / 1.5, y / 1.5, self.seed + 3, 2)
+
+
+@register("paper", "weave")
+class Weave(GrainedPaper):
+    """Canvas in plain weave: threads that go over and under each other, none quite like the next."""
+
+    def surface(self, x: Tensor, y: Tensor) -> Tensor:
+        u = x / 1.6 + 0.3 * gradient_noise(x / 9, y / 5, self.seed)
+        v = y / 1.6 + 0.3 * gradient_noise(x / 5, y / 9, self.seed + 1)
+        over = torch.cos(math.pi * u) * torch.cos(math.pi * v)  # warp where > 0, weft where < 0
+        across = torch.where((u.floor() + v.floor()) % 2 == 0, (u % 1 - 0.5).abs(), (v % 1 - 0.5).abs())
+        return 0.62 - 8.4 * across.square() + 0.2 * over + 0.35 * fractal_noise(x, y, self.seed + 3, 2)

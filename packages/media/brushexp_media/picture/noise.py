@@ -1,0 +1,63 @@
+"""Compute random fields that are the same at any size of the picture: they are functions of the place alone."""
+
+import math
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from brushexp_media.picture.smoothing import averaged_along
+
+CELLS = 1024  # after so many cells the noise repeats
+DEVIATION = 0.215  # of `gradient_noise`, about
+REACH = 6.0  # how far a line goes to either side, in grains
+EVENED = 3.8  # deviation of noise over that of its means along lines
+TURN = 0.6  # radians by which each octave is turned, so that no axes of cells are seen
+
+
+def gradient_noise(x: Tensor, y: Tensor, seed: int) -> Tensor:
+    """Compute gradient noise (float32) of mean 0 and cells of side 1 at places of any shape (Perlin, 1985).
+
+    Differs from the source: gradients are unit vectors, and steps are his of 2002.
+    """
+    left, top = x.floor(), y.floor()
+    u, v = (x - left).float(), (y - top).float()
+    column, row = left.long() % CELLS, top.long() % CELLS
+    order, across, down = _tables(seed)
+    corners = []
+    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        number = order[(order[(column + dx) % CELLS] + row + dy) % CELLS]
+        corners.append(across[number] * (u - dx) + down[number] * (v - dy))
+    along, downwards = (t * t * t * (t * (t * 6 - 15) + 10) for t in (u, v))
+    above, below = torch.lerp(corners[0], corners[1], along), torch.lerp(corners[2], corners[3], along)
+    return torch.lerp(above, below, downwards)
+
+
+@lru_cache(maxsize=64)
+def _tables(seed: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Draw an order of the cells, and a unit vector for each."""
+    generator = torch.Generator().manual_seed(seed)
+    angle = 2 * math.pi * torch.rand(CELLS, generator=generator)
+    return torch.randperm(CELLS, generator=generator), angle.cos(), angle.sin()
+
+
+def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
+    """Sum gradient noise of cells of side 1, 1/2, 1/4 ..., each half as strong (float32); deviation about 1."""
+    total = torch.zeros(x.shape)
+    for k in range(octaves):
+        c, s = (2**k * f(TURN * (k + 1)) for f in (math.cos, math.sin))
+        total += gradient_noise(c * x - s * y, s * x + c * y, seed + k) * 0.5**k
+    return total / (DEVIATION * math.sqrt(sum(0.25**k for k in range(octaves))))
+
+
+def evened(values: Tensor) -> Tensor:
+    """Map values of a normal distribution (mean 0, deviation 1) to an even one in [0, 1]: the share that is lower."""
+    return 0.5 * (1 + torch.erf(values / math.sqrt(2)))
+
+
+def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
+    """Average noise (H, W) along lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
+
+    Its deviation stays.
+    """
+    return EVENED * averaged_along(noise[None], angle, reach)[0]

@@ -1,0 +1,153 @@
+"""Brushes of one's own: what is read of files, and that strokes keep thin starts and frayed ends at any length."""
+
+import struct
+
+import numpy as np
+import pytest
+import torch
+from brushexp_media.brushes.brush import Brush, dry_brush
+from brushexp_media.brushes.gimp import Stamp, read_stamps
+from brushexp_media.brushes.marks import columns_for, dragged, place_of, read_marks
+from brushexp_media.brushes.rule import BRUSH
+from brushexp_media.brushes.task import STROKES, sheet_of
+from PIL import Image
+from torch.testing import assert_close
+
+import brushexp
+from brushexp.cli.program import expand_arguments
+from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import window_pictures
+
+
+def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -> bytes:
+    """A brush as GIMP writes it; of a pixmap the alpha is the mask."""
+    pixels = mask if depth == 1 else np.dstack([np.full((*mask.shape, 3), 90, np.uint8), mask])
+    rest = b"GIMP" + struct.pack(">I", spacing) if version == 2 else b""
+    head = struct.pack(">5I", 20 + len(rest) + 4, version, mask.shape[1], mask.shape[0], depth)
+    return head + rest + b"dot\0" + pixels.tobytes()
+
+
+def wedge(height: int = 60, width: int = 400) -> np.ndarray:
+    """A stroke of coverage with a thin start and a square end that lacks its lower hairs."""
+    y, x = np.mgrid[-1 : 1 : 1j * height, 0 : 1 : 1j * width]
+    return ((np.abs(y) <= np.minimum(1, 0.1 + 3 * x)) & (x < np.where(y > 0, 0.7, 1.1))).astype(np.float32)
+
+
+def framed(mark: np.ndarray, ground: float = 0.0) -> np.ndarray:
+    return np.pad(mark, 20, constant_values=ground)
+
+
+DOT = (255 * (np.hypot(*np.mgrid[-1:1:16j, -1:1:16j]) < 0.9)).astype(np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("kind", ["bright", "dark", "scan", "alpha", "upright"])
+def test_a_picture_of_a_stroke_is_coverage(folder, kind):
+    mark = framed(wedge())
+    noise = 0.02 * np.random.default_rng(0).standard_normal(mark.shape)
+    grey = {"bright": mark, "dark": 1 - mark, "scan": 0.9 - 0.7 * mark + noise, "alpha": mark, "upright": mark}[kind]
+    levels = (255 * grey.clip(0, 1)).round().astype(np.uint8)
+    if kind == "alpha":
+        levels = np.dstack([np.full((*mark.shape, 3), 77, np.uint8), levels])
+    Image.fromarray(np.rot90(levels, -1) if kind == "upright" else levels).save("stroke.png")
+    (read,) = read_marks(["stroke.png"])
+    assert read.coverage.shape == (60, 400)
+    assert np.abs(read.coverage - wedge()).max() < (0.2 if kind == "scan" else 1e-6)
+    assert_close(np.array(place_of(read.coverage)), np.array([30.0, 30.0]), atol=1.0, rtol=0)
+
+
+@pytest.mark.parametrize(("depth", "version"), [(1, 2), (4, 2), (1, 1)])
+def test_a_brush_of_gimp_is_its_stamp(depth, version):
+    (stamp,) = read_stamps(gbr(DOT, 35, depth, version))
+    assert_close(stamp.coverage, DOT.astype(np.float32) / 255)
+    assert stamp.spacing == (0.35 if version == 2 else 0.25)
+
+
+def test_a_pipe_has_all_of_its_stamps_each_first_in_one_mark(folder):
+    stamps = [DOT, DOT[:8], DOT[:, :4]]
+    (folder / "pipe.gih").write_bytes(b"Leaves\n3 ncells:3 sel0:random\n" + b"".join(map(gbr, stamps)))
+    assert [stamp.coverage.shape for stamp in read_stamps((folder / "pipe.gih").read_bytes())] == [
+        (16, 16), (8, 16), (16, 4),
+    ]  # fmt: skip
+    assert [mark.name for mark in read_marks(["pipe.gih"])] == ["pipe.gih 1", "pipe.gih 2", "pipe.gih 3"]
+
+
+def test_a_stamp_is_dragged_with_its_spacing_and_dabs_lie_over_each_other():
+    half = Stamp(np.full((4, 4), 0.5, np.float32), 0.5)
+    assert_close(dragged([half])[0, :8], np.float32([0.5, 0.5, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75]))
+    apart = dragged([Stamp(np.ones((4, 4), np.float32), 2.0)])[0]
+    assert_close(apart[:16], np.float32([1, 1, 1, 1, 0, 0, 0, 0] * 2))
+
+
+def test_a_folder_has_all_of_its_brushes_and_proportions_are_kept(folder):
+    for name in ("b.png", "a.gbr", "notes.txt"):
+        (folder / name).write_bytes(gbr(DOT) if name == "a.gbr" else b"")
+    Image.fromarray((255 * framed(wedge())).astype(np.uint8)).save("b.png")
+    marks = read_marks(["."])
+    assert [mark.name for mark in marks] == ["a.gbr", "b.png"]
+    assert columns_for(marks[1:]) == 256, "13 half widths long, and 12 are nearest"
+    sheet = sheet_of(marks, Brush(files=["."]).eval())
+    assert (sheet.reshape(2, -1) < 128).any(1).all(), "each row has its mark"
+
+
+@pytest.mark.parametrize("length", [0.5, 0.9])
+def test_strokes_have_a_thin_start_and_a_frayed_end_at_any_length(folder, length):
+    Image.fromarray((255 * framed(wedge())).astype(np.uint8)).save("stroke.png")
+    parameters = torch.tensor([[-length, 0, 0, 0, length, 0, -0.2, 0, 0, 0]])
+    alpha = window_pictures(Brush(files=["stroke.png"]).eval(), parameters, 256)[0, 3]
+    columns = torch.nonzero(alpha.amax(0) > 0.3).flatten()
+    first, last = int(columns[0]), int(columns[-1])
+    covered = (alpha > 0.5).sum(0)
+    middle = covered[(first + last) // 2]
+    assert covered[first + 2] < 0.5 * middle, "thin"
+    half = alpha.shape[0] // 2
+    upper, lower = alpha[:half, last - 3].sum(), alpha[half:, last - 3].sum()
+    assert lower < 0.1 * upper, "its lower hairs have ended"
+
+
+def test_a_painting_with_files_is_the_same_again_and_differs_from_that_of_the_dry_brush(folder):
+    (folder / "dot.gbr").write_bytes(gbr(DOT))
+    picture = (255 * np.random.default_rng(0).random((24, 32, 3))).astype(np.uint8)
+    options = {"strokes": 20, "steps": 2, "frames": 0, "report": False, "threads": 1, "renderer": "brush"}
+    one, again = (brushexp.paint(picture, **options, **{"renderer.files": ["dot.gbr"]}).image for _ in range(2))
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one, brushexp.paint(picture, **options).image)
+    assert 0.2 < dry_brush().mean() < 0.8
+
+
+def test_brush_is_a_word_of_the_command_line(folder):
+    Image.fromarray((255 * framed(wedge())).astype(np.uint8)).save("a, b.png")
+    words = expand_arguments(["coffee", "renderer=textured", "brush=a, b.png"])
+    assert words == ["image=coffee", "renderer=brush", f'renderer.files=["{folder}/a, b.png"]']
+    assert expand_arguments(["brush=x.gbr,y.gbr"])[-1] == "renderer.files=[x.gbr,y.gbr]"
+
+
+@pytest.mark.parametrize(("name", "data", "message"), [
+    ("x.abr", b"\0\6", "brush=x.abr is a set of brushes of Photoshop; open it in GIMP or Krita"),
+    ("x.kpp", b"\x89PNG", "a preset of Krita, whose brush is another file"),
+    ("x.gbr", gbr(DOT)[:100], "claims 16 x 16 pixels, of which not all are there"),
+    ("x.gbr", gbr(DOT[:0]), "claims 16 x 0 pixels"),
+    ("x.gbr", struct.pack(">5I", 28, 3, 9, 9, 18) + b"GIMP\0\0\0\0", "no brush of GIMP that can be read"),
+    ("x.gih", b"Leaves\n999999 ncells:3\n", "no brush of GIMP that can be read"),
+    ("x.gih", b"Leaves\n2 ncells:2\n" + gbr(DOT), "is damaged"),
+    ("x.gbr", gbr(0 * DOT), "has no mark on it"),
+    ("x.png", b"<html>", "is a web page"),
+    (".", b"", "has no brush in it"),
+    ("y.png", b"", "is not there; give a picture of a stroke"),
+])  # fmt: skip
+def test_what_is_no_brush_is_told_with_a_cure(folder, name, data, message):
+    if name[0] == "x":
+        (folder / name).write_bytes(data)
+    with pytest.raises(UserError) as refused:
+        BRUSH.check("renderer.files", [name])
+    assert message in str(refused.value)
+    assert str(refused.value).startswith("renderer.files: brush=")
+
+
+def test_the_strokes_of_the_sheet_are_valid():
+    assert np.abs(STROKES).max() <= 1

@@ -1,0 +1,165 @@
+"""Colour spaces: paint laid over paint in other numbers than those of the picture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from brushexp_policies.topk import TopK
+from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
+from PIL import Image
+from refusals import refuses
+from scenes import leaves, random_strokes, straight
+from test_kernels import KINDS, TILED
+
+from brushexp.painting.components import standard_components
+from brushexp.painting.densification import importance
+from brushexp.painting.picture import Picture
+from brushexp.painting.reopen import space_of
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.painting.wet import drag_paint, under_starts
+from brushexp.plugins.blend.base import Compositor
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.order.fixed import FixedOrder
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.registry import build_named, plugins
+from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.strokes.storage import load_catalogue, save_catalogue
+from brushexp.tasks import export
+from brushexp.tasks import paint as painting
+
+SPACES = {plugin.name: build_named("color", plugin.name, {}) for plugin in plugins("color")}
+OTHERS = [name for name, space in SPACES.items() if not space.is_rgb]
+CORNERS = torch.cartesian_prod(*3 * [torch.tensor([0.0, 0.02, 0.5, 1.0])])  # black, greys, white, pure colours
+SIZE = (18, 27)
+AUTO = Tiled(opaque=0.0)  # layers without a kernel of many channels are drawn by PyTorch
+
+
+def decoded(space, channels):
+    """Colours (n, 3) of channels (n, C)."""
+    return space.decode(channels.T[:, :, None])[:, :, 0].T
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("name", SPACES)
+def test_colours_come_back_and_black_and_white_are_0_and_1(name, dtype):
+    space, colors = SPACES[name], torch.cat([CORNERS, torch.rand(500, 3)]).to(dtype).requires_grad_()
+    channels = space.encode(colors)
+    assert -1e-6 <= channels.min() <= channels.max() <= 1 + 1e-6
+    torch.testing.assert_close(channels[[0, len(CORNERS) - 1]], torch.stack([0 * channels[0], 0 * channels[0] + 1]))
+    back = decoded(space, channels)
+    torch.testing.assert_close(back, colors, atol=1e-4, rtol=0)
+    greys = space.encode(torch.linspace(0, 1, 9, dtype=dtype)[:, None].expand(-1, 3))
+    mixed = decoded(space, torch.lerp(greys[:, None], greys, 0.3).flatten(0, 1))
+    assert (mixed - mixed.mean(1, keepdim=True)).abs().max() < 1e-3, "grey stays grey"
+    (slope,) = torch.autograd.grad(back[len(CORNERS) :].sum(), colors)
+    torch.testing.assert_close(slope[len(CORNERS) :], torch.ones(500, 3, dtype=dtype), atol=2e-2, rtol=0)
+    (slope,) = torch.autograd.grad((decoded(space, 0.5 * space.encode(colors)) + 0).sum(), colors)
+    assert slope.isfinite().all()
+    assert slope.abs().max() < 100
+
+
+@pytest.mark.parametrize(("name", "taper"), [("rgb", 0.0), ("rgb", 0.6), *((name, 0.0) for name in OTHERS)])
+def test_the_gradient_of_the_reference_is_right(name, taper):
+    strokes = leaves(random_strokes(3, (4, 5), bend=0.1, dtype=torch.float64), torch.float64)
+    blend = Compositor(DENSE, SPACES[name])
+
+    def image(*values):
+        return paint(Analytic(soft=1.5, taper=taper), blend, Strokes(*values), (4, 5)).image
+
+    assert torch.autograd.gradcheck(image, tuple(value for _, value in strokes.items()), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [*((kind, "pigment") for kind in KINDS), ("plain", "oklab"), ("plain", "linear")]
+)
+def test_kernels_agree_with_the_reference_in_every_space(kind, name):
+    space, strokes = SPACES[name], random_strokes(30, SIZE, bend=0.05)
+    dense, order = Compositor(DENSE, space), torch.randperm(30)
+    loose = {"slack": 5e-3, "exactness": 2e-3} if kind == "textured" else {"exactness": 5e-4, "slack": 2e-3}
+    for blend in (AUTO, TopK(k=100)):
+        assert_agree(KINDS[kind], Compositor(blend, space), strokes, SIZE, order=order, dense=dense, **loose)
+    target = torch.rand(3, *SIZE)
+    plain, mixed = (
+        paint(KINDS[kind], b, strokes, SIZE, target=target).accuracy for b in (AUTO, Compositor(AUTO, space))
+    )
+    torch.testing.assert_close(mixed, plain, equal_nan=True)
+
+
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_strokes_in_pigment(name):
+    blend, weight = Compositor(TILED, SPACES["pigment"]), torch.randn(3, 16, 19)
+    image, gradient = paint_with_gradient(KINDS["plain"], blend, DEGENERATE[name], (16, 19), weight)
+    assert 0 <= image.min() <= image.max() <= 1
+    assert all(value.isfinite().all() for value in gradient.values())
+    halves = DEGENERATE[name].map(lambda value: value.bfloat16())
+    assert paint(Analytic(), blend, halves, (16, 19)).image.isfinite().all()
+
+
+def test_a_yellow_glaze_over_blue_is_green_in_pigment_alone():
+    blue = straight((-20, 8), (40, 8), width=40.0, color=(0.05, 0.15, 0.75), opacity=1.0)
+    glaze = straight((-20, 8), (40, 8), width=40.0, color=(1.0, 0.9, 0.05), opacity=0.5)
+    for name, space in SPACES.items():
+        blend = Compositor(TILED, space)
+        bare = paint(Analytic(), blend, blue, (16, 16)).image[:, 8, 8]
+        torch.testing.assert_close(bare, blue.color[0], atol=1e-4, rtol=0)  # opaque paint has its own colour
+        red, green, other = paint(Analytic(), blend, Strokes.join(glaze, blue), (16, 16)).image[:, 8, 8].tolist()
+        assert (green > red + 0.05 and green > other + 0.05) == (name == "pigment")
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_importance_is_estimated_in_the_picture(name):
+    strokes, order, blend = random_strokes(25, SIZE, bend=0.05), torch.randperm(25), Compositor(DENSE, SPACES[name])
+    picture = Picture(torch.zeros(3, *SIZE), None, BACKGROUND, blend)
+    picture.renderer = Analytic()
+    image = picture.draw(strokes, order)
+    picture.target = (image + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1)
+
+    def error(chosen):
+        image = blend(Analytic()(strokes), chosen, SIZE, BACKGROUND).image
+        return (image - picture.target).square().double().sum()
+
+    grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
+    estimate = importance(strokes, order, picture, torch.Generator().manual_seed(0))
+    ranks = torch.stack([estimate.argsort().argsort(), grown.argsort().argsort()]).double()
+    assert torch.corrcoef(ranks)[0, 1] > 0.8
+
+
+@pytest.mark.filterwarnings("ignore:.*in eval mode")
+def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path):
+    run_task(painting, "image=coffee", "resolution=40", "steps=2", "color=pigment", "report=false", "frames=0")
+    first = np.asarray(Image.open(tmp_path / "painting.png"))
+    saved = load_catalogue(tmp_path / "catalogue.h5")
+    assert type(space_of(saved)) is type(SPACES["pigment"])
+    run_task(export, "task=export", f"catalogue={tmp_path / 'catalogue.h5'}")
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "painting.png")), first)
+    for wrong in ("color: 7", "color: {_target_: brushexp.plugins.order.area.Area}"):
+        refuses("color is", space_of, replace(saved, config=wrong))
+    save_catalogue(tmp_path / "old.h5", replace(saved, config=""))
+    assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
+
+
+@pytest.mark.parametrize("widening", [0.0, 0.9])
+def test_wet_strokes_drag_what_lies_under_their_starts(widening):
+    below = straight((2, 20), (38, 20), width=30.0, color=(0.9, 0.1, 0.1), opacity=1.0)
+    above = straight((30, 20), (70, 20), width=10.0, color=(0.1, 0.2, 0.9), opacity=1.0)
+    above = replace(above, widening=torch.tensor([widening]))
+    away = straight((-30, 10), (-10, 10), color=(0.0, 1.0, 0.0))
+    target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
+    catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
+    painter = StrokeOptimizer(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
+    picked, covered = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
+    torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
+    torch.testing.assert_close(picked[1], below.color[0])
+    dry, order = drag_paint(painter, 0.0)
+    assert len(dry) == 3
+    strokes, wet_order = drag_paint(painter, 1.0)
+    assert len(strokes) == 3 + 4, "a bare canvas is dry"
+    torch.testing.assert_close(strokes[:3].color, dry.color)
+    assert torch.equal(strokes.brush[:3], dry.brush)
+    assert set(strokes.brush[3:].tolist()) < set(dry.brush.tolist()), "a film has the bristles of its stroke"
+    before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
+    reds = after[0, 20, [34, 46, 58, 68]]
+    assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"
+    torch.testing.assert_close(after[:, 20, 76], before[:, 20, 76])
+    assert torch.equal(after[:, :12, :52], before[:, :12, :52]), "a film is no thicker than its stroke"

@@ -1,0 +1,99 @@
+"""A network paints pictures of any size, which it looks at in parts, with exactly as many strokes as asked."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from brushexp.pictures.similarity import psnr_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.lay.colors import ROUNDS, best_colors
+from brushexp_predictor.lay.decoding import Form, draw
+from brushexp_predictor.lay.network import CELL, REACH, StrokePredictor, Told
+from brushexp_predictor.lay.pyramid import Look, lay, levels_of
+
+PART = 256  # cells: sides of the parts of a picture that the network looks at
+TEMPERATURE = 1.0  # strokes of samples vary as much as the network says
+
+
+class Sample(NamedTuple):
+    """One painting of a picture, of several."""
+
+    strokes: Strokes  # the lowest first, in pixels
+    painting: Tensor  # (3, H, W)
+    psnr: float  # dB, of the painting
+
+
+@torch.no_grad()
+def predict(
+    network: StrokePredictor,
+    target: Tensor,
+    n: int,
+    generator: torch.Generator | None = None,
+    temperature: float = 0.0,
+    focus: Tensor | None = None,
+) -> Iterator[Strokes]:
+    """Paint a target (3, H, W) with ``n`` strokes on its mean colour: those laid so far, the lowest first, by level.
+
+    Args:
+        network: frozen.
+        target: in [0, 1].
+        n: strokes that the last level ends with.
+        generator: of all that is random.
+        temperature: deviations by which numbers of strokes vary, in those that the network says; 0 for none.
+        focus: (H, W) weights of the pixels, of mean 1: where strokes go.
+    """
+    in_parts = partly(network)
+    levels = levels_of((target.shape[1], target.shape[2]), n)
+    for done in lay(in_parts, network.form, [target], levels, generator, temperature, focus):
+        yield done[0].strokes.map(Tensor.contiguous)
+
+
+def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
+    """Give strokes the colours that suit a target (3, H, W) best, as the network's renderer draws them."""
+    size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
+    return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
+
+
+def paint_samples(
+    network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
+) -> Iterator[Sample]:
+    """Paint a target (3, H, W) ``count`` times with ``n`` strokes, each time with other numbers drawn for them."""
+    for number in range(count):
+        generator = torch.Generator().manual_seed(1_000_003 * seed + number)
+        *_, strokes = predict(network, target, n, generator, temperature)
+        yield sample_of(network.form, in_best_colors(network, strokes, target, ROUNDS), target)
+
+
+@torch.no_grad()
+def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
+    """Draw strokes on the mean colour of a target (3, H, W), and compare."""
+    painting = draw(form, strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
+    return Sample(strokes, painting, psnr_of(float((painting - target).square().mean())))
+
+
+def partly(network: StrokePredictor) -> Look:
+    """Let a network look at large pictures part by part; what it says is the same as of the whole."""
+
+    def look(target: Tensor, canvas: Tensor) -> Told:
+        rows, columns = target.shape[2] // CELL, target.shape[3] // CELL
+        if max(rows, columns) <= PART + 2 * REACH:
+            return network(target, canvas)
+        bands = []
+        for band in map(_spans, range(0, rows, PART)):
+            parts = []
+            for part in map(_spans, range(0, columns, PART)):
+                (seen_rows, own_rows), (seen_columns, own_columns) = band, part
+                told = network(target[..., seen_rows, seen_columns], canvas[..., seen_rows, seen_columns])
+                parts.append([values[:, own_rows, own_columns] for values in told])
+            bands.append([torch.cat(values, 2) for values in zip(*parts, strict=True)])
+        return Told(*(torch.cat(values, 1) for values in zip(*bands, strict=True)))
+
+    return look
+
+
+def _spans(first: int) -> tuple[slice, slice]:
+    """Return the pixels that are looked at for a part from cell ``first`` on, and its own cells among these."""
+    begin = max(0, first - REACH)
+    return slice(CELL * begin, CELL * (first + PART + REACH)), slice(first - begin, first - begin + PART)

@@ -1,0 +1,145 @@
+"""Strokes are laid in levels from large cells to small ones, each where the canvas so far is worst."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
+
+from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.lay.decoding import Form, areas_of, draw, strokes_of
+from brushexp_predictor.lay.network import CELL, Told
+
+SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes
+SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
+
+Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
+
+
+class Level(NamedTuple):
+    """A lattice of cells, of which some get a stroke."""
+
+    rows: int
+    columns: int
+    keep: int  # strokes that are laid
+
+
+class Cells(NamedTuple):
+    """What is known of cells: those of a lattice, (B, rows, columns, ...), or K of one picture, (K, ...)."""
+
+    numbers: Tensor  # (..., 11) as the network says them, or a sample of them
+    deviations: Tensor  # (..., 11) logarithms
+    worth: Tensor  # (...) log-odds of the share of the error that a stroke removes, as the network expects
+    errors: Tensor  # (...) mean squared error before
+    means: Tensor  # (..., 3) colour of the target
+    gains: Tensor  # (...) what a stroke is expected to remove, weighed by the focus
+
+
+@dataclass(frozen=True)
+class Laid:
+    """What is on the canvas of one picture after a level."""
+
+    form: Form
+    strokes: Strokes  # the lowest first, in pixels of the target
+    background: Tensor  # (3,)
+    size: tuple[int, int]  # of the canvas: no larger than what the next level sees
+    zoom: float  # pixels of the canvas in one of the target
+    places: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
+    cells: Cells  # these
+
+    @cached_property
+    def canvas(self) -> Tensor:
+        """Draw the strokes, (3, h, w)."""
+        strokes = self.strokes.moved(zoom=self.zoom) if self.zoom < 1 else self.strokes
+        return draw(self.form, strokes, self.size, self.background)
+
+
+def levels_of(size: tuple[int, int], n: int) -> list[Level]:
+    """Plan the levels for exactly ``n`` strokes on a canvas of ``size`` (H, W)."""
+    pitch, levels, rest = math.sqrt(size[0] * size[1] / n), [], n
+    for side, share in zip(SIZES, SHARES, strict=True):
+        rows, columns = (max(1, round(length / (side * pitch))) for length in size)
+        keep = min(rest, rows * columns, max(1, round(share * n)))
+        levels += [Level(rows, columns, keep)] if keep else []
+        rest -= keep
+    while rest:  # cells of a strip that is narrower than they are may be fewer than strokes
+        levels.append(levels[-1]._replace(keep=min(rest, levels[-1].rows * levels[-1].columns)))
+        rest -= levels[-1].keep
+    return levels
+
+
+def lay(
+    network: Look,
+    form: Form,
+    targets: Sequence[Tensor],
+    levels: Sequence[Level],
+    generator: torch.Generator | None = None,
+    temperature: float = 0.0,
+    focus: Tensor | None = None,
+) -> Iterator[list[Laid]]:
+    """Lay the strokes of targets (3, H, W) by the same levels; for each level what is then on each canvas.
+
+    ``focus`` (H, W) weighs the pixels where it is decided which cells get a stroke. Gradients of a level's canvas flow
+    into the strokes of that level and those before it, but through no canvas that the network sees.
+    """
+    done = [nothing_on(target, form, levels[0]) for target in targets]
+    for level, following in zip(levels, [*levels[1:], None], strict=True):
+        shape = (CELL * level.rows, CELL * level.columns)
+        seen = torch.stack([resized(target, shape) for target in targets])
+        canvas = torch.stack([resized(laid.canvas.detach(), shape) for laid in done])
+        numbers, deviations, worth = network(seen, canvas)
+        if temperature:
+            noise = torch.randn(numbers.shape, generator=generator, dtype=numbers.dtype)
+            numbers = numbers + temperature * deviations.exp() * noise
+        errors = errors_of(seen, canvas)
+        gains = errors * worth.detach().sigmoid()
+        if focus is not None:
+            gains = gains * adaptive_avg_pool2d(focus[None], (level.rows, level.columns))
+        means = avg_pool2d(seen, CELL).permute(0, 2, 3, 1)
+        cells = Cells(numbers, deviations, worth, errors, means, gains)
+        done = [
+            with_level(laid, target, level, following, Cells(*(values[k].flatten(0, 1) for values in cells)))
+            for k, (laid, target) in enumerate(zip(done, targets, strict=True))
+        ]
+        yield done
+
+
+def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
+    """Begin with a canvas in the mean colour of the target (3, H, W)."""
+    none = target.new_empty(0)
+    return Laid(form, Strokes.none(target), target.mean((1, 2)), *view_of(target, first), none, Cells(*6 * [none]))
+
+
+def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
+    """Lay the strokes of a level where they are expected to gain most, large ones below small ones."""
+    places = cells.gains.topk(level.keep).indices.sort().values
+    own = Cells(*(values[places] for values in cells))
+    height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
+    row, column = places // level.columns, places % level.columns
+    middle = torch.stack([(column + 0.5) * width, (row + 0.5) * height], 1).to(target)
+    new = strokes_of(laid.form, own.numbers, own.means, middle, math.sqrt(height * width))
+    strokes = Strokes.join(laid.strokes, new[areas_of(new.map(Tensor.detach)).argsort(descending=True)])
+    return Laid(laid.form, strokes, laid.background, *view_of(target, following), places, own)
+
+
+def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float]:
+    """Return size and zoom of the canvas that a level sees; those of the target after the last level."""
+    height, width = target.shape[1:]
+    zoom = 1.0 if level is None else min(1.0, CELL * math.sqrt(level.rows * level.columns / (height * width)))
+    return (max(1, round(height * zoom)), max(1, round(width * zoom))), zoom
+
+
+def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
+    """Compute the mean squared errors of cells (B, H, W) from pictures (B, 3, `CELL` H, `CELL` W)."""
+    return avg_pool2d((seen - canvas).square().sum(1), CELL)
+
+
+def resized(picture: Tensor, size: tuple[int, int]) -> Tensor:
+    """Resize a picture (3, H, W)."""
+    if tuple(picture.shape[1:]) == size:
+        return picture
+    return interpolate(picture[None], size, mode="bilinear", antialias=True, align_corners=False)[0]

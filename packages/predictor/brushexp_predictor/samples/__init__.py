@@ -1,0 +1,1 @@
+"""Several paintings of a picture -> its brushwork with intervals, and whether these hold."""

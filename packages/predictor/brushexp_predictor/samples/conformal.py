@@ -1,0 +1,175 @@
+"""Intervals that hold as many truths as they say: those of the samples, moved and stretched as known paintings ask.
+
+Cross-conformal prediction (Vovk, 2015) with the distance from the middle in spreads of the samples: a line for the
+middle is fitted to every other known painting, and distances of the rest from it are measured, and the other way round;
+the factor of the spread is the quantile of all these distances. So no painting is measured against a line that it has
+helped to fit, and all count. Strokes of a painting are no independent samples, so each painting counts as one, whatever
+its strokes (Lee, Barber and Willett, 2023).
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.system.files import write_json
+from brushexp.system.reading import check_plain, explaining, json_of, read_text
+from brushexp_predictor.samples.kinds import HALF_TURN, Kind, axial_mean
+
+Array = NDArray[Any]
+
+SHARE = 0.9  # of the truths that an interval is to hold
+FORMAT, VERSION = "brushexp intervals", 1
+FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
+STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
+RIGHT = 90.0  # degrees: no direction is farther from another
+
+
+class Doubt(NamedTuple):
+    """What S samples say of (...) quantities; NaN where none of them says anything."""
+
+    middle: Array  # median, or mean direction in degrees in [0, 180)
+    spread: Array  # mean distance of the samples from it
+    low: Array  # by how much the end of the interval is below it: 0 or less
+    high: Array  # and above it
+
+
+def away_from(values: Array, middle: Array, axial: bool) -> Array:
+    """Subtract; of directions in degrees the smaller turn, in [-90, 90)."""
+    away = values - middle
+    return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
+
+
+def doubt_of(values: Array, axial: bool) -> Doubt:
+    """Sum up samples (S, ...), NaN where one says nothing; the interval leaves 5 % of them out at either end."""
+    flat = values.reshape(len(values), -1)
+    said = np.isfinite(flat).any(0)
+    parts = np.full((4, flat.shape[1]), np.nan)
+    if said.any():
+        part = flat[:, said]
+        middle = axial_mean(part).direction if axial else np.nanmedian(part, 0)
+        away = away_from(part, middle, axial)
+        ends = np.nanquantile(away, (0.5 - SHARE / 2, 0.5 + SHARE / 2), axis=0)
+        parts[:, said] = [middle, np.nanmean(np.abs(away), 0), *ends]
+    return Doubt(*parts.reshape(4, *values.shape[1:]))
+
+
+def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
+    """Tell whether intervals (...) hold the truth; one about which nothing is said does not."""
+    away = away_from(truth, doubt.middle, axial)
+    return (away >= doubt.low) & (away <= doubt.high)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the middle and the spread of samples become an interval."""
+
+    offset: float  # of the middle
+    slope: float
+    floor: float  # added to the spread
+    factor: float  # of both together
+
+    def __call__(self, doubt: Doubt, kind: Kind) -> Doubt:
+        """Make intervals of what samples say, on the scale of `Kind.inner`."""
+        middle, half = self.offset + self.slope * doubt.middle, self.factor * (doubt.spread + self.floor)
+        if kind.axial:
+            return Doubt(middle % HALF_TURN, doubt.spread, -np.minimum(half, RIGHT), np.minimum(half, RIGHT))
+        low, middle, high = (kind.limited(value) for value in (middle - half, middle, middle + half))
+        return Doubt(middle, doubt.spread, low - middle, high - middle)
+
+
+Scalings = Mapping[tuple[str, str], Scaling]  # by "strokes" or "paintings", and by measure
+
+
+def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Scaling:
+    """Fit the scaling of one measure.
+
+    Args:
+        truth: (T,) on the scale of `kinds.Kind.inner`.
+        doubt: what samples say of each, (T,).
+        painting: (T,) number of the painting that each is of; the even ones are one half, the odd ones the other.
+        axial: whether they are directions.
+    """
+    known = np.isfinite(truth) & np.isfinite(doubt.middle)
+    truth, middle, spread, painting = truth[known], doubt.middle[known], doubt.spread[known], painting[known]
+    weight, level = weights_of(painting), SHARE * (1 + 1 / len(np.unique(painting)))
+
+    def line_of(rows: Array) -> tuple[float, float]:
+        return (0.0, 1.0) if axial else line_through(middle[rows], truth[rows], weight[rows])
+
+    def error_from(offset: float, slope: float) -> Array:
+        return np.abs(away_from(truth, offset + slope * middle, axial))
+
+    odd = painting % 2 == 1
+    error = np.where(odd, error_from(*line_of(~odd)), error_from(*line_of(odd)))
+
+    def factor_with(floor: float) -> float:
+        return weighted_quantile(error / (spread + floor + 1e-9), weight, level)
+
+    def width_with(floor: float) -> float:
+        half = factor_with(floor) * (spread + floor)
+        return float(np.average(np.minimum(half, RIGHT) if axial else half, weights=weight))
+
+    mean = float(np.average(spread, weights=weight))
+    floor = min((share * mean for share in FLOORS), key=width_with)
+    return Scaling(*line_of(np.full(len(truth), True)), floor, factor_with(floor))
+
+
+def weights_of(painting: Array) -> Array:
+    """Give each painting the weight 1, shared by what is of it (T,)."""
+    _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
+    shares: Array = 1 / count[inverse]
+    return shares
+
+
+def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
+    """Fit offset and slope by weighted least squares, the slope in [0, `STEEPEST`]; 1 where x hardly differ."""
+    mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
+    square = np.average((x - mean_x) ** 2, weights=weight)
+    slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
+    slope = min(max(slope, 0.0), STEEPEST)
+    return float(mean_y - slope * mean_x), float(slope)
+
+
+def weighted_quantile(values: Array, weight: Array, level: float) -> float:
+    """Find the least value that, with those below, has the share ``level`` of the weight; the largest from 1 on."""
+    order = values.argsort()
+    above = np.cumsum(weight[order]) >= min(level, 1.0) * weight.sum() * (1 - 1e-12)
+    return float(values[order[int(above.argmax())]])
+
+
+def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) -> None:
+    """Write scalings, and ``about`` what they are, as JSON."""
+    parts: dict[str, dict[str, Any]] = {of: {} for of, _ in scalings}
+    for (of, name), scaling in scalings.items():
+        parts[of][name] = asdict(scaling)
+    write_json(path, {"format": FORMAT, "format_version": VERSION, **about, **parts})
+
+
+def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple[str, str]]) -> Scalings:
+    """Read scalings; a UserError if they are not those of what ``needs`` says, or lack one of the ``kinds``."""
+    cure = "fit them with task=calibrate"
+    with explaining(path, cure):
+        data = check_plain(json_of(read_text(path, cure)))
+    if not isinstance(data, dict) or (data.get("format"), data.get("format_version")) != (FORMAT, VERSION):
+        raise UserError(f"{path} has no intervals of this version; {cure}")
+    for name, value in needs.items():
+        if data.get(name) != value:
+            raise UserError(f"{path} has intervals for another {name} than {value}; {cure}")
+    try:
+        return {(of, name): _scaling(data[of][name]) for of, name in kinds}
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{path} lacks an interval, or has one that is no number: {error}; {cure}") from error
+
+
+def _scaling(values: Mapping[str, float]) -> Scaling:
+    scaling = Scaling(*(float(values[name]) for name in ("offset", "slope", "floor", "factor")))
+    if not all(map(math.isfinite, asdict(scaling).values())):
+        raise ValueError(json.dumps(values))
+    return scaling

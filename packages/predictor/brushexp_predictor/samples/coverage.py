@@ -1,0 +1,148 @@
+"""Count how often intervals hold the truth, on paintings whose strokes are known."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
+from brushexp.strokes.catalogue import Strokes
+from brushexp_predictor.lay.predicting import Sample
+from brushexp_predictor.samples.conformal import Doubt, Scalings, doubt_of, fit_scaling, holds, weights_of
+from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_each, measure_painting
+from brushexp_predictor.samples.known import Known
+
+Array = NDArray[Any]
+
+KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
+KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
+STEP = 2.0  # pixels between the places at which it is looked which strokes are seen
+LEAST = 8  # such places of a stroke, or it does not count as seen
+SEEN = 0.5  # opacity from which on a stroke hides what is below
+AT_ONCE = 512  # places
+
+
+class Evidence(NamedTuple):
+    """Truths of one measure, and what samples say of them, on the scale of `Kind.inner`."""
+
+    truth: Array  # (T,)
+    doubt: Doubt  # of (T,)
+    painting: Array  # (T,) which of the paintings each is of
+
+
+Report = Mapping[tuple[str, str], Evidence]  # by the keys of `KINDS`
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What intervals of one measure are worth."""
+
+    share: float  # of the truths that they hold, each painting counting as one
+    error: float  # standard error of it, from painting to painting
+    width: float  # mean from end to end; of sizes the mean factor between the ends
+    known: int  # truths
+
+
+def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
+    """Compare the strokes of samples with the known ones, where these are seen, and the measures of the whole."""
+    strokes = [sample.strokes for sample in samples]
+    size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
+    which, places = seen_places(known.strokes, size)
+    truth = {("strokes", name): values[which] for name, values in measure_each(known.strokes).items()}
+    told = {("strokes", name): values for name, values in tell_at(strokes, places).items()}
+    whole, *others = (measure_painting(one, size) for one in (known.strokes, *strokes))
+    truth |= {("paintings", name): np.array([value]) for name, value in whole.items()}
+    told |= {("paintings", name): np.array([[one[name]] for one in others]) for name in whole}
+
+    def evidence(kind: Kind, truth: Array, values: Array) -> Evidence:
+        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        return Evidence(kind.inner(truth, pitch), doubt, np.full(len(truth), number))
+
+    return {key: evidence(kind, truth[key], told[key]) for key, kind in KINDS.items()}
+
+
+@torch.no_grad()
+def topmost(strokes: Strokes, places: Tensor) -> Tensor:
+    """Find the uppermost stroke (P,) at places (P, 2: x, y in pixels), -1 where there is none.
+
+    Strokes are in their order, the lowest first; each is a line of its width with round ends, and fainter ones than
+    `SEEN` are looked through.
+    """
+    curve, half = curve_of(strokes), half_width_of(strokes)
+    low, high = curve.amin(1) - half[:, None], curve.amax(1) + half[:, None]
+    found = torch.full((len(places),), -1)
+    for own, part in zip(found.split(AT_ONCE), places.to(curve).split(AT_ONCE), strict=True):
+        near = ((part[:, None] >= low) & (part[:, None] <= high)).all(2) & (strokes.opacity >= SEEN)
+        place, stroke = near.nonzero(as_tuple=True)
+        parameter = closest_parameter(curve[stroke], part[place])
+        on = (point_at(curve[stroke], parameter) - part[place]).norm(dim=1) <= half[stroke]
+        own.scatter_reduce_(0, place[on], stroke[on], "amax")
+    return found
+
+
+def lattice(size: tuple[int, int], step: float) -> Tensor:
+    """Make places (rows, columns, 2: x, y) some ``step`` pixels apart on a canvas (H, W), as middles of equal cells."""
+    rows, columns = (max(1, round(length / step)) for length in size)
+    y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
+    return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
+
+
+def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
+    """Find the strokes (K,) that are seen, and the place (K, 2) of each that is nearest to the middle of what is."""
+    grid = lattice(size, STEP).flatten(0, 1)
+    top, points = topmost(strokes, grid).numpy(), grid.numpy()
+    which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= LEAST)
+    nearest = []
+    for stroke in which:
+        own = np.flatnonzero(top == stroke)
+        nearest.append(own[((points[own] - points[own].mean(0)) ** 2).sum(1).argmin()])
+    return which, grid[nearest]
+
+
+def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
+    """Measure the uppermost strokes of S samples at places (P, 2): (S, P) by measure, NaN where there is none."""
+    rows: dict[str, list[Array]] = {name: [] for name in OF_STROKES}
+    for strokes in samples:
+        top, each = topmost(strokes, places).numpy(), measure_each(strokes)
+        for name, row in rows.items():
+            row.append(np.where(top >= 0, each[name][top], np.nan))
+    return {name: np.stack(row) for name, row in rows.items()}
+
+
+def join(reports: Sequence[Report]) -> Report:
+    """Join what was found on several paintings."""
+
+    def joined(parts: list[Evidence]) -> Evidence:
+        doubt = Doubt(*(np.concatenate(values) for values in zip(*(part.doubt for part in parts), strict=True)))
+        truth, painting = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
+        return Evidence(truth, doubt, painting)
+
+    return {key: joined([one[key] for one in reports]) for key in KINDS}
+
+
+def fit(report: Report) -> Scalings:
+    """Fit the scalings of all measures."""
+    return {key: fit_scaling(*report[key], axial=kind.axial) for key, kind in KINDS.items()}
+
+
+def scaled(report: Report, scalings: Scalings) -> Report:
+    """Replace what samples say by the scaled intervals."""
+    return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
+
+
+def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:
+    """Count the truths that intervals hold; truths that are not defined do not count."""
+    known = np.isfinite(evidence.truth)
+    right = holds(evidence.truth, evidence.doubt, kind.axial)[known]
+    numbers = evidence.painting[known]
+    each = np.array([right[numbers == number].mean() for number in np.unique(numbers)])
+    width = (evidence.doubt.high - evidence.doubt.low)[known]
+    width, weight = (values[np.isfinite(width)] for values in (width, weights_of(numbers)))
+    mean = float(np.average(width, weights=weight))
+    error = float(each.std(ddof=1) / math.sqrt(len(each))) if len(each) > 1 else float("nan")
+    return Coverage(float(each.mean()), error, math.exp(mean) if kind.is_factor else mean, len(right))

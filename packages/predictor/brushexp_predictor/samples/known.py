@@ -1,0 +1,106 @@
+"""Paintings whose strokes are known, each decided by a seed and its number: calibration asks whether samples find them.
+
+Strokes are laid by ``init=layers`` with options of any painter's hand, then each is turned, lengthened, widened and
+recoloured by chance; in some paintings all run in one direction. They are drawn plain, or with the textures of brushes.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.api.parts import render
+from brushexp.pictures.load import load_picture
+from brushexp.plugins.init.layers import InLayers
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import rewindow
+from brushexp_predictor.lay.pyramid import resized
+from brushexp_predictor.samples.kinds import measure_each
+
+Random = np.random.Generator
+
+PICTURES = (  # of which paintings are, in turn; no network that ships has learnt from them
+    "astronaut", "coffee", "brick", "ihc", "camera", "hubble_deep_field", "grace_hopper", "chelsea", "gravel", "rocket",
+    "motorcycle_left", "logo",
+)  # fmt: skip
+SIDE, STROKES = 256, (100, 1200)  # pixels of the longer side of a painting, and the strokes that it then has
+GUESS = 1.5  # factor by which the number of strokes that samples are told is wrong at most
+ONE_WAY = 0.25  # share of paintings whose strokes run in one direction
+TEXTURED = 0.5  # share of paintings with textures of brushes
+
+
+@dataclass(frozen=True)
+class Known:
+    """A painting whose strokes are known."""
+
+    picture: Tensor  # (3, H, W) in [0, 1]
+    strokes: Strokes  # the lowest first
+    told: int  # how many strokes samples are told that it has
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.picture.shape[1], self.picture.shape[2]
+
+
+def known_painting(seed: int, number: int, side: int) -> Known:
+    """Make painting ``number``, ``side`` pixels long."""
+    random = np.random.default_rng([seed, number])
+    target = part_of(PICTURES[number % len(PICTURES)], side, random)
+    size = (target.shape[1], target.shape[2])
+    share = size[0] * size[1] / SIDE**2
+    n = max(8, round(share * math.exp(random.uniform(*np.log(STROKES)))))
+    generator = torch.Generator().manual_seed(int(random.integers(2**31)))
+    strokes = varied(any_hand(random)(target, n, generator), random)
+    ground = target.mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(random.uniform(0, 1, 3)).float()
+    renderer = "textured" if random.random() < TEXTURED else "analytic"
+    with torch.no_grad():
+        picture = render(strokes, size, background=ground, renderer=renderer).clamp(0, 1)
+    return Known(picture, strokes, max(1, round(n * math.exp(random.uniform(-1, 1) * math.log(GUESS)))))
+
+
+def part_of(name: str, side: int, random: Random) -> Tensor:
+    """Cut a part (3, H, W) out of a picture, turned by right angles, the longer side resized to ``side``."""
+    whole = load_picture(name, None)
+    cut = [max(1, int(extent * random.uniform(0.5, 1))) for extent in whole.shape[1:]]
+    top, left = (int(random.integers(extent - part + 1)) for extent, part in zip(whole.shape[1:], cut, strict=True))
+    part = whole[:, top : top + cut[0], left : left + cut[1]]
+    part = torch.rot90(part, int(random.integers(4)), (1, 2))
+    height, width = (max(1, round(side * extent / max(cut))) for extent in part.shape[1:])
+    return resized(part, (height, width)).clamp(0, 1)
+
+
+def any_hand(random: Random) -> InLayers:
+    """Choose how strokes are laid."""
+    return InLayers(
+        layers=int(random.integers(1, 5)),
+        ratio=float(random.uniform(0.4, 0.75)),
+        cover=float(random.uniform(0.4, 0.9)),
+        length=float(math.exp(random.uniform(math.log(1.2), math.log(5)))),
+        width=float(random.uniform(0.5, 1.4)),
+        edges=float(random.choice([0.1, 0.2, 1.0])),
+        opacity=1.0,
+        jitter=float(random.uniform(0.1, 0.5)),
+    )
+
+
+def varied(strokes: Strokes, random: Random) -> Strokes:
+    """Turn, lengthen, widen and recolour each of N strokes by chance."""
+    n = len(strokes)
+    turn = np.radians(random.uniform(0, 20)) * random.normal(size=n)
+    if random.random() < ONE_WAY:
+        own = np.radians(measure_each(strokes)["direction"])
+        turn += random.uniform(0, np.pi) - own
+    longer, wider = np.exp(random.uniform(0, 0.4, (2, 1)) * random.normal(size=(2, n)))
+    cosine, sine = (torch.from_numpy(longer * part(turn)).float() for part in (np.cos, np.sin))
+    tones = random.uniform(0, 0.06) * random.normal(size=(n, 1)) + random.uniform(0, 0.03) * random.normal(size=(n, 3))
+
+    def turned(point: Tensor) -> Tensor:
+        return torch.stack([cosine * point[:, 0] - sine * point[:, 1], sine * point[:, 0] + cosine * point[:, 1]], 1)
+
+    return rewindow(replace(
+        strokes, start=turned(strokes.start), control=turned(strokes.control), end=turned(strokes.end),
+        width=strokes.width * torch.from_numpy(wider).float(),
+        color=(strokes.color + torch.from_numpy(tones).float()).clamp(0, 1),
+    ))  # fmt: skip

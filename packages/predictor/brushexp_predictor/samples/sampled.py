@@ -1,0 +1,129 @@
+"""Brushwork of a picture with intervals, from several paintings of it: ``brushexp.sample_brushwork``."""
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.api.settings import settings_of, undisturbed
+from brushexp.pictures.load import load_picture
+from brushexp.system.progress import showing
+from brushexp_predictor.lay.network import NAME, PREDICTORS, load_predictor
+from brushexp_predictor.lay.predicting import TEMPERATURE, Sample, paint_samples
+from brushexp_predictor.samples.conformal import Scalings, doubt_of, read_scalings
+from brushexp_predictor.samples.coverage import KINDS, lattice, tell_at
+from brushexp_predictor.samples.kinds import OF_PAINTINGS, measure_painting
+
+Array = NDArray[Any]
+Show = Callable[[float, str], None]
+
+CELLS = 64  # places along the longer side at which the strokes of samples are compared
+AREA = 100  # pixels of a stroke, if nobody says how many there are
+SIDE = 512  # pixels of the longer side
+
+log = logging.getLogger(__name__)
+
+
+class Interval(NamedTuple):
+    """A measure and its interval, numbers or arrays; ends of directions may lie outside [0, 180), NaN is unknown."""
+
+    value: Any
+    low: Any
+    high: Any
+
+
+@dataclass(frozen=True)
+class SampledBrushwork:
+    """What several paintings of a picture say of its brushwork."""
+
+    picture: Tensor  # (3, H, W)
+    samples: list[Sample]
+    measures: Mapping[str, Interval]  # of the whole, by the names of `kinds.OF_PAINTINGS`
+    places: Tensor  # (rows, columns, 2: x, y) pixels
+    strokes: Mapping[str, Interval]  # (rows, columns) of the stroke seen at each place: direction, length, width
+    is_calibrated: bool  # whether intervals are those of known paintings, or only the samples'
+
+
+def sample_brushwork(
+    image: Any,
+    *,
+    samples: int = 32,
+    strokes: int | None = None,
+    resolution: int | None = SIDE,
+    checkpoint: str | PathLike[str] = NAME,
+    intervals: str | PathLike[str] | None = None,
+    temperature: float = TEMPERATURE,
+    seed: int = 0,
+) -> SampledBrushwork:
+    """Paint a picture many times at a glance, and measure its brushwork with intervals, as ``task=sample`` does.
+
+    Args:
+        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        samples: paintings of it, two or more.
+        strokes: about how many the picture has; None for one for every 100 pixels.
+        resolution: longer side in pixels to which it is resampled; None for as it is.
+        checkpoint: weights, a .safetensors file or the name of shipped ones.
+        intervals: file of task=calibrate; None for the one beside the weights.
+        temperature: how much strokes differ between samples, in the deviations that the network says.
+        seed: of what differs.
+
+    Raises:
+        UserError: what is wrong with the picture, the weights, the intervals or another argument.
+    """
+    settings = settings_of("sample", locals())  # which holds the picture
+    with undisturbed():
+        return sample_with(settings.cfg)
+
+
+def sample_with(cfg: DictConfig) -> SampledBrushwork:
+    """Do what `sample_brushwork` does, by the checked keys of ``task=sample``."""
+    picture = load_picture(cfg.image, cfg.resolution)
+    scalings = scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
+    if scalings is None:
+        log.warning("intervals are as narrow as samples say, too narrow: fit them with brushexp calibrate keep=true")
+    network = load_predictor(cfg.checkpoint)
+    n = cfg.strokes or max(1, round(picture[0].numel() / AREA))
+    with showing("painting samples") as show:
+        painted = []
+        for sample in paint_samples(network, picture, n, cfg.samples, cfg.seed, cfg.temperature):
+            painted.append(sample)
+            show(len(painted) / cfg.samples, f"painting {len(painted)} of {cfg.samples}, {sample.psnr:.2f} dB")
+    return brushwork_of(picture, painted, n, scalings)
+
+
+def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
+    """Read the intervals fitted for weights; None if none are beside them and none are named."""
+    weights = PREDICTORS.path_of(checkpoint)
+    path = weights.with_suffix(".intervals.json") if intervals is None else Path(intervals)
+    if intervals is None and not path.is_file():
+        return None
+    needs = {"hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": temperature}
+    return read_scalings(path, needs, KINDS)
+
+
+def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scalings | None) -> SampledBrushwork:
+    """Measure samples of a picture (3, H, W), each of ``n`` strokes."""
+    size = (picture.shape[1], picture.shape[2])
+    pitch, places = math.sqrt(size[0] * size[1] / n), lattice(size, max(size) / CELLS)
+    told = tell_at([sample.strokes for sample in samples], places.flatten(0, 1))
+    whole = [measure_painting(sample.strokes, size) for sample in samples]
+
+    def interval(of: str, name: str, values: Array) -> Interval:
+        kind = KINDS[of, name]
+        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        doubt = doubt if scalings is None else scalings[of, name](doubt, kind)
+        ends = (doubt.middle, doubt.middle + doubt.low, doubt.middle + doubt.high)
+        return Interval(*(kind.outer(value, pitch) for value in ends))
+
+    measures = {name: interval("paintings", name, np.array([one[name] for one in whole])) for name in OF_PAINTINGS}
+    shape = (len(samples), *places.shape[:2])
+    strokes = {name: interval("strokes", name, values.reshape(shape)) for name, values in told.items()}
+    return SampledBrushwork(picture, samples, measures, places, strokes, scalings is not None)

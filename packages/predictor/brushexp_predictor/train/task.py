@@ -1,0 +1,48 @@
+"""``task=train_predictor``: train the network that lays strokes at a glance."""
+
+from pathlib import Path
+
+import torch
+from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe
+from omegaconf import DictConfig
+
+from brushexp_predictor.lay.decoding import FORMS
+from brushexp_predictor.lay.network import NAME, PREDICTORS, StrokePredictor, load_predictor
+from brushexp_predictor.train.subjects import Subjects, load_subjects
+from brushexp_predictor.train.training import PredictorData, PredictorModule
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Train, write weights and figures into the run's folder, and return those of metrics.json."""
+    return train_network(PredictorJob, cfg, folder, start)
+
+
+class PredictorJob(NetworkJob):
+    """Train a network on pictures that are made meanwhile."""
+
+    module: PredictorModule
+    data: PredictorData
+
+    def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
+        self.cfg, self.subjects = cfg, load_subjects(cfg.data)
+        self.data = PredictorData(Subjects(list(self.subjects.values()), cfg.seed), cfg.batch_size)
+        network = StrokePredictor(cfg.form) if cfg.start is None else load_predictor(cfg.start).requires_grad_()
+        network.form = FORMS[cfg.form]
+        self.module = PredictorModule(network, cfg.lr, cfg.seed)
+        self.weights = folder / f"{cfg.form}.safetensors"
+        self.use = f"brushexp PICTURE init=predicted init.checkpoint={self.weights}"
+
+    def finish(self) -> dict[str, object]:
+        network, figures = self.module.network.eval(), dict(self.module.figures)
+        recipe = {
+            "options": {"form": self.cfg.form},
+            "data": {"pictures": list(self.subjects), "seed": self.cfg.seed},
+            "training": training_recipe(self.module, self.cfg) | {"started_from": self.cfg.start},
+            "figures": figures,
+        }
+        return {
+            **figures,
+            "predictor_hash": PREDICTORS.save(self.weights, NAME, network, recipe),
+            "parameters": sum(parameter.numel() for parameter in network.parameters()),
+            "bytes": self.weights.stat().st_size,
+        }

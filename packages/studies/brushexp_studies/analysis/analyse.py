@@ -1,0 +1,32 @@
+"""Measure the brushwork of a painting from Python: ``brushexp.analyse``."""
+
+from os import PathLike
+from pathlib import Path
+
+from brushexp import Painting
+from brushexp.api.settings import undisturbed
+from brushexp.config.keys import keys_of
+from brushexp.strokes.storage import load_catalogue
+from brushexp_studies.analysis.schema import AnalyseTask
+from brushexp_studies.analysis.summary import Analysis, analysis_of
+
+
+def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = None, visible: float = 0) -> Analysis:
+    """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
+
+    Args:
+        painting: what `paint` gave, or the path of a catalogue.
+        radius: pixels to neighbours; None for four pitches sqrt(pixels / strokes).
+        visible: share of a stroke that must be seen, or it is left out.
+
+    >>> import brushexp
+    >>> analysis = brushexp.analyse(brushexp.paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))
+    >>> len(analysis.number)
+    20
+    """
+    for name, value in {"radius": radius, "visible": visible}.items():
+        keys_of(AnalyseTask)[name].bounds.check(name, value)
+    name = "painting" if isinstance(painting, Painting) else str(painting)
+    with undisturbed():
+        saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+        return analysis_of(saved, name, name, radius, visible)

@@ -1,0 +1,30 @@
+"""Keys of ``task=extremes``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from omegaconf import DictConfig
+
+from brushexp.bounds import at_least
+from brushexp.config.keys import key
+from brushexp.config.schema import Task
+
+
+@dataclass
+class ExtremesTask(Task):
+    """Draw and optimise extreme scenes with every renderer, blend and precision, and judge each as exact or broken."""
+
+    is_research = True
+    module = "brushexp_thesis.extremes.task"
+
+    renderers: list[str] | None = key(None, "names; null = all that are registered, plugins too")
+    blends: list[str] | None = key(None, "names; null = all")
+    dtypes: list[str] | None = key(None, "names; null = float64, float32, bfloat16 and float16")
+    scenes: list[str] | None = key(None, "names, as the tables have them; null = all")
+    patience: float = key(5, "seconds after which a cell takes no further of its up to 1,000 steps", at_least(0))
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_thesis.extremes.task import choose_axes  # noqa: PLC0415
+
+        choose_axes(**{axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes")})

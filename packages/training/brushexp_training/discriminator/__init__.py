@@ -1,0 +1,1 @@
+"""A network that tells valid strokes from corrupted ones, for ``loss=discriminator``."""

@@ -1,0 +1,135 @@
+"""Corrupt valid strokes, which makes the negative examples that a discriminator learns from."""
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.strokes.prior import INSET, SHORTEST_CHORD, WIDTH
+from brushexp_training.discriminator.discriminator import SHAPE
+
+GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
+NEAREST = 0.005  # half-windows: distance from the valid square
+FARTHEST = 3e3  # half-windows: no invalid stroke is meant to be farther off (`strokes.catalogue.FIELDS` ends at 1e3)
+THICKEST = 1e3  # sides of the window, as in FIELDS
+
+
+def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+    """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random.
+
+    Returns them; hard negatives (n, 7), some of whose groups of numbers are half as corrupted; and indices (n,) into
+    `CORRUPTIONS`.
+    """
+    kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
+    shapes = valid.clone()
+    for number, function in enumerate(CORRUPTIONS.values()):
+        chosen = kind == number
+        shapes[chosen] = function(valid[chosen], generator)
+    groups = _uniform(len(valid), len(GROUPS), generator) < 0.5
+    groups |= _uniform(len(valid), 1, generator) < 0.5  # all groups of half of the strokes
+    return shapes, torch.where(_columns(groups), 0.5 * (shapes + valid), shapes), kind
+
+
+def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Draw points from a larger box than that of valid strokes, up to 3000 half-windows, and widths to 1000 sides."""
+    n = len(valid)
+    points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST, generator)
+    width = torch.where(_uniform(n, 1, generator) < 0.5, valid[:, 6:], _thickness(n, generator))
+    return torch.cat([points, width], dim=1)
+
+
+def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its form."""
+    points, width = valid.split([6, 1], dim=1)
+    reach = (INSET + _log_uniform(len(valid), NEAREST, FARTHEST, generator)) / points.abs().amax(1, keepdim=True)
+    return torch.cat([points * reach, width], dim=1)
+
+
+def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Move a stroke until some of it, or all, is outside of the window; the curve keeps its form."""
+    n = len(valid)
+    points, width = valid.split([6, 1], dim=1)
+    side = torch.where(_uniform(n, 2, generator) < 0.5, -1.0, 1.0)
+    room = INSET - (side * points.reshape(n, 3, 2).transpose(0, 1)).amax(0)  # (n, 2) until it touches the border
+    axes = _uniform(n, 2, generator) < 0.5
+    axes[:, 0] |= ~axes.any(1)
+    shift = axes * side * (room + _log_uniform(n, NEAREST, FARTHEST, generator))
+    return torch.cat([points + shift.repeat(1, 3), width], dim=1)
+
+
+def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
+    return torch.where(_one_group(len(valid), generator), valid.roll(1, 0), valid)
+
+
+def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Add normal noise to all numbers, of a strength between a tenth of a half-window and many windows."""
+    strength = _log_uniform(len(valid), 0.1, FARTHEST, generator)
+    return valid + strength * torch.randn(valid.shape, generator=generator)
+
+
+def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Add such noise to one group of numbers."""
+    return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
+
+
+def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Make a stroke thinner or thicker than any valid one."""
+    return torch.cat([valid[:, :6], _thickness(len(valid), generator)], dim=1)
+
+
+def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Put one coordinate of one point beyond the square of all points of valid strokes, often just beyond."""
+    n = len(valid)
+    where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
+    beyond = INSET + _log_uniform(n, NEAREST, FARTHEST, generator)
+    return torch.where(where, torch.where(valid < 0, -beyond, beyond), valid)
+
+
+def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Make a stroke too short for its thickness, down to a point; its bend stays."""
+    start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
+    middle, chord = 0.5 * (start + end), end - start
+    length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
+    thickness = WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width + 1)
+    shrink = _uniform(len(valid), 1, generator) * (SHORTEST_CHORD / WIDTH[0]) * thickness / length
+    return torch.cat([*(middle + shrink * (point - middle) for point in (start, control, end)), width], dim=1)
+
+
+def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
+    """Move the control point by many times the spread that valid strokes have, in any direction."""
+    start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
+    length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
+    angle = 2 * math.pi * _uniform(len(valid), 1, generator)
+    offset = torch.cat([angle.cos(), angle.sin()], dim=1) * _log_uniform(len(valid), 0.5, FARTHEST, generator)
+    return torch.cat([start, 0.5 * (start + end) + length * offset, end, width], dim=1)
+
+
+_ALL = (_boxed, _enlarged, _shifted, _mixed, _noisy, _partly_noisy, _off_width, _outside, _shortened, _bent)
+CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {kind.__name__[1:]: kind for kind in _ALL}
+
+
+def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
+    return torch.rand(n, columns, generator=generator)
+
+
+def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) -> Tensor:
+    """Draw numbers (n, 1) whose logarithm is uniform."""
+    return low * (high / low) ** _uniform(n, 1, generator)
+
+
+def _thickness(n: int, generator: torch.Generator) -> Tensor:
+    """Draw widths (n, 1) outside `WIDTH`, as `strokes.prior.parameters_of` writes them."""
+    thin, thick = WIDTH[0] * _uniform(n, 1, generator), _log_uniform(n, WIDTH[1], THICKEST, generator)
+    width = torch.where(_uniform(n, 1, generator) < 0.5, thin, thick)
+    return (2 * width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
+
+
+def _one_group(n: int, generator: torch.Generator) -> Tensor:
+    """Draw masks (n, 7), each of one of the `GROUPS`."""
+    return _columns(functional.one_hot(torch.randint(len(GROUPS), (n,), generator=generator), len(GROUPS)).bool())
+
+
+def _columns(groups: Tensor) -> Tensor:
+    return groups.repeat_interleave(torch.tensor(GROUPS), dim=1)

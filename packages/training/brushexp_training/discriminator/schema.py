@@ -1,0 +1,23 @@
+"""Keys of ``task=train_discriminator``."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from brushexp.bounds import above, at_least, between
+from brushexp.config.keys import key
+from brushexp_training.schema import EMA, NetworkTask
+
+
+@dataclass
+class TrainDiscriminatorTask(NetworkTask):
+    """Train a network that recognises valid strokes, for loss=discriminator."""
+
+    module = "brushexp_training.discriminator.discriminator_module"
+    presets: ClassVar[dict[str, str]] = {"trainer": "default"}
+    settings: ClassVar[dict[str, Any]] = {"trainer": {"log_every_n_steps": 20}}
+
+    batch_size: int = key(512, "valid strokes of a step, and as many corrupted ones", at_least(1))
+    epochs: int | None = key(8, "of 500 steps each, all of new strokes; null = no limit", at_least(0))
+    minutes: float | None = key(None, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
+    lr: float = key(5.0e-3, "highest learning rate", above(0, 1))
+    ema: float = key(0, EMA, between(0, 1))

@@ -1,0 +1,1 @@
+"""Lightning modules that train networks, and the fit that they share."""

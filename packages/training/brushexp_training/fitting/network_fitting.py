@@ -1,0 +1,203 @@
+"""Train a network from its config, and save its weights with a recipe."""
+
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from datetime import timedelta
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import Timer, WeightAveraging
+from lightning.pytorch.loggers import Logger
+from omegaconf import DictConfig, OmegaConf
+from torch.optim.swa_utils import get_ema_multi_avg_fn
+
+from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import RENDERERS
+from brushexp.registry import plugin_of
+from brushexp.runs.resume import restore_run
+from brushexp.runs.tracking import make_trackers
+from brushexp.runs.trainer import conclude, fit, make_trainer
+from brushexp.system.device import device_of
+from brushexp.system.files import write_json
+from brushexp.system.runtime import peak_memory
+from brushexp.system.terminal import as_shown
+from brushexp_training.fitting.network_module import NetworkModule
+from brushexp_training.fitting.renderer_module import RendererModule, RendererSettings
+from brushexp_training.stroke_sets.datamodule import StrokeData
+from brushexp_training.stroke_sets.stroke_data import data_recipe
+
+LOGGED_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")
+
+log = logging.getLogger(__name__)
+
+
+class NetworkJob(ABC):
+    """A network that a task trains, with its data and the files of the run."""
+
+    module: NetworkModule
+    data: L.LightningDataModule
+    callbacks: Sequence[L.Callback] = ()
+    pictures: Mapping[str, Path] = MappingProxyType({})  # for the trackers, by name
+    weights: Path  # the file that `finish` writes
+    use: str  # the command that paints with these weights
+    blank = False  # whether the network has learned nothing, set by `finish`
+
+    @abstractmethod
+    def finish(self) -> dict[str, object]:
+        """Write the weights with their recipe, and return their figures on held-out strokes."""
+
+
+def train_network(
+    begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
+) -> dict[str, object]:
+    """Train one network, write it and its figures into the run's folder, and return those of metrics.json."""
+    cfg, checkpoint = restore_run(cfg)
+    device = device_of(cfg.device)
+    trackers = make_trackers(cfg, folder)  # a tracker may refuse its options, before strokes are simulated
+    L.seed_everything(cfg.seed, verbose=False)
+    job = begin(cfg, folder, device)
+    module = job.module
+    with trackers:
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
+        (folder / "metrics.json").unlink(missing_ok=True)  # it describes weights that are being replaced
+        metrics = {
+            **job.finish(),
+            "steps": module.global_step,
+            "strokes_seen": module.seen,
+            "strokes_per_second": module.seen / module.seconds if module.seconds else None,
+            "seconds": module.seconds,
+            "cpu_seconds": module.cpu_seconds,
+            "seconds_total": None if checkpoint else time.monotonic() - start,  # a resumed run has several starts
+            "peak_memory_mb": peak_memory(),
+            "device": str(device),
+            "status": module.stop or "completed",
+        }
+        write_json(folder / "metrics.json", metrics)
+        trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
+    conclude(module, folder, cfg, failure, module.global_step)
+    figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in LOGGED_FIGURES if key in metrics)
+    took = f"{module.global_step} steps in {module.seconds:.1f} s"
+    log.info("%s: %s on held-out strokes, %s", as_shown(job.weights), figures, took)
+    if job.blank:
+        log.warning("it has learned nothing yet: it draws all strokes alike; train longer (minutes=60), or set lr=2e-4")
+    else:
+        log.info("paint with it: %s", job.use)
+    return metrics
+
+
+class MovingAverage(WeightAveraging):
+    """Validate an exponential moving average of the weights, which replaces them at the end or at a failure.
+
+    At each step it keeps ``decay`` < 1 of the old weights; early averages, mostly of random weights, forget faster.
+    """
+
+    def __init__(self, decay: float) -> None:
+        def average(averages: Any, weights: Any, count: Any) -> None:
+            warm_decay = min(decay, (1 + int(count)) / (10 + int(count)))
+            get_ema_multi_avg_fn(warm_decay)(averages, weights, count)
+
+        super().__init__(multi_avg_fn=average)
+        self.in_place = False  # whether the average has replaced the weights for a validation
+
+    def on_validation_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_validation_epoch_start(trainer, pl_module)
+        self.in_place = True
+
+    def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_validation_epoch_end(trainer, pl_module)
+        self.in_place = False
+
+    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
+        if self._average_model is not None and not self.in_place:
+            self._copy_average_to_current(pl_module)
+        self._average_model = None  # no exchange from here on
+
+
+class Stopwatch(Timer):
+    """Time a training, and end it after its minutes; a Trainer takes no two callbacks of one class."""
+
+
+def _check_validations(options: DictConfig, batches: int) -> None:
+    """Refuse (UserError) an interval between validations, as a number of batches, that no epoch holds."""
+    limit, interval = options.limit_train_batches, options.val_check_interval
+    if limit is not None:
+        batches = min(batches, limit) if isinstance(limit, int) else int(limit * batches)
+    if isinstance(interval, int) and interval > batches > 0:
+        wrong = f"trainer.val_check_interval={interval} is more than the batches of an epoch, {batches}"
+        raise UserError(f"{wrong}; try trainer.val_check_interval={batches}")
+
+
+def fit_network(
+    module: NetworkModule,
+    data: L.LightningDataModule,
+    cfg: DictConfig,
+    folder: Path,
+    device: torch.device,
+    loggers: Sequence[Logger],
+    callbacks: Sequence[L.Callback] = (),
+    checkpoint: Path | None = None,
+) -> BaseException | None:
+    """Train until the first limit of the config, then validate the network unless that is done; see `fit`."""
+    batches = len(data.train_dataloader())
+    _check_validations(cfg.trainer, batches)
+    options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, batches)}
+    options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
+    timers: list[Timer] = [Stopwatch(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)]
+    if cfg.trainer.max_time is not None:
+        timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes none where there is another
+    cfg = OmegaConf.merge(cfg, {"trainer": options | {"max_time": None}})  # type: ignore[assignment]
+    beside = [*timers, *([MovingAverage(cfg.ema)] if cfg.ema else []), *callbacks]
+    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints="resume" in cfg, num_sanity_val_steps=0)
+    failure = None if cfg.epochs == 0 else fit(trainer, module, data, checkpoint)
+    if module.validated != module.global_step:
+        try:
+            trainer.validate(module, data, verbose=False)
+        except Exception as error:
+            if failure is None:
+                raise
+            log.error("what was learnt is written without its figures: %s", error)
+    return failure
+
+
+def renderer_settings(cfg: DictConfig) -> RendererSettings:
+    """Return the settings of a renderer's training; fine-tuning has no critic."""
+    names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
+    return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
+
+
+def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]:
+    """Describe how a network was trained, for its recipe."""
+    recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
+    recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
+    if "detail" in cfg:
+        recipe |= {"detail": cfg.detail, "tone": cfg.tone}
+    if cfg.get("critic"):
+        recipe |= {key: cfg[key] for key in ("critic_lr", "critic_weight", "critic_width")}
+    return recipe
+
+
+def save_renderer(
+    path: Path, module: RendererModule, data: StrokeData, cfg: DictConfig, figures: dict[str, Any],
+    options: dict[str, Any] | None = None, training: dict[str, Any] | None = None,
+) -> str:  # fmt: skip
+    """Write a trained renderer, and return the hash of its weights.
+
+    ``options`` of the plugin win over those of the config; where that says null, the first checkpoint decides. The
+    recipe gets ``training`` beside the settings of the training.
+    """
+    chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
+    checkpoint = cfg.renderer.get("checkpoint")
+    inherited = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"]
+    completed = {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
+    recipe = {
+        "options": completed | (options or {}),
+        "data": data_recipe(data, cfg),
+        "training": training_recipe(module, cfg) | {"started_from": checkpoint} | (training or {}),
+        "figures": figures,
+    }
+    return RENDERERS.save(path, plugin_of(cfg.renderer).name, module.renderer, recipe)

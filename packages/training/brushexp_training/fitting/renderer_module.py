@@ -1,0 +1,249 @@
+"""Train a renderer on pictures of strokes, with or without a critic."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from torch import Tensor, nn, optim
+from torch.nn import functional
+
+from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.renderer.base import Renderer, window_pictures
+from brushexp_training.evaluation.evaluation import error_figures, error_sums, fine_detail, premultiply
+from brushexp_training.fitting.network_module import NetworkModule
+from brushexp_training.rules import check_trainable
+from brushexp_training.stroke_sets.datamodule import StrokeBatch
+
+BETAS = (0.9, 0.99)  # betas of Adam for the renderer
+CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
+SLOPE = 0.2  # slope of the critic's leaky ReLU
+SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
+DENSE = (256, 64)
+START_STEPS = 200  # a start is judged after so many steps, and after as many again if it was begun anew
+MOST_STARTS = 3  # new ones
+ALIVE = 0.01  # share of the true variance among strokes that a network draws at least, if it learns anything
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RendererSettings:
+    """The settings of a renderer's training; the Trainer has duration and precision."""
+
+    lr: float = 5e-4  # highest learning rate
+    detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
+    tone: float = 4.0  # weight of errors of the straight colour where there is paint: the light on ridges is faint
+    critic: bool = False  # judges the pictures beside L2
+    critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
+    critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balance`)
+    critic_width: int = 16  # its channels at full size
+
+
+def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
+    """RaSGAN (Jolicoeur-Martineau, 2018, arXiv:1807.00734): small when ``above`` scores higher than ``below``.
+
+    -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid, through
+    softplus, so that it is finite. Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
+    """
+    return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
+
+
+class Critic(nn.Module):
+    """VGG encoder: three convolutions and pooling until 4 x 4 pixels, then three dense layers to one number.
+
+    Source: thesis 2020, 6.2. The ``window`` has 4 times a power of two pixels; ``width`` channels at full size double
+    at each pooling, up to 256.
+    """
+
+    def __init__(self, window: int, width: int) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        before, side = 4, window
+        while side > SMALLEST:
+            channels = min(width * window // side, WIDEST)
+            for _ in range(3):
+                layers += [nn.Conv2d(before, channels, 3, padding=1), nn.LeakyReLU(SLOPE)]
+                before = channels
+            layers.append(nn.AvgPool2d(2))
+            side //= 2
+        layers.append(nn.Flatten())
+        sizes = [before * SMALLEST**2, *DENSE]
+        for inputs, outputs in zip(sizes, DENSE, strict=False):
+            layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(SLOPE)]
+        layers.append(nn.Linear(DENSE[-1], 1))
+        self.layers = nn.Sequential(*layers)
+        for convolution in (layer for layer in layers if isinstance(layer, nn.Conv2d)):
+            nn.init.kaiming_normal_(convolution.weight, a=SLOPE)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Score premultiplied RGBA (n, 4, S, S): raw numbers (n,)."""
+        return self.layers(2 * pictures - 1)[:, 0].float()
+
+
+class RendererModule(NetworkModule):
+    """Moves the weights of a renderer until its pictures are those of the strokes (`evaluation.squared_error`).
+
+    Lightning sees one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its own step
+    within ``training_step``. UserError if the renderer has no weights, or its windows are of another size.
+    """
+
+    clip_norm = 1.0
+
+    def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:
+        super().__init__()
+        check_trainable(renderer, window)
+        self.renderer, self.window, self.settings = renderer.train(), window, settings
+        self.critic = Critic(window, settings.critic_width) if settings.critic else None
+        self._restored: dict[str, Any] = {}  # state of a checkpoint until it can be used
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        settings = self.settings
+        trained = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
+        betas = BETAS if self.critic is None else CRITIC_BETAS
+        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=1e-4)
+        if self.critic is not None:
+            weights = self.critic.parameters()
+            self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)
+            self.critic_schedule = self.schedule(self.critic_optimizer)
+            if "critic" in self._restored:
+                self.critic_optimizer.load_state_dict(self._restored["critic"]["optimizer"])
+                self.critic_schedule.load_state_dict(self._restored["critic"]["schedule"])
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
+
+    def lr_scheduler_step(self, scheduler: Any, metric: Any) -> None:
+        scheduler.step()
+        if self.critic is not None:
+            self.critic_schedule.step()
+
+    def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
+        drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
+        (color, _), (true_color, paint) = drawn.split([3, 1], dim=1), batch.images.split([3, 1], dim=1)
+        lit = (paint * (color - true_color)).square().mean()
+        drawn, truth = premultiply(drawn), premultiply(batch.images)
+        wrong = drawn - truth
+        error, fine = wrong.square().mean(), fine_detail(wrong[:, 3:]).square().mean()
+        self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/tone": lit.detach()}
+        loss = error + self.settings.detail * fine
+        if self.critic is not None:
+            self._step_critic(self.critic, drawn.detach(), truth)
+            self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
+            pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
+            loss = pulled + (loss - pulled).detach()  # its value is that of the error
+        self.seen += len(drawn)
+        return loss + self.settings.tone * lit
+
+    def on_validation_epoch_start(self) -> None:
+        self._sums = torch.zeros(5, dtype=torch.float64)
+
+    def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
+        """Draw the pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
+        with torch.autocast(self.device.type, enabled=False):
+            drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
+        self._sums += error_sums(drawn, batch.images)
+        return drawn
+
+    def on_validation_epoch_end(self) -> None:
+        self.figures, self.validated = error_figures(self._sums), self.global_step
+        self.log_dict({f"validation/{name}": value for name, value in self.figures.items()})
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_save_checkpoint(checkpoint)
+        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may draw noise
+        if self.device.type == "cuda":
+            state["cuda"] = torch.cuda.get_rng_state(self.device)
+        if self.critic is not None:
+            schedule, optimizer = self.critic_schedule.state_dict(), self.critic_optimizer.state_dict()
+            state["critic"] = {"optimizer": optimizer, "schedule": schedule}
+        checkpoint["renderer_module"] = state
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_load_checkpoint(checkpoint)
+        self._restored = checkpoint["renderer_module"]
+
+    def on_train_start(self) -> None:
+        state, self._restored = self._restored, {}
+        if state:  # now, because Lightning itself draws numbers before
+            torch.set_rng_state(state["torch"].cpu())
+            if "cuda" in state and self.device.type == "cuda":
+                torch.cuda.set_rng_state(state["cuda"].cpu(), self.device)
+
+    def state_line(self) -> str:
+        quality = f"  held out {self.figures['psnr_alpha']:.2f} dB" if self.figures else ""
+        speed = self.seen / max(self.seconds, 1e-9)
+        loss = float(self.terms["loss/l2"])
+        return f"L2 {loss:.5f} ({psnr_of(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
+
+    def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
+        critic.requires_grad_(True)
+        loss = relativistic_loss(critic(truth), critic(drawn))
+        self.critic_optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.terms["loss/critic"] = loss.detach()
+        if self.goes_well(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
+            self.critic_optimizer.step()
+
+    def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute the renderer's loss, drawn pictures above true ones, and where error and critic push them."""
+        critic.requires_grad_(False)
+        loss = relativistic_loss(critic(drawn), critic(truth))
+        (pull,) = torch.autograd.grad(loss, drawn)
+        (push,) = torch.autograd.grad(error, drawn, retain_graph=True)
+        return loss.detach(), balance(push, pull, self.settings.critic_weight)
+
+
+def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
+    """Add to ``push`` a vector of ``weight`` times its length, in the direction of ``pull``.
+
+    The scores of a critic have no scale: in 80 steps their gradients grew a thousandfold against those of L2, so no
+    fixed weight would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
+    """
+    return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
+
+
+class FreshStart(L.Callback):
+    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``.
+
+    It does so ``most`` times at most.
+    """
+
+    def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
+        self.fresh, self.most, self.restarts, self.lives = fresh, most, 0, False
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"restarts": self.restarts, "lives": self.lives}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.restarts, self.lives = state_dict["restarts"], state_dict["lives"]
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int) -> None:
+        if self.lives or self.restarts >= self.most or pl_module.global_step < START_STEPS * (self.restarts + 1):
+            return
+        with torch.no_grad():
+            drawn = window_pictures(pl_module.renderer, batch.parameters, pl_module.window, batch.number)
+        if (share := share_drawn(drawn, batch.images)) is None:
+            return  # a single stroke
+        self.lives = share >= ALIVE
+        if not self.lives:
+            self.restarts += 1
+            pl_module.renderer.load_state_dict(self.fresh().state_dict())
+            for optimizer in trainer.optimizers:
+                optimizer.state.clear()
+            log.warning(
+                "step %d: the network draws all strokes alike (%.2g %% of the variance of the true ones); "
+                "begun anew with other weights, %d of %d times; fresh_starts=0 lets it go on",
+                *(pl_module.global_step, 100 * share, self.restarts, self.most),
+            )
+
+
+def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
+    """Return the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
+
+    Of one stroke it is None.
+    """
+    ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
+    return ours / theirs if theirs else None

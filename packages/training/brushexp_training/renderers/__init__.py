@@ -1,0 +1,1 @@
+"""Renderers that are networks, and their pruning."""

@@ -1,0 +1,256 @@
+"""The thesis's neural renderer draws the picture of a stroke's window from ten numbers."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Annotated
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from brushexp.bounds import between, one_of
+from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
+from brushexp.registry import register
+from brushexp.strokes.prior import WIDTH
+from brushexp.system.reading import in_short
+from brushexp_training.renderers.neural import initialise
+
+COARSEST = 4  # pixels on the side of the picture that the dense layers make
+CONVOLUTIONS = 3  # at each size
+GROUPS = 8  # group normalisation has so many groups
+LAST_GAIN = 0.1  # gain of the last convolution at first, so that tanh is not saturated from the start
+EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
+NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in painting
+WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
+PLANES = 3 + 2 * WAVES
+LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
+THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
+LARGEST = 10**9  # weights, which take 4 GB
+FARTHEST = 3.0  # half widths from the axis
+
+COORDINATES = ("none", "window", "stroke")
+ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
+UPSAMPLING = ("nearest", "bilinear", "pixel_shuffle")
+NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
+    "none": lambda channels: nn.Identity(),
+    "batch": nn.BatchNorm2d,
+    "group": lambda channels: nn.GroupNorm(min(GROUPS, channels), channels),
+    "instance": lambda channels: nn.GroupNorm(channels, channels),
+}
+
+
+@register("renderer", "inverse_vgg")
+class InverseVGG(PatchRenderer):
+    """Inverse VGG: dense layers, then upsampling and three convolutions at each size; trained on simulated strokes.
+
+    Source: thesis 2020, 6.2; its own size is the preset `neural_thesis`. Differs from the source in the default size:
+    the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158), because on a
+    processor most of the time would otherwise go to a few channels at full size; in being told where the stroke is
+    (``coordconv``); and in not drawing its colour (``tint``).
+
+    Args:
+        window: side of the picture in pixels: 64, 128 or 256.
+        width: channels at the finest size; twice as many at each coarser one.
+        widest: most channels of a size.
+        dense: widths of the dense layers before the one that makes the coarsest picture.
+        subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
+        coordconv: coordinates that are told to the network. none; window: x and y, as two more channels of every
+            convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
+            each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
+        tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
+        noise: strength at first of the noise that is added to every convolution, learned per channel (Karras et al.,
+            2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
+            training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
+            signal: it is one plane, which all channels share.
+        activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
+        normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
+        upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
+        channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
+            picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
+        precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
+            on GPUs; training has its own.
+        project: bring strokes into the range of training before they are drawn; false shows what it draws outside.
+        checkpoint: trained weights: a .safetensors file of task=train, or the name of one that comes with a package;
+            null for random weights, to be trained.
+    """
+
+    def __init__(
+        self,
+        *,
+        window: Annotated[int, one_of(64, 128, 256)] = 64,
+        width: Annotated[int, between(1, 4096)] = 32,
+        widest: Annotated[int, between(1, 4096)] = 96,
+        dense: Annotated[list[int], between(1, 65536)] = [256, 256],  # noqa: B006
+        subpixel: Annotated[int, one_of(1, 2, 4)] = 2,
+        coordconv: Annotated[str, one_of(*COORDINATES)] = "stroke",
+        tint: bool = True,
+        noise: Annotated[float, between(0, 100)] = 0.0,
+        activation: Annotated[str, one_of(*ACTIVATIONS)] = "relu",
+        normalisation: Annotated[str, one_of(*NORMALISATIONS)] = "none",
+        upsampling: Annotated[str, one_of(*UPSAMPLING)] = "nearest",
+        channels: list[int] | None = None,
+        precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
+        project: bool = True,
+        checkpoint: str | None = "inverse_vgg",
+    ) -> None:
+        super().__init__()
+        if channels is None and checkpoint is not None:
+            channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
+        if not dense:
+            raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
+        self.window, self.subpixel, self.precision, self.project = window, subpixel, precision, project
+        self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation)
+        sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
+        by_size = [min(width * sides[-1] // side, widest) for side in sides]
+        widths = _checked([*dense, by_size[0], *(n for n in by_size[1:] for _ in range(CONVOLUTIONS))], channels)
+        in_dense, in_pictures = widths[: len(dense)], widths[len(dense) :]
+        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *in_dense], in_dense, strict=False))
+        self.first = Coarsest(in_dense[-1], in_pictures[0])
+        self.growing = nn.ModuleList(_enlarge(before, upsampling) for before in in_pictures[:-1:CONVOLUTIONS])
+        self.convolving = nn.ModuleList()
+        for k, (before, after) in enumerate(pairwise(in_pictures)):
+            side = sides[1 + k // CONVOLUTIONS]
+            planes = 2 if coordconv == "window" else 0
+            if coordconv == "stroke" and k % CONVOLUTIONS == 0:
+                planes = PLANES * (subpixel**2 if side == sides[-1] else 1)
+            self.convolving.append(_Layer(before, after, side, planes, noise, normalisation))
+        self.last = nn.Conv2d(in_pictures[-1], 4 * subpixel**2, 3, padding=1)
+        self.apply(initialise)
+        with torch.no_grad():
+            self.last.weight.mul_(LAST_GAIN)
+            assert self.last.bias is not None
+            self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes a channel's squares one after another
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
+        self.restore(
+            checkpoint, window=window, width=width, widest=widest, dense=dense, subpixel=subpixel, coordconv=coordconv,
+            tint=tint, noise=noise, activation=activation, normalisation=normalisation, upsampling=upsampling,
+            channels=channels,
+        )  # fmt: skip
+
+    def draw(self, parameters: Tensor) -> Tensor:
+        x = parameters
+        for layer in (*self.dense, self.first):
+            x = self.activate(layer(x))
+        for k, layer in enumerate(self.convolving):
+            if k % CONVOLUTIONS == 0:
+                x = self.growing[k // CONVOLUTIONS](x)
+                planes = self._planes(parameters, x.shape[-1])
+            x = self.activate(layer(x, planes))
+        x = functional.pixel_shuffle(self.last(x), self.subpixel).to(parameters.dtype)  # 16-bit steps would be visible
+        drawn = 0.5 * (x.tanh() + 1)
+        if not self.tint:
+            return drawn
+        light, alpha = drawn.split([3, 1], dim=1)
+        color = 0.5 * (parameters[:, 7:, None, None] + 1) + (2 * light - 1)
+        return torch.cat([color.clamp(0, 1), alpha], dim=1)
+
+    @property
+    def widths(self) -> list[int]:
+        """List the widths of all layers but the last, as the option ``channels`` takes them."""
+        dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
+        return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
+
+    def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
+        """Coordinates of the pixels (n or 1, ., side, side); the finest are those of the picture, folded."""
+        if self.coordconv == "stroke":
+            zoom = self.subpixel if side * self.subpixel == self.window else 1
+            return stroke_planes(parameters, side * zoom, zoom)
+        if self.coordconv == "window":
+            line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
+            return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
+        return None
+
+
+def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
+    """Take the ``channels`` of a pruned network in place of the usual widths; refuse what cannot be (UserError)."""
+    if channels is not None:
+        possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
+        if not possible or len(channels) != len(widths):
+            wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
+            raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
+        widths = channels
+    numbers = 9 * sum(a * b for a, b in pairwise(widths))
+    if numbers > LARGEST:
+        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
+    return widths
+
+
+class Coarsest(nn.Linear):
+    """(n, F) -> (n, C, 4, 4), channels last in memory."""
+
+    def __init__(self, before: int, channels: int) -> None:
+        super().__init__(before, channels * COARSEST**2)
+        self.channels = channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(x).reshape(len(x), COARSEST, COARSEST, -1).permute(0, 3, 1, 2)
+
+
+def _enlarge(channels: int, upsampling: str) -> nn.Module:
+    """(n, C, h, w) -> (n, C, 2h, 2w)."""
+    if upsampling == "pixel_shuffle":
+        return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
+    return nn.Upsample(scale_factor=2, mode=upsampling)
+
+
+class _Layer(nn.Module):
+    """A convolution and what is added to it, without the activation."""
+
+    grain: Tensor
+
+    def __init__(self, before: int, after: int, side: int, planes: int, noise: float, normalisation: str) -> None:
+        super().__init__()
+        self.convolution = nn.Conv2d(before, after, 3, padding=1)
+        self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
+        self.strength = nn.Parameter(torch.full((after,), float(noise))) if noise else None
+        self.normalise = NORMALISATIONS[normalisation](after)
+        grain = torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
+        self.register_buffer("grain", grain, persistent=False)
+
+    def forward(self, x: Tensor, planes: Tensor | None) -> Tensor:
+        x = self.convolution(x)
+        if self.coordinates is not None and planes is not None:  # the same sum as that of a convolution of both
+            x = x + self.coordinates(planes)
+        if self.strength is not None:
+            grain = torch.randn_like(x[:, :1]) if self.training else self.grain
+            x = x + self.strength[:, None, None] * grain
+        return self.normalise(x)
+
+
+def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
+    """Compute planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+
+    With a ``zoom`` z they are folded as pixel_unshuffle does it: (n, PLANES * z * z, side / z, side / z).
+
+    Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
+    waves across, which fade away from the stroke. The curve is taken as a parabola over its chord, whose lean is undone
+    to first order: valid strokes deviate little from that, a network corrects it, and nothing is searched for.
+    """
+    line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
+    line = line.reshape(-1, zoom).T  # (z, side / z)
+    start, control, end, width, _ = parameters[:, :, None, None, None].split([2, 2, 2, 1, 3], dim=1)
+    half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
+    half = half.clamp_min(THINNEST)
+    chord, lift = end - start, control - start
+    square = chord.square().sum(1, keepdim=True).clamp_min(LEAST_SQUARED_CHORD)
+    length = square.sqrt()
+    dx, dy = chord[:, :1], chord[:, 1:]
+    x, y = line[:, None] - start[:, :1], line[:, None, :, None] - start[:, 1:]
+    along = (x * dx + y * dy) / square  # (n, z, z, side / z, side / z)
+    lean = (lift * chord).sum(1, keepdim=True) / square - 0.5
+    bend = (dx * lift[:, 1:] - dy * lift[:, :1]) / length
+    t = along.clamp(0, 1)
+    t = (t - 2 * lean * t * (1 - t)).clamp(0, 1)
+    slope = 2 * bend / length * (1 - 2 * t)
+    across = ((dx * y - dy * x) / length - 2 * bend * t * (1 - t)) / half * torch.rsqrt(1 + slope.square())
+    beyond = ((along - 0.5).abs() - 0.5).clamp_min(0) * length / half
+    v = across.clamp(-FARTHEST, FARTHEST)
+    near = torch.exp(-0.25 * v.square())
+    planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST)]
+    cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
+    for _ in range(WAVES):
+        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # they belong to twice the angle
+        planes += [near * cosine, near * sine]
+    return torch.stack(planes, dim=1).flatten(1, 3)

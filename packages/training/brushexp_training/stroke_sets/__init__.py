@@ -1,0 +1,1 @@
+"""Strokes that an engine has simulated: written as shards, read as batches."""

@@ -1,0 +1,201 @@
+"""Read batches of strokes in random order without holding all in memory, or simulate them on the way."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lightning as L
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Engine
+from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp_training.stroke_sets.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet, pictures_of
+
+GROUP = 32  # blocks whose strokes are shuffled together
+EPOCH_STEPS = 500  # batches that are called an epoch, where strokes never come twice
+HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those simulated on the way
+
+
+class StrokeBatch(NamedTuple):
+    """Strokes and their pictures; the number of a stroke decides its split."""
+
+    parameters: Tensor  # (B, 10) float32 in [-1, 1], as `strokes.prior.parameters_of` writes them
+    images: Tensor  # (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha
+    number: Tensor  # (B,) int64
+
+
+class StrokeLoader:
+    """Iterates over the ``length`` batches of an epoch, ``batches(epoch, first batch)``, epoch after epoch."""
+
+    def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
+        self.batches, self.length = batches, length
+        self.position = self.next = (0, 0)  # epoch, batch
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __iter__(self) -> Iterator[Any]:
+        epoch, first = self.next
+        self.position, self.next = (epoch, first), (epoch + 1, 0)
+        for batch in self.batches(epoch, first):
+            self.position = (epoch, self.position[1] + 1)
+            yield batch
+
+    def state_dict(self) -> dict[str, int]:
+        return {"epoch": self.position[0], "batch": self.position[1]}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Go on after the last batch that was handed out."""
+        epoch, batch = state["epoch"], state["batch"]
+        self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
+
+
+class StrokeData(L.LightningDataModule, ABC):
+    """Training, validation and test strokes; the last batch of an epoch may be smaller."""
+
+    origin: Origin  # what made the strokes (of several sets, the first)
+    sets: Sequence[StrokeSet] = ()  # the opened sets; none if the strokes are simulated on the way
+    batch_size: int
+    seed: int  # seed of strokes simulated on the way; else of their order
+
+    @property
+    def first_seed(self) -> int:
+        """The seed of the strokes; of several sets, that of the first."""
+        return self.sets[0].seed if self.sets else self.seed
+
+    @abstractmethod
+    def size(self, split: Split) -> int:
+        """Count the strokes of a split, of those for training in an epoch."""
+
+    @abstractmethod
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        """Yield batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
+
+    def train_dataloader(self) -> StrokeLoader:
+        return self._loader(Split.TRAINING)
+
+    def val_dataloader(self) -> StrokeLoader:
+        return self._loader(Split.VALIDATION)
+
+    def test_dataloader(self) -> StrokeLoader:
+        return self._loader(Split.TEST)
+
+    def count(self, split: Split, most: int | None) -> int:
+        """Count the strokes of a split, up to ``most``; None for all."""
+        return min(self.size(split), most or self.size(split))
+
+    def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
+        """Yield the first n held-out strokes of a split."""
+        for batch in self._loader(split):
+            if n <= 0:
+                break
+            yield StrokeBatch(*(values[:n] for values in batch))
+            n -= len(batch.number)
+
+    def first_batch(self, split: Split, n: int) -> StrokeBatch:
+        """Return the first n held-out strokes of a split in one batch."""
+        return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
+
+    def _loader(self, split: Split) -> StrokeLoader:
+        return StrokeLoader(partial(self.batches, split), -(-self.size(split) // self.batch_size))
+
+
+class SimulatedData(StrokeData):
+    """Simulates strokes when they are needed, ``held_out`` for validation and test each; training repeats none."""
+
+    def __init__(
+        self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000
+    ) -> None:
+        super().__init__()
+        self.engine, self.origin, self.batch_size, self.seed, self.held_out = engine, origin, batch_size, seed, held_out
+        self._held_out: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
+
+    def size(self, split: Split) -> int:
+        return EPOCH_STEPS * self.batch_size if split is Split.TRAINING else self.held_out
+
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        size = self.size(split)
+        begin = HELD_OUT.get(split, epoch * size)
+        for number in range(begin + first * self.batch_size, begin + size, self.batch_size):
+            if (batch := self._held_out.get(number)) is None:
+                numbers = torch.arange(number, min(number + self.batch_size, begin + size))
+                parameters = parameters_of(sample_prior(len(numbers), self.seed, number))
+                images = self.engine(parameters, seed=self.seed, first=number).images
+                batch = StrokeBatch(parameters, images, numbers)
+            if split is not Split.TRAINING:
+                self._held_out[number] = batch
+            yield batch
+
+
+class StoredData(StrokeData):
+    """Reads strokes from sets: the first ``limit`` training strokes once an epoch, in an order of seed and epoch."""
+
+    def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
+        super().__init__()
+        self.batch_size, self.seed = batch_size, seed
+        self.sets = [StrokeSet(path) for path in paths]
+        require_compatible(self.sets)
+        self.origin = self.sets[0].origin
+        self.shards = [shard for strokes in self.sets for shard in strokes.shards]
+        self.parameters = torch.cat([shard.parameters for shard in self.shards])
+        self.numbers = np.concatenate([np.arange(len(strokes)) for strokes in self.sets])
+        self.places = {split: split.places(self.numbers) for split in Split}
+        self.places[Split.TRAINING] = self.places[Split.TRAINING][:limit]
+        for split, places in self.places.items():
+            if not len(places):
+                wrong = f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit})"
+                raise UserError(f"{wrong}; simulate more than {2 * BLOCK} strokes, and set limit to 1 or more")
+
+    def size(self, split: Split) -> int:
+        return len(self.places[split])
+
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        places, n = self.places[split], self.batch_size
+        if split is Split.TRAINING:
+            groups = shuffle_groups(places, self.numbers[places] // BLOCK, np.random.default_rng([self.seed, epoch]))
+        else:
+            groups = np.split(places, range(n, len(places), n))
+        skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
+        images = pictures_of(self.shards, waiting)
+        for group in groups:
+            rest, skip = group[skip:], max(0, skip - len(group))
+            waiting = np.concatenate([waiting, rest])
+            images = np.concatenate([images, pictures_of(self.shards, rest)])
+            while len(waiting) >= n:
+                yield self._batch(waiting[:n], images[:n])
+                waiting, images = waiting[n:], images[n:]
+        if len(waiting):
+            yield self._batch(waiting, images)
+
+    def _batch(self, places: Numbers, images: Bytes) -> StrokeBatch:
+        planes = torch.from_numpy(images).permute(0, 3, 1, 2).contiguous() / 255
+        return StrokeBatch(self.parameters[places], planes, torch.from_numpy(self.numbers[places]))
+
+
+def require_compatible(sets: Sequence[StrokeSet]) -> None:
+    """Stop with a UserError unless the sets are of one engine and window, and none repeats another."""
+    if not sets:
+        raise UserError("no set of strokes is given; give one, made with brushexp task=simulate")
+    for one, other in combinations(sets, 2):
+        for name in ("engine", "window"):
+            ours, theirs = getattr(one.origin, name), getattr(other.origin, name)
+            if ours != theirs:
+                difference = f"{one.path} has {name} {ours}, and {other.path} has {name} {theirs}"
+                raise UserError(f"{difference}; give sets that agree")
+        if (one.origin, one.seed) == (other.origin, other.seed):
+            repeated = f"{one.path} and {other.path} hold the same strokes (seed {one.seed})"
+            raise UserError(f"{repeated}; drop one, or simulate it again with another seed")
+
+
+def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
+    """Shuffle places (n,) in groups of whole blocks: the blocks, and the places in a group."""
+    parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
+    order = random.permutation(len(parts))
+    groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))
+    return [random.permutation(np.concatenate([parts[k] for k in group])) for group in groups]

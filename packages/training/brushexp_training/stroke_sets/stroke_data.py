@@ -1,0 +1,112 @@
+"""Find the strokes that a task trains or measures on, as its config names them."""
+
+import hashlib
+import json
+import logging
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Engine
+from brushexp.plugins.renderer.base import RENDERERS
+from brushexp.registry import build, plugin_of
+from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData, StrokeData
+from brushexp_training.stroke_sets.dataset import Origin, first_difference, origin_of
+from brushexp_training.stroke_sets.writer import simulate_set
+
+BATCH_STROKES = 64  # where the task has no batch_size
+HELD_OUT = 1000  # strokes of a split that are simulated on the way, if no number is asked for
+
+log = logging.getLogger(__name__)
+
+
+def stroke_data(cfg: DictConfig) -> StrokeData:
+    """Open the sets of ``data``; without any, simulate a set first, or strokes on the way."""
+    batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
+    if not paths:
+        node = engine_node(cfg)
+        engine: Engine = build(node)
+        origin = origin_of(node, engine)
+        if cfg.get("simulate") is None:
+            seed = next(iter(training_of(cfg)[1]), cfg.seed)  # brushes are drawn from it
+            return SimulatedData(engine, origin, batch_size=batch_size, seed=seed, held_out=cfg.get("n") or HELD_OUT)
+        mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
+        path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
+        log.info("the strokes of this and later runs: %s", path)
+        simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same one
+        paths = [path]
+    return StoredData(paths, batch_size=batch_size, seed=cfg.seed, limit=cfg.get("limit"))
+
+
+def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
+    """Describe where the strokes came from, for a recipe."""
+    origin = data.origin
+    return {
+        "engine": origin.engine,
+        "engine_config": origin.engine_config,
+        "window": origin.window,
+        "strokes": [len(strokes) for strokes in data.sets] or None,
+        "seed": [strokes.seed for strokes in data.sets] or data.seed,
+        "limit": cfg.limit,
+    }
+
+
+def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
+    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and list the seeds of the sets."""
+    if cfg.data is None:
+        node = engine_node(cfg)
+        return origin_of(node, build(node)), []
+    data = StoredData([Path(path) for path in cfg.data], limit=cfg.get("limit"))
+    return data.origin, [strokes.seed for strokes in data.sets]
+
+
+def engine_node(cfg: DictConfig) -> DictConfig:
+    """Take the engine of the config; options of a measured renderer's training win over those not typed."""
+    plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
+    if trained is None or trained.engine != plugin.name:
+        return cfg.engine
+    usual = OmegaConf.structured(plugin.config)
+    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else []
+    typed = {word.lstrip("+").partition("=")[0] for word in words}
+    chosen = {key: value for key, value in cfg.engine.items() if value != usual[key] or f"engine.{key}" in typed}
+    try:
+        return OmegaConf.unsafe_merge(usual, trained.engine_config, chosen)  # type: ignore[return-value]
+    except OmegaConfBaseException:  # the recipe is of another version
+        return cfg.engine
+
+
+def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
+    """Read origin and seeds of the strokes that a renderer was trained on, unless ``other_data`` allows others."""
+    checkpoint = cfg.renderer.get("checkpoint")
+    if checkpoint is None or cfg.get("other_data", True):
+        return None, []
+    recipe = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data")
+    if not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
+        return None, []
+    seeds = recipe.get("seed")
+    valid = [seed for seed in (seeds if isinstance(seeds, list) else [seeds]) if isinstance(seed, int) and seed >= 0]
+    return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0)), valid
+
+
+def check_origin(cfg: DictConfig) -> Origin:
+    """Return the origin of the strokes; a UserError if a renderer was trained on those of other brushes, unless wanted.
+
+    Brushes are drawn from the seeds of the sets.
+    """
+    (origin, seeds), (trained, trained_seeds) = origin_for(cfg), training_of(cfg)
+    if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
+        name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
+        raise UserError(
+            f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
+            "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
+        )
+    has_brushes = trained is not None and "brushes" in trained.engine_config and trained_seeds
+    if has_brushes and (others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]):
+        raise UserError(
+            f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
+            f"on those of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"
+        )
+    return origin

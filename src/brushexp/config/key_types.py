@@ -1,0 +1,62 @@
+"""Find the types of keys and of options of plugins by their names, importing no more plugins than needed."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cache
+from types import NoneType
+from typing import Any, get_args
+
+from brushexp.config.compose import CHOSEN_GROUPS
+from brushexp.config.keys import keys_of
+from brushexp.config.tasks import TASKS
+from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, member, plugins
+
+
+def is_key(name: str) -> bool:
+    """Whether a name is a key of a task, an option of a plugin, or a group of which a run chooses."""
+    return name in CHOSEN_GROUPS or type_of_key(name)[0] is not None
+
+
+@cache
+def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
+    """Return the type of a key, and whether it may be null; (None, False) if there is no such key.
+
+    ``task`` is the one that is asked first: tasks may have keys of one name and different types. An option that plugins
+    of a family have with different types is a text if it is one anywhere, else an ``object``.
+
+    >>> type_of_key("strokes"), type_of_key("strokes", "score"), type_of_key("nothing")
+    ((<class 'int'>, True), (<class 'str'>, False), (None, False))
+    """
+    for annotations in _annotations_of(name, task):
+        if annotations:
+            types = {_without_null(annotation) for annotation in annotations}
+            kind = types.pop() if len(types) == 1 else str if str in types else object
+            return kind, any(NoneType in get_args(annotation) for annotation in annotations)
+    return None, False
+
+
+def _without_null(annotation: Any) -> Any:
+    parts = get_args(annotation)
+    return next(part for part in parts if part is not NoneType) if NoneType in parts else annotation
+
+
+def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
+    """List the annotations of a name, one group of owners after another: the task, plugins, all other tasks."""
+    for other in dict.fromkeys([*([task] if task in TASKS else []), "paint"]):
+        yield [key.annotation] if (key := keys_of(TASKS[other]).get(name)) is not None else []
+    family, _, option = name.partition(".")
+    if family in FAMILIES and option:
+        yield [
+            item.type for plugin, own in _owners(family, option) for item in fields(plugin.config) if item.name == own
+        ]
+    elif family not in CHOSEN_GROUPS:
+        yield [key.annotation for other in TASKS if (key := keys_of(TASKS[other]).get(name)) is not None]
+
+
+def _owners(family: str, option: str) -> list[tuple[Plugin, str]]:
+    """List the plugins that may have an option, and its name there."""
+    if family in MULTI_SELECT:
+        name, _, own = option.partition(".")
+        plugin = member(family, name)
+        return [] if plugin is None else [(plugin, own)]
+    return [(plugin, option) for plugin in plugins(family)]

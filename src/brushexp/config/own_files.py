@@ -1,0 +1,61 @@
+"""Check the user's own files of configs: a wrong one is told, and refused where it is chosen."""
+
+import logging
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from textwrap import shorten
+from typing import Any
+
+from brushexp.config.compose import CHOSEN_GROUPS, own_folders
+from brushexp.config.vocabulary import ALONE
+from brushexp.errors import UserError
+from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.words import conf_folders
+
+GLOBAL_GROUPS = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
+
+log = logging.getLogger(__name__)
+
+
+def check_own_files(folders: Sequence[Path], words: Sequence[str]) -> set[Path]:
+    """Warn of the user's files that are no configs, and return them; a UserError if the words choose one."""
+    wrong = {path: message for folder in own_folders(folders) for path, message in _problems_in(folder)}
+    for path, message in wrong.items():
+        if _is_chosen(path, words):
+            raise UserError(message)
+        log.warning("%s; it is left out", message)
+    return set(wrong)
+
+
+def _is_chosen(path: Path, words: Sequence[str]) -> bool:
+    """Whether words of a command line choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
+    group, name = path.parent.name, path.stem
+    chosen = rf"\+*{re.escape(group)}=(.*\W)?{re.escape(name)}(\W.*)?"
+    return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)
+
+
+def _problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
+    """List the wrong files of a folder of configs, each with what is wrong, and what to do."""
+    for path in sorted(folder.glob("*/*.yaml")):
+        if any((shipped / path.relative_to(folder)).exists() for shipped in conf_folders()):
+            yield path, f"{path} has the name of a preset that ships; give the file another name"
+        elif path.parent.name in CHOSEN_GROUPS | {"pictures"} and (problem := _problem_of(path)):
+            yield path, problem
+
+
+def _problem_of(path: Path) -> str:
+    """Say what is wrong with a file: Hydra would show a traceback, or take a word for a key of its own."""
+    if not path.is_file():
+        return f"{path} is a folder, a device or a pipe, not a file; take it away"
+    kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
+    try:
+        text = read_text(path, "take it away")
+        content: Any = yaml_of(text, kind)
+    except UserError as error:
+        return f"{path} is no config ({shorten(str(error), 150)}); its lines are like '{example}': correct it"
+    if isinstance(content, dict) and not isinstance(content.get("defaults") or [], list):
+        return f"{path} has defaults that are no list; write each in a line, '- override /look: oil'"
+    if path.parent.name in GLOBAL_GROUPS and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
+        return f"{path} would set nothing; its first line must be: # @package _global_"
+    return ""

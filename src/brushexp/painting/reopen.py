@@ -1,0 +1,109 @@
+"""Reopen a catalogue: with the renderer, colour space, paper and lamp that it was painted with, or others."""
+
+import logging
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.registry import build, build_named, plain_config, plugin_of
+from brushexp.shading.light import BOUNDS, Light
+from brushexp.strokes.saved import Saved
+from brushexp.system.reading import in_short, yaml_of
+
+log = logging.getLogger(__name__)
+
+
+def export_job(
+    saved: Saved, renderer: Renderer | None = None, blend: Blend | None = None, *, resolution: int | None = None,
+    source: str = "",
+) -> ExportJob:  # fmt: skip
+    """Make a job of a saved painting, in the colour space, on the paper and under the lamp that its settings name.
+
+    Without ``renderer``, ``blend`` and ``resolution`` (pixels of the longer side) it has the renderer and the size that
+    it was painted with, and ``blend=tiled``; titles name ``source``, a file or picture.
+    """
+    side = resolution or max(saved.size)
+    if side > LARGEST_SIDE_PIXELS:
+        raise UserError(f"resolution={side} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
+    parts = renderer or renderer_of(saved), blend or build_named("blend", "tiled", {}), space_of(saved)
+    job = ExportJob(saved, *parts, light_of(saved), source, _member_of(saved, "paper"))
+    return job if resolution is None else job.scaled(side / max(saved.size))
+
+
+def renderer_of(saved: Saved) -> Renderer:
+    """Build the renderer that a catalogue was made with by its name, because a file must not name code to run."""
+    return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
+
+
+def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
+    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and make it that of the catalogue."""
+    if chosen is None:
+        try:
+            name, renderer = saved.renderer, renderer_of(saved)
+        except UserError as error:
+            raise UserError(
+                f"{path} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
+                "or draw it with another one: renderer=analytic"
+            ) from error
+    else:
+        name, renderer = plugin_of(chosen).name, build(chosen)
+    if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
+        log.warning(
+            "%s was painted with other weights of renderer=%s, so the picture will differ; "
+            "give those with renderer=%s renderer.checkpoint=...",
+            path, saved.renderer, saved.renderer,
+        )  # fmt: skip
+    if chosen is None:
+        return saved, renderer
+    settings = recorded_settings(saved) | {"renderer": OmegaConf.to_container(chosen, resolve=True)}
+    config = OmegaConf.to_yaml(OmegaConf.create(settings))
+    return replace(saved, renderer=name, renderer_hash=renderer.weights_hash, config=config), renderer
+
+
+def space_of(saved: Saved) -> ColorSpace:
+    """Build the colour space that a catalogue was painted in."""
+    return _member_of(saved, "color") or build_named("color", "rgb", {})
+
+
+def _member_of(saved: Saved, family: str) -> Any:
+    """Build the member of a family that a catalogue names: a registered one, because a file must not name code."""
+    node = recorded_settings(saved).get(family)
+    if not node:
+        return None
+    if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node), family).family != family:
+        cure = f"write {family}: {{}} there for that of old catalogues"
+        raise UserError(f"{family} is {in_short(node)} in the config of the catalogue; {cure}")
+    return build(plain_config(node), family=family)
+
+
+def light_of(saved: Saved) -> Light:
+    """Read the lamp that a catalogue was painted under; none where its settings do not name one."""
+    options = recorded_settings(saved).get("light") or {}
+    if not isinstance(options, dict):
+        raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")
+    lamp = {item.name: options[item.name] for item in fields(Light) if item.name in options}
+    for name, value in lamp.items():
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise UserError(f"light.{name} in the config of the catalogue is {in_short(value)}; a number is needed")
+        BOUNDS[name].check(f"light.{name}", value)
+    return Light(**lamp)
+
+
+def recorded_settings(saved: Saved) -> dict[str, Any]:
+    """Read the settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
+    try:
+        settings = yaml_of(saved.config)
+        options = settings.get("renderer", {})
+        if not isinstance(options, dict):
+            raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")
+        plain_config(options)
+    except UserError as error:
+        raise UserError(f"the config of the catalogue cannot be read ({error}); mend it, or make it empty") from error
+    return {**settings, "renderer": {str(key): value for key, value in options.items() if str(key)[:1] != "_"}}

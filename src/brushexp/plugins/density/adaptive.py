@@ -1,0 +1,50 @@
+"""Add strokes where the error is largest, and remove those that matter least."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from torch import Tensor
+
+from brushexp.bounds import at_least, between
+from brushexp.plugins.density._rounds import Rounds
+from brushexp.plugins.density._worst_places import new_strokes
+from brushexp.plugins.density.base import DensificationState
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+MIN_PITCHES = 1e-3  # least size of a new stroke
+
+
+@register("density", "adaptive")
+@dataclass(kw_only=True)
+class Adaptive(Rounds):
+    """Start with fewer strokes, add small ones where the error is, move there those that matter least.
+
+    Each round removes the strokes without which the squared error grows least, and hidden ones in any case, and adds
+    new ones at the worst places, in the picture's colour and along its edges.
+
+    Source: GaussianImage++ (2025), which adds at the worst pixels, and 3D Gaussian splatting (Kerbl et al., 2023),
+    which adds and removes in turns. Differs from both: it removes by importance, not by opacity, and goes on replacing
+    strokes when there are as many as there may be.
+
+    Args:
+        start: share of the strokes to begin with, above 0 to 1.
+        rounds: times at which strokes are added and removed, with 8 steps at least between them.
+        until: share of the steps after which the strokes stay.
+        moved: share of the strokes that each round lays elsewhere, 0 to 0.5.
+        size: of new strokes, in pitches (mean distances between strokes).
+        tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
+        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
+        psnr: dB from which no more strokes are added; null for none.
+    """
+
+    size: Annotated[float, between(MIN_PITCHES, 10)] = 0.25
+    psnr: Annotated[float | None, at_least(0)] = None
+
+    def is_good_enough(self, state: DensificationState) -> bool:
+        wanted = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
+        return bool((state.image - state.target).square().mean() <= wanted)
+
+    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        new = new_strokes(state, missing + len(weakest), self.size, self.tolerance)
+        return new, max(0, len(new) - missing)

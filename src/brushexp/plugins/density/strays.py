@@ -1,0 +1,64 @@
+"""Remove hairlines, and strokes that cross everything around them."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import torch
+
+from brushexp.bounds import at_least, between
+from brushexp.plugins.density._rounds import CHANNELS
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.registry import register
+from brushexp.strokes.bezier import half_width_of, length_of, shape_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import area_of, direction_of, mean_direction, neighbours_of
+
+MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in disorder have about 0.28
+
+
+@register("density", "strays")
+@dataclass(kw_only=True)
+class Strays(Density):
+    """Remove hairlines, and strokes against all around them, if the picture hardly misses them.
+
+    It does so once, before the last steps, which then close the gaps. The picture misses a stroke by the growth of the
+    squared error without it, over the stroke's own area.
+
+    Args:
+        after: share of the steps after which they go.
+        thin: pixels; a stroke thinner than this is a hairline.
+        askew: degrees by which a stroke that crosses the others is turned against the mean of its ten nearest.
+        missed: root mean square, 0 to 1, by which the picture under a stray may get worse.
+    """
+
+    after: Annotated[float, between(0, 1)] = 0.7
+    thin: Annotated[float, at_least(0)] = 1.5
+    askew: Annotated[float, between(0, 90)] = 50
+    missed: Annotated[float, between(0, 1)] = 0.04
+    _done: bool = field(default=False, init=False)
+    uses_importance = True
+
+    def due(self, step: int, steps: int) -> bool:
+        return not self._done and step >= max(1, round(self.after * steps))
+
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
+        self._done, strokes = True, state.strokes
+        shape, width = shape_of(strokes), 2 * half_width_of(strokes)
+        direction = direction_of(shape)
+        around = mean_direction(direction, neighbours_of(strokes, shape))
+        strength = around.norm(dim=1)
+        cosine = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)  # of twice the angle
+        crossing = (strength > MIN_COHERENCE) & (cosine < math.cos(math.radians(2 * self.askew)))
+        stray = (width < self.thin) | crossing
+        if not stray.any():
+            return None
+        allowed = CHANNELS * self.missed**2 * area_of(length_of(shape), width)
+        stray &= state.importance() < allowed
+        return DensificationUpdate(~stray, Strokes.none(width)) if stray.any() and not stray.all() else None
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"done": self._done}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._done = state["done"]

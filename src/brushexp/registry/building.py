@@ -1,0 +1,155 @@
+"""Build plugins from nodes of configs and from names in files; only registered classes are built."""
+
+import json
+import re
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from brushexp.errors import UserError
+from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
+from brushexp.registry.plugin import Plugin, member, plugins
+from brushexp.system.reading import check_plain, in_short
+
+LOSSES_OF_STYLE = "style"  # key below which losses stand that are of no list
+
+_kept: dict[str, Any] = {}  # node of a config as YAML -> the plugin that a check has built of it
+
+
+def plugin_of(node: DictConfig, family: str = "") -> Plugin:
+    """Find the plugin that a config node describes by its ``_target_``; a UserError if it is not registered.
+
+    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which says the family where
+    ``family`` or the node's place in its config does not: the class may have moved to another module since.
+    """
+    target = str(node._target_)
+    if "/" in target:
+        family, _, name = target.partition("/")
+        plugin = member(family, name)
+    else:
+        plugin = _member_of_class(target, family or family_of_key(str(node._get_full_key(None))))
+    if plugin is None:
+        raise UserError(f"{in_short(target)} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
+    return plugin
+
+
+def name_of_target(target: str, family: str) -> str:
+    """Read the name of a member off its ``_target_``; what is not registered here is returned as it is.
+
+    >>> name_of_target("order/area", "order"), name_of_target("brushexp.plugins.order.area.Area", "order")
+    ('area', 'area')
+    """
+    if "/" in target:
+        return target.partition("/")[2]
+    found = _member_of_class(target, family)
+    return target if found is None else found.name
+
+
+def _member_of_class(path: str, family: str) -> Plugin | None:
+    """Find the member that a class of an earlier version is, by its family, its name, and its class's name."""
+    module, _, name = path.rpartition(".")
+    if match := re.match(rf"{re.escape(CORE)}plugins\.(\w+)\.", path):
+        folder = match[1]
+        family = next((one for one in FAMILIES if FOLDERS[one] == folder), family)
+    candidates = plugins(family) if family else plugins()
+    candidates.sort(key=lambda plugin: plugin.name != module.rpartition(".")[2])  # most are named as their file
+    return next((plugin for plugin in candidates if plugin.cls.__qualname__ == name), None)
+
+
+def family_of_key(key: str) -> str:
+    """Tell the family of the plugin at a key of a config; "" if there is none.
+
+    >>> family_of_key("loss.mse.weight"), family_of_key("style.loss"), family_of_key("steps")
+    ('loss', 'loss', '')
+    """
+    first = key.partition(".")[0]
+    return "loss" if first == LOSSES_OF_STYLE else first if first in FAMILIES else ""
+
+
+def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
+    """Build the plugin of a config node; a UserError says which option does not fit its registered class."""
+    plugin = plugin_of(node, family)
+    options = options_in(node, plugin.path, family)
+    attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
+    built = plugin.cls(*runtime, **options)
+    for name, value in attributes.items():
+        setattr(built, name, value)
+    return built
+
+
+def keep_built(node: DictConfig) -> Any:
+    """Build the plugin of a config node once for the check of a run, and keep it for the run (`take_built`)."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    if text not in _kept:
+        _kept[text] = build(node)
+    return _kept[text]
+
+
+def take_built(node: DictConfig) -> Any:
+    """Take the plugin that a check has kept for a config node, or build one; no other run gets the same object."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    return _kept.pop(text) if text in _kept else build(node)
+
+
+def drop_built() -> None:
+    """Forget the plugins that checks have built and no run has taken."""
+    _kept.clear()
+
+
+def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
+    """Read the options of a plugin from its config node; a UserError if one does not fit its type or bounds."""
+    plugin = plugin_of(node, family)
+    typed: DictConfig = OmegaConf.structured(plugin.config)
+    try:
+        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # a worker's types are copies of ours
+        options: Any = OmegaConf.to_container(typed, resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        missing = f"{path}.{error.full_key}"
+        raise UserError(
+            f"{plugin.family}={plugin.name} needs {missing}, which has no default; type {missing}=..."
+        ) from error
+    except OmegaConfBaseException as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
+    del options["_target_"]
+    if hidden := _hidden_key(options):
+        raise UserError(f"{path} has an option {hidden}; nothing below a plugin is built: drop that key")
+    plugin.check(path, options)
+    return options
+
+
+def literal(data: Any) -> Any:
+    """Write the texts of nested data so that OmegaConf, when it resolves them once, reads no interpolation in them."""
+    if isinstance(data, str):
+        return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
+    if isinstance(data, dict):
+        return {key: literal(value) for key, value in data.items()}
+    return [literal(value) for value in data] if isinstance(data, list) else data
+
+
+def _hidden_key(data: Any) -> str:
+    """Find the first key that begins with ``_``, as those do by which Hydra finds code; "" if there is none."""
+    if isinstance(data, dict):
+        own = (key for key in data if str(key).startswith("_"))
+        return str(next(own, "")) or _hidden_key(list(data.values()))
+    return next(filter(None, map(_hidden_key, data)), "") if isinstance(data, list) else ""
+
+
+def build_named(family: str, name: str, options: dict[str, Any], *runtime: object) -> Any:
+    """Build ``family=name`` with options read from a file: registered classes and their keys only (UserError)."""
+    plugin = member(family, name)
+    if plugin is None:
+        choices = ", ".join(one.name for one in plugins(family))
+        raise UserError(
+            f"{family}={in_short(name)} is not among the plugins here ({choices}); add the file that defines it"
+        )
+    return build(plain_config(options | {"_target_": plugin.target}), *runtime)
+
+
+def plain_config(values: dict[str, Any]) -> DictConfig:
+    """Turn values from a file into a config; an interpolation, which could read other data, is a UserError."""
+    if "${" in json.dumps(check_plain(values)):
+        raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
+    config: DictConfig = OmegaConf.create(values)
+    return config

@@ -1,0 +1,84 @@
+"""Announce the plugins that ship, those in folders, and those that packages publish."""
+
+import importlib
+import logging
+import os
+import pkgutil
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+from brushexp.errors import UserError
+from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
+from brushexp.registry.plugin import ENTRY_POINTS, Plugin, announce, import_or_explain, is_ours
+from brushexp.system.published import published
+
+USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
+
+log = logging.getLogger(__name__)
+_broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loaded
+
+
+def load_plugins(directory: Path) -> list[str]:
+    """Announce the built-in members, import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
+
+    Members of the program and of packages are imported when they are chosen. A file of the user that cannot be
+    imported is a warning: `missing_because` says it again where a name is not there.
+    """
+    for family in FAMILIES:
+        _announce_core(family)
+    for name, point in published(ENTRY_POINTS).items():
+        family, dot, member = name.partition(".")
+        if not dot:
+            raise UserError(f'entry point {name} of {ENTRY_POINTS} names no member; write it as "loss.{name}" = ...')
+        source = f"entry point {name} ({point.value})"
+        announce(Plugin(family, member, point.module, source, point.load, is_ours(point.module)))
+    return _import_files([*_plugin_files(directory)])
+
+
+def _announce_core(family: str) -> None:
+    """Announce the members of a family that stand in files of their names."""
+    package = importlib.import_module(f"{CORE}plugins.{FOLDERS[family]}")
+    for module in pkgutil.iter_modules(package.__path__):
+        if not module.name.startswith("_") and module.name != "base":
+            path = f"{package.__name__}.{module.name}"
+            announce(Plugin(family, module.name, path, path, partial(importlib.import_module, path), is_ours=True))
+
+
+def _import_files(files: list[Path]) -> list[str]:
+    """Import files of the user, and list the names of those that could be imported."""
+    package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
+    package.__path__ = sorted({str(path.parent) for path in files})  # workers import the classes of configs from there
+    importlib.invalidate_caches()
+    _broken.clear()
+    for path in files:
+        try:
+            import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
+        except UserError as error:
+            _broken[str(path)] = str(error)
+            log.warning("%s; it is left out", error)
+    return [path.stem for path in files if str(path) not in _broken]
+
+
+def missing_because() -> str:
+    """Say which files of the user could not be loaded, for messages about a name that is not there; "" if none."""
+    return "".join(f". {reason}" for reason in _broken.values())
+
+
+def _plugin_files(directory: Path) -> Iterator[Path]:
+    """List the plugin files in a fixed order; refuse two files of one name."""
+    extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
+    for folder in extra:
+        if not folder.is_dir():
+            raise UserError(f"{SEARCH_PATH} names {folder}, which is not a folder; correct or unset it")
+    paths: dict[str, Path] = {}
+    for folder in dict.fromkeys(path.resolve() for path in [directory, *extra]):
+        for path in sorted(folder.glob("*.py")):
+            if path.stem.startswith("_"):
+                continue
+            if path.stem in paths:
+                raise UserError(f"plugin files {paths[path.stem]} and {path} have the same name; rename one")
+            paths[path.stem] = path
+            yield path

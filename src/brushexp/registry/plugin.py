@@ -1,0 +1,213 @@
+"""Make a class a choice on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
+
+A plugin is *announced* by its family and name, which is enough to list it; the module that defines its class is
+imported when its options, its help or an object of it are first asked for.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property, partial
+from typing import Any, TypeVar
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.bounds import ANY, Bounds, Rule, bounds_of
+from brushexp.compat.hydra import store_when_read
+from brushexp.errors import UserError
+from brushexp.registry.families import CORE, FAMILIES, FOLDERS, MULTI_SELECT
+from brushexp.registry.options import options_of, structured_config
+from brushexp.system.published import published
+
+ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> the module that defines the class
+DISTRIBUTION = "brushexp"  # whose entry points are ours
+
+C = TypeVar("C", bound=type)
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A class that is chosen by ``family=name``, and its options."""
+
+    family: str
+    name: str
+    module: str  # that defines the class, or a package around it
+    source: str  # words for messages: a file, an entry point
+    load: Callable[[], object]  # imports the module
+    is_ours: bool  # whether it comes with the program; a stranger's results are checked
+
+    @cached_property
+    def cls(self) -> type:
+        """The class; a UserError says why its module cannot be imported."""
+        if (self.family, self.name) not in _classes:
+            import_or_explain(self.load, self.source)
+        if (self.family, self.name) not in _classes:
+            cure = f'decorate its class with @register("{self.family}", "{self.name}")'
+            raise UserError(f"{self.source} defines no {self.family}={self.name}; {cure}")
+        return _classes[self.family, self.name]
+
+    @property
+    def is_loaded(self) -> bool:
+        return (self.family, self.name) in _classes
+
+    @property
+    def target(self) -> str:
+        """What ``_target_`` of a config says; a class that moves to another module keeps it."""
+        return f"{self.family}/{self.name}"
+
+    @property
+    def path(self) -> str:
+        """The key above its options."""
+        return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
+
+    @cached_property
+    def config(self) -> type:
+        """The dataclass of its options."""
+        return structured_config(self.cls, self.target)
+
+    @cached_property
+    def bounds(self) -> dict[str, Bounds | Rule]:
+        """The bounds of each option."""
+        return {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(self.cls)}
+
+    @property
+    def summary(self) -> str:
+        return (inspect.getdoc(self.cls) or "").partition("\n")[0]
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """Map each option to what the docstrings of the class and its bases say about it under ``Args:``."""
+        texts: dict[str, str] = {}
+        for cls in reversed(self.cls.__mro__):
+            section = inspect.cleandoc(cls.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+            entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", section, re.MULTILINE)
+            texts |= {name: " ".join(text.split()) for name, text in entries}
+        return {item.name: texts.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Map the names of facts by which one chooses among the family to their values."""
+        return dict(getattr(self.cls, "facts", dict)())
+
+    def check(self, path: str, options: Mapping[str, Any]) -> None:
+        """Stop with a UserError when an option is out of its bounds; ``path`` is the key above it."""
+        for option, bounds in self.bounds.items():
+            value = options[option]
+            plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
+            bounds.check(f"{path}.{option}", plain, self._defaults.get(option))
+
+    @cached_property
+    def _defaults(self) -> dict[str, Any]:
+        node: DictConfig = OmegaConf.structured(self.config)
+        return {str(option): node[option] for option in node if not OmegaConf.is_missing(node, option)}
+
+
+_members: dict[tuple[str, str], Plugin] = {}  # those that are announced, by family and name
+_classes: dict[tuple[str, str], type] = {}  # those whose modules are imported
+
+
+def announce(plugin: Plugin) -> None:
+    """Make a plugin a choice of Hydra's group ``family``; a UserError if another one has its name.
+
+    The config of its options is made when Hydra reads it.
+    """
+    check_family(plugin.family)
+    key = plugin.family, plugin.name
+    is_new = key not in _members
+    if not is_new and _members[key].module != plugin.module:
+        taken = f"{plugin.family}={plugin.name} is taken by {_members[key].module}"
+        raise UserError(f"{taken}; give the one in {plugin.module} another name")
+    _members[key] = plugin
+    if is_new:  # else Hydra has it, perhaps with options of looks around it
+        # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
+        store_when_read(plugin.family, plugin.name, partial(_config_of, *key), plugin.module, package=plugin.path)
+
+
+def is_ours(module: str) -> bool:
+    """Tell whether a module comes with the program: it is of the core, or of one of its packages."""
+    return module.startswith(CORE) or module.partition(".")[0] in _our_packages()
+
+
+@cache
+def _our_packages() -> set[str]:
+    """List the import names of the packages that come with the program."""
+    points = published(ENTRY_POINTS).values()
+    return {point.module.partition(".")[0] for point in points if point.dist and point.dist.name == DISTRIBUTION}
+
+
+def check_family(family: str) -> None:
+    """Stop with a UserError if there is no such family."""
+    if family not in FAMILIES:
+        raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
+
+
+def _config_of(family: str, name: str) -> DictConfig:
+    config: DictConfig = OmegaConf.structured(_members[family, name].config)
+    return config
+
+
+def register(family: str, name: str) -> Callable[[C], C]:
+    """Publish the decorated class as the Hydra choice ``family=name``; a UserError if another has the name.
+
+    >>> from brushexp.registry import build_named, plugins
+    >>> "area" in [plugin.name for plugin in plugins("order")]  # what the decorator has published
+    True
+    >>> build_named("order", "area", {"every": 5}).every
+    5
+    """
+    check_family(family)
+
+    def publish(cls: C) -> C:
+        if not isinstance(cls, type):
+            raise UserError(f"{family}={name} is {cls!r}, not a class; write one, as docs/tutorial.md shows")
+        module, known = cls.__module__, _members.get((family, name))
+        if known is not None and f"{module}.".startswith(f"{known.module}."):
+            plugin = replace(known)  # of a module that is imported again, options may have changed
+        else:
+            plugin = Plugin(family, name, module, module, lambda: None, is_ours(module))
+        announce(plugin)
+        if not plugin.is_ours:
+            from brushexp.registry.results import check_results  # noqa: PLC0415  (torch, which --help does not need)
+
+            check_results(family, name, cls, f"{CORE}plugins.{FOLDERS[family]}.base")
+        _classes[family, name] = cls
+        if not plugin.is_ours:
+            OmegaConf.structured(plugin.config)  # an option without a type is refused now
+        return cls
+
+    return publish
+
+
+def plugins(family: str | None = None) -> list[Plugin]:
+    """List all plugins, or those of one family, by family and name."""
+    chosen = [plugin for plugin in _members.values() if family in (None, plugin.family)]
+    return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
+
+
+def loaded_plugins() -> list[Plugin]:
+    """List the plugins whose modules are imported."""
+    return [plugin for plugin in plugins() if plugin.is_loaded]
+
+
+def member(family: str, name: str) -> Plugin | None:
+    """Find a plugin by its name; None if there is none."""
+    return _members.get((family, name))
+
+
+def plugin_of_class(cls: type) -> Plugin | None:
+    """Find the plugin that a class is registered as; None if it is none."""
+    return next((_members[key] for key, registered in _classes.items() if registered is cls), None)
+
+
+def import_or_explain(load: Callable[[], Any], source: str) -> Any:
+    """Load a plugin; a UserError says which ``source`` cannot be loaded, and why."""
+    try:
+        return load()
+    except UserError as error:
+        raise UserError(f"plugin {source}: {error}") from error
+    except SyntaxError as error:
+        raise UserError(f"plugin {source}, line {error.lineno}: {error.msg}; correct it or move it away") from error
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise UserError(f"plugin {source} cannot be loaded: {reason}; correct it or move it away") from error

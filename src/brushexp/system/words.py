@@ -1,0 +1,42 @@
+"""Words and presets as data: the folders ``conf`` of the program and of packages, and their files ``words.toml``.
+
+A file of words has tables by which the program speaks of what only a package has: spellings, examples, short forms.
+"""
+
+import tomllib
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from brushexp.system.published import published
+
+SHIPPED = Path(__file__).parents[1] / "conf"
+CONF_POINTS = "brushexp.conf"  # entry-point group: package -> its module, which has a folder ``conf``
+WORDS_FILE = "words.toml"
+
+
+@cache
+def conf_folders() -> list[Path]:
+    """List the folders of configs that ship, those of the program first, then those of packages."""
+    specs = (find_spec(point.module) for point in published(CONF_POINTS).values())
+    places = [place for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
+    return [SHIPPED, *sorted(Path(place) / "conf" for place in places)]
+
+
+@cache
+def _tables() -> dict[str, dict[str, Any]]:
+    """Read the words of the program and of packages: what others say, and what we say."""
+    tables: dict[str, dict[str, Any]] = {}
+    for path in (folder / WORDS_FILE for folder in conf_folders()):
+        if path.is_file():
+            for name, table in tomllib.loads(path.read_text(encoding="utf-8")).items():
+                known = tables.setdefault(name, {})
+                lists = {ours: [*known.get(ours, []), *said] for ours, said in table.items() if isinstance(said, list)}
+                known |= table | lists
+    return tables
+
+
+def table_of_words(table: str) -> dict[str, Any]:
+    """Return a table of the files of words: ``alone`` maps each word that a painter types alone to what it means."""
+    return dict(_tables().get(table, {}))
