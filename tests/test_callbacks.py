@@ -28,7 +28,6 @@ from scenes import Windowed
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.logger.base import Logger, Run
@@ -226,7 +225,7 @@ class Watch(L.Callback):
 
     def on_train_batch_end(self, trainer, painter, *_):
         self.kept.append(trainer.callback_metrics["psnr"])
-        self.then.append((float(trainer.logged_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
+        self.then.append((float(trainer.callback_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
 
 
 @pytest.mark.parametrize("plan", ["whole", "patches", "coarse"])
@@ -243,20 +242,18 @@ def test_callbacks_see_the_values_of_the_step(plan, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
-def test_callbacks_and_loggers_of_lightning_work_and_values_are_computed_only_for_who_looks(tmp_path, monkeypatch):
+def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
     timer, rates = Timer(), LearningRateMonitor("step")
     logger = CSVLogger(tmp_path, name="", version="curves")
     painter = painter_of(Stage("a", Analytic(), 20), Stage("b", Analytic(), 10))
     trainer = fit_painter(painter, [timer, rates], logger=logger, log_every_n_steps=1, profiler="simple")
     assert trainer.global_step == 30
     assert timer.time_elapsed("train") > 0
-    assert "[LightningModule]StrokeOptimizer.optimizer_step" in trainer.profiler.summary()
+    assert {"optimizer_step", "[Strategy]SingleDeviceStrategy.training_step"} <= set(
+        trainer.profiler.recorded_durations
+    )
     rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
     assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(rows[0].split(","))
-    looks = []
-    monkeypatch.setattr(painting_module, "psnr_of", lambda error: looks.append(error) or 0.0)
-    fit_painter(painter_of(steps=30), log_every_n_steps=100)
-    assert len(looks) <= 5, "at the first step and at the end"
 
 
 @pytest.mark.parametrize("precision", ["bf16-mixed", "32-true", "64-true"])

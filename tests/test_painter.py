@@ -334,7 +334,7 @@ def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
     strokes, whole = painter.strokes(), painter.draw_whole()
     for step in range(6):
         view = painter.components.sampler(strokes, CANVAS, step, painter.generator)
-        painter.training_step(view, 0)
+        painter.loss(view)
     assert_close(painter.picture.memory.picture, whole, atol=1e-5, rtol=0)
 
 
@@ -454,7 +454,7 @@ def test_losses_keep_their_balance_on_parts_and_touched_pixels_are_those_in_the_
     losses = {name: build_named("loss", name, {"weight": weight}) for name, weight in (("mse", 3.0), ("kl", 2.0))}
     painter = some_painter(losses=losses)
     active, ring = torch.arange(60).chunk(2)
-    total = painter.training_step(View(Region(7, 9, 24, 35), active, ring), 0)
+    total = painter.loss(View(Region(7, 9, 24, 35), active, ring))
     assert float(total.detach()) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
     strokes = random_strokes(12, CANVAS)
     region = Region(5, 9, 30, 41)

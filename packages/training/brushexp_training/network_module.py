@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.compat.lightning import publish_values, trainer_of
 from brushexp.system.callbacks import DIVERGED
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
@@ -32,7 +31,6 @@ class NetworkModule(L.LightningModule):
         self.seen = 0  # strokes that were looked at in training, those before an interruption included
         self._cpu_seconds = 0.0  # in fits that are over
         self._since: float | None = None  # the clock of CPU time at the beginning of the present fit
-        self._written = 0  # steps after which they were given to the loggers
         self.figures: dict[str, float] = {}  # figures of the last validation
         self.validated = -1  # the step at which they were measured
 
@@ -86,15 +84,7 @@ class NetworkModule(L.LightningModule):
         self.seen, self._cpu_seconds = checkpoint["seen"], checkpoint["cpu_seconds"]
 
     def on_after_backward(self) -> None:
-        publish_values(self, self.terms)
-
-    def on_train_batch_end(self, *_: object) -> None:
-        step, every = self.global_step, self.trainer.log_every_n_steps  # type: ignore[attr-defined]
-        if step > self._written and every and step % every == 0:
-            self._written = step
-            values = {name: float(value) for name, value in self.terms.items()} | {"epoch": self.current_epoch}
-            for logger in self.loggers:
-                logger.log_metrics(values, step - 1)  # Lightning numbers steps from 0
+        self.log_dict(self.terms)
 
     def configure_gradient_clipping(
         self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None
@@ -120,6 +110,8 @@ class NetworkModule(L.LightningModule):
         return well
 
     def _timers(self) -> list[Timer]:
-        trainer = trainer_of(self)
-        callbacks = [] if trainer is None else trainer.callbacks  # type: ignore[attr-defined]
+        try:
+            callbacks = self.trainer.callbacks  # type: ignore[attr-defined]
+        except RuntimeError:  # no Trainer has begun
+            return []
         return [callback for callback in callbacks if isinstance(callback, Timer)]

@@ -41,12 +41,13 @@ class NoProfiler(PassThroughProfiler):
 
 def make_trainer(
     cfg: DictConfig, device: torch.device, folder: Path | None, loggers: Sequence[Logger],
-    callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, **options: Any,
+    callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, clips: bool = True, **options: Any,
 ) -> L.Trainer:  # fmt: skip
     """Make a Trainer with a progress bar and a clean end at Ctrl-C; in a ``folder`` it writes ``checkpoints``.
 
     Of ``cfg`` it reads ``trainer`` (which wins over ``options``), ``checkpoint_every`` and, with a folder,
-    ``callbacks``. A UserError names options that Lightning refuses.
+    ``callbacks``. It does not clip gradients of a module that clips them itself (``clips=False``), as one with manual
+    optimisation has to. A UserError names options that Lightning refuses.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)
@@ -54,6 +55,9 @@ def make_trainer(
     own = [RunRecord(cfg, folder), ProgressBar(), ProfileFile(folder)]
     own.append(TimedCheckpoint(path, cfg.get("checkpoint_every")))
     cuda = device.type == "cuda"
+    typed = {str(key): value for key, value in cfg.trainer.items() if value is not None}
+    if not clips:
+        typed = {key: value for key, value in typed.items() if not key.startswith("gradient_clip_")}
     try:
         return L.Trainer(
             accelerator="gpu" if cuda else "cpu",
@@ -61,9 +65,7 @@ def make_trainer(
             default_root_dir=folder,
             logger=list(loggers),
             callbacks=[*callbacks, *chosen, *own],
-            **{"profiler": NoProfiler()}
-            | options
-            | {str(key): value for key, value in cfg.trainer.items() if value is not None},
+            **{"profiler": NoProfiler()} | options | typed,
         )
     except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error

@@ -51,7 +51,9 @@ def paint_picture(
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
     plan = painter.resumable
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
-    trainer = make_trainer(cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan)
+    trainer = make_trainer(
+        cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan, clips=False
+    )
     if folder is not None:
         if device.type == "cpu" and cfg.seconds is None and not is_job():
             tell_of_slow_steps(painter.components.stages, len(painter.strokes()))
