@@ -34,7 +34,8 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import make_trainer
-from brushexp.system.callbacks import INTERRUPTED, TimedCheckpoint
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.system.status import Status
 
 
 class Line(L.LightningModule):
@@ -43,7 +44,7 @@ class Line(L.LightningModule):
     def __init__(self, steps=8, beside=lambda step: None):
         super().__init__()
         self.weight = torch.nn.Parameter(torch.zeros(1))
-        self.steps, self.beside, self.stop = steps, beside, ""
+        self.steps, self.beside, self.stop = steps, beside, None
 
     title = "drawing a line"
 
@@ -96,12 +97,12 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
     fit(tmp_path, straight)
     first = Line(beside=lambda step: step == 3 and signal.raise_signal(signal.SIGINT))
     assert fit(tmp_path, first).global_step == 4
-    assert first.stop == INTERRUPTED
+    assert first.stop == Status.INTERRUPTED
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     second = Line()
     trainer = fit(tmp_path, second, resume=tmp_path / "checkpoint.ckpt")
     assert trainer.global_step == 8
-    assert second.stop == ""
+    assert second.stop is None
     assert torch.equal(second.weight, straight.weight)
     with pytest.raises(ZeroDivisionError):
         fit(tmp_path, Line(beside=lambda step: 1 / 0))
@@ -198,7 +199,7 @@ def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan(options):
 
 
 ENDS = {
-    "completed": ({}, [], 26, ""),
+    "completed": ({}, [], 26, None),
     "max_steps": ({"max_steps": 13}, [], 13, "max_steps reached"),
     "max_epochs": ({"max_epochs": 2}, [], 20, "max_epochs reached"),
     "max_time": ({"max_time": {"seconds": 0}}, [], 0, "max_time reached"),

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.system.callbacks import DIVERGED
+from brushexp.system.status import Status
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # share of the highest learning rate at the end
@@ -25,7 +25,7 @@ class NetworkModule(L.LightningModule):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stop = ""  # why training ends before its limit (`system.callbacks`)
+        self.stop: Status | None = None  # why training ends before its limit
         self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
         self.terms: dict[str, Tensor] = {}  # the losses of the last step
         self.seen = 0  # strokes that were looked at in training, those before an interruption included
@@ -105,7 +105,7 @@ class NetworkModule(L.LightningModule):
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
             what = f"{wrong} is {float(self.terms[wrong])}" if wrong else "the gradient is not finite"
-            self.stop, self.trouble = DIVERGED, f"step {self.global_step + 1}: {what}"
+            self.stop, self.trouble = Status.DIVERGED, f"step {self.global_step + 1}: {what}"
             self.trainer.should_stop = True
         return well
 

@@ -16,6 +16,7 @@ from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.status import Status
 
 STEPS_PER_EPOCH = 100
 LOG_SECONDS = 0.25  # least time between two points of the curves: writing one costs as much as half a step
@@ -41,8 +42,8 @@ class PaintingModule(L.LightningModule):
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
         self.evaluations = 0  # how often losses were evaluated; an optimiser may need several for a step
-        self.stop = ""  # why the fit ends before its last step
-        self.trouble = ""  # what was not finite in the step that was undone (`DIVERGED`)
+        self.stop: Status | None = None  # why the fit ends before its last step
+        self.trouble = ""  # what was not finite in the step that was undone (`Status.DIVERGED`)
         self.anytime: list[Pair] = []
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
         self.values: dict[str, Tensor] = {}  # what was logged of the last step

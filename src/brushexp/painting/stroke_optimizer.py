@@ -25,7 +25,7 @@ from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
-from brushexp.system.callbacks import DIVERGED
+from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 CHANGE_PIXELS = 0.01  # largest change of a stroke by a renderer that the log does not count
@@ -164,7 +164,7 @@ class StrokeOptimizer(PaintingModule):
                 trouble = self._find_trouble(moving, before)
             if trouble:
                 moving.replace(before)
-                self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {trouble}"
+                self.stop, self.trouble = Status.DIVERGED, f"step {self.schedule.step + 1}: {trouble}"
 
             moving.keep_in_range()
             strokes = moving()
