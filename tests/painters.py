@@ -1,8 +1,6 @@
 """Painters for tests, and steps of one without a Trainer."""
 
 from collections.abc import Callable
-from functools import partial
-from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -46,20 +44,9 @@ def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
     if loop is None:
         loop = painter.configure_optimizers()
         painter.prepare()
-    optimizer, scheduler = loop["optimizer"], loop["lr_scheduler"]["scheduler"]
-
-    def closure(view: View) -> torch.Tensor:
-        with torch.enable_grad():
-            loss = painter.training_step(view, 0)
-            optimizer.zero_grad()
-            loss.backward()
-        return loss.detach()
-
-    epochs = iter(painter.train_dataloader, None)
-    for view in islice(chain.from_iterable(epochs), steps):
-        painter.on_train_batch_start(view, 0)
-        painter.optimizer_step(0, 0, optimizer, partial(closure, view))
-        scheduler.step()
+    for _ in range(steps):
+        painter.take_step(loop["optimizer"])
+        loop["lr_scheduler"].step()
     return loop
 
 
@@ -89,7 +76,7 @@ def error_of(painter: StrokeOptimizer) -> float:
 
 def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
     """Gradient of the loss of what a view shows, in the strokes of ``part`` (all for None)."""
-    painter.moving = painter.catalogue if part is None else part
-    painter.moving.zero_grad()
-    painter.training_step(view, 0).backward()
-    return {name: value.grad for name, value in painter.moving.named_parameters()}
+    moving = painter.catalogue if part is None else part
+    moving.zero_grad()
+    painter.loss(view, moving()).backward()
+    return {name: value.grad for name, value in moving.named_parameters()}

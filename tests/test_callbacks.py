@@ -26,7 +26,6 @@ from scenes import Windowed
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
@@ -35,7 +34,8 @@ from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import make_trainer
-from brushexp.system.callbacks import INTERRUPTED, TimedCheckpoint
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.system.status import Status
 
 
 class Line(L.LightningModule):
@@ -44,7 +44,7 @@ class Line(L.LightningModule):
     def __init__(self, steps=8, beside=lambda step: None):
         super().__init__()
         self.weight = torch.nn.Parameter(torch.zeros(1))
-        self.steps, self.beside, self.stop = steps, beside, ""
+        self.steps, self.beside, self.stop = steps, beside, None
 
     title = "drawing a line"
 
@@ -97,12 +97,12 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
     fit(tmp_path, straight)
     first = Line(beside=lambda step: step == 3 and signal.raise_signal(signal.SIGINT))
     assert fit(tmp_path, first).global_step == 4
-    assert first.stop == INTERRUPTED
+    assert first.stop == Status.INTERRUPTED
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     second = Line()
     trainer = fit(tmp_path, second, resume=tmp_path / "checkpoint.ckpt")
     assert trainer.global_step == 8
-    assert second.stop == ""
+    assert second.stop is None
     assert torch.equal(second.weight, straight.weight)
     with pytest.raises(ZeroDivisionError):
         fit(tmp_path, Line(beside=lambda step: 1 / 0))
@@ -199,7 +199,7 @@ def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan(options):
 
 
 ENDS = {
-    "completed": ({}, [], 26, ""),
+    "completed": ({}, [], 26, None),
     "max_steps": ({"max_steps": 13}, [], 13, "max_steps reached"),
     "max_epochs": ({"max_epochs": 2}, [], 20, "max_epochs reached"),
     "max_time": ({"max_time": {"seconds": 0}}, [], 0, "max_time reached"),
@@ -226,7 +226,7 @@ class Watch(L.Callback):
 
     def on_train_batch_end(self, trainer, painter, *_):
         self.kept.append(trainer.callback_metrics["psnr"])
-        self.then.append((float(trainer.logged_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
+        self.then.append((float(trainer.callback_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
 
 
 @pytest.mark.parametrize("plan", ["whole", "patches", "coarse"])
@@ -243,20 +243,18 @@ def test_callbacks_see_the_values_of_the_step(plan, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
-def test_callbacks_and_loggers_of_lightning_work_and_values_are_computed_only_for_who_looks(tmp_path, monkeypatch):
+def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
     timer, rates = Timer(), LearningRateMonitor("step")
     logger = CSVLogger(tmp_path, name="", version="curves")
     painter = painter_of(Stage("a", Analytic(), 20), Stage("b", Analytic(), 10))
     trainer = fit_painter(painter, [timer, rates], logger=logger, log_every_n_steps=1, profiler="simple")
     assert trainer.global_step == 30
     assert timer.time_elapsed("train") > 0
-    assert "[LightningModule]StrokeOptimizer.optimizer_step" in trainer.profiler.summary()
+    assert {"optimizer_step", "[Strategy]SingleDeviceStrategy.training_step"} <= set(
+        trainer.profiler.recorded_durations
+    )
     rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
     assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(rows[0].split(","))
-    looks = []
-    monkeypatch.setattr(painting_module, "psnr_of", lambda error: looks.append(error) or 0.0)
-    fit_painter(painter_of(steps=30), log_every_n_steps=100)
-    assert len(looks) <= 5, "at the first step and at the end"
 
 
 @pytest.mark.parametrize("precision", ["bf16-mixed", "32-true", "64-true"])

@@ -12,12 +12,14 @@ from importlib import import_module
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
 from catalogues import catalogue
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException
 from program import ROOT, publish
 from refusals import refuses
+from skimage import data, io
 from typed import configured
 
 from brushexp.cli.program import expand_arguments
@@ -25,8 +27,11 @@ from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import folders_of
 from brushexp.config.publish import offer_presets, prepare
+from brushexp.pictures.decode import read_picture
+from brushexp.pictures.similarity import psnr_of
 from brushexp.registry import FAMILIES, MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
+from brushexp.system.status import Status
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
@@ -104,6 +109,20 @@ def test_examples_in_docstrings_run(path):
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_the_plain_loop_paints_a_picture(tmp_path):
+    io.imsave(tmp_path / "photo.png", data.coffee()[::8, ::8], check_contrast=False)
+    words = [sys.executable, str(ROOT / "examples" / "plain_loop.py"), "photo.png", "painting.png"]
+    said = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    first, *_, last = map(float, re.findall(r"([\d.]+) dB", said))
+    picture, painting = (read_picture(tmp_path / name).astype(float) for name in ("photo.png", "painting.png"))
+    assert psnr_of(np.square((picture - painting) / 255).mean()) > last - 0.1 > first + 5
+
+
+def test_the_page_about_files_names_every_status():
+    (row,) = re.findall(r"^\| `status` .*", (ROOT / "docs" / "formats.md").read_text(), re.MULTILINE)
+    assert {*re.findall("`(.*?)`", row)} == {"status", *Status}
 
 
 @pytest.mark.slow

@@ -45,10 +45,10 @@ from brushexp.runs.resume import RECORD, interrupted_run
 from brushexp.runs.run_folder import take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.run_files import CHECKPOINT, MANIFEST, METRICS_FILE, note_files, recorded
 from brushexp.system.runtime import free_memory
+from brushexp.system.status import Status
 from brushexp.tasks import paint
 
 
@@ -142,7 +142,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     broken = painter_of(losses={"broken": breaking}, steps=9, sampler=sampler())
     breaking.steps_done = lambda: broken.schedule.step
     trainer = fit(broken)
-    assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
+    assert (broken.stop, trainer.global_step) == (Status.DIVERGED, 3)
     trouble = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"
     assert broken.trouble == f"step 3: {trouble}"
     for name, value in broken.strokes().items():
@@ -177,7 +177,7 @@ class Spilling(Blend):
 def test_the_part_that_made_the_first_number_that_is_not_finite_is_named(parts, trouble):
     painter = painter_of(steps=3, **parts)
     fit(painter)
-    assert (painter.stop, painter.trouble) == (DIVERGED, f"step 1: {trouble}")
+    assert (painter.stop, painter.trouble) == (Status.DIVERGED, f"step 1: {trouble}")
 
 
 def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):

@@ -22,7 +22,7 @@ from brushexp.compositing.layers import EDGE
 from brushexp.painting import stroke_optimizer
 from brushexp.painting.canvas_memory import PatchCache, find_reaching
 from brushexp.painting.components import Stage
-from brushexp.painting.goals import PSNR_REACHED, SECONDS_SPENT, NoMoreGain, Quality, TimeBudget, goals_of
+from brushexp.painting.goals import NoMoreGain, Quality, TimeBudget, goals_of
 from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.region import Region
@@ -39,7 +39,8 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior
-from brushexp.system.callbacks import STOPPED_EARLY, TimedCheckpoint
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.system.status import Status
 
 SIZE = (24, 33)
 
@@ -147,7 +148,7 @@ class Work:
         self.schedule = Schedule(steps)
         self.now, self.schedule.clock = 0.0, lambda: self.now
         self.cost, self.picture = cost, SimpleNamespace(error=error)
-        self.evaluations, self.is_unready, self.stop = 0, False, ""
+        self.evaluations, self.is_unready, self.stop = 0, False, None
         self.rates: list[float] = []
 
     def run(self, *goals: L.Callback, most: int = 10**5) -> "Work":
@@ -184,7 +185,7 @@ COSTS = {
 def test_the_steps_fit_the_seconds_and_the_rate_comes_down(cost, seconds):
     work = Work(500, cost=COSTS[cost]).run(TimeBudget(seconds))
     schedule = work.schedule
-    assert work.stop == SECONDS_SPENT
+    assert work.stop == Status.SECONDS_SPENT
     assert schedule.step == schedule.steps
     assert schedule.seconds == pytest.approx(seconds, rel=0.02, abs=max(map(COSTS[cost], range(schedule.step))))
     if seconds > 5:
@@ -204,12 +205,12 @@ def test_a_quality_ends_the_run_and_the_last_stage_gets_half_of_the_seconds(capl
     ends = work.run(TimeBudget(60.0)).schedule.ends
     assert [ends[0] * 0.01, (ends[1] - ends[0]) * 0.02] == pytest.approx([18, 12], abs=0.5)
     assert work.schedule.seconds == pytest.approx(60, abs=0.5)
-    assert work.stop == SECONDS_SPENT
+    assert work.stop == Status.SECONDS_SPENT
     caplog.set_level("INFO")
-    assert Work(40, error=0.1).run(Quality(10.5)).stop == ""
+    assert Work(40, error=0.1).run(Quality(10.5)).stop is None
     assert "psnr=10.5 was not reached: the picture has 10.00 dB" in caplog.text
     work = Work(40, error=0.1).run(Quality(9.5))
-    assert (work.stop, work.schedule.step) == (PSNR_REACHED, 1)
+    assert (work.stop, work.schedule.step) == (Status.PSNR_REACHED, 1)
     assert "psnr=9.5 is reached after" in caplog.text
     assert Work(5, 5).run(Quality(0.0)).schedule.step == 6, "only the last stage reaches it"
 
@@ -218,11 +219,11 @@ def test_an_early_stop_goes_on_with_the_next_stage_counts_evaluations_and_rememb
     painter = some_painter(Stage("a", Analytic(), 1000), Stage("b", Analytic(), 3))
     end = TimedCheckpoint(tmp_path / "it.ckpt", None)
     fit(painter, [NoMoreGain(50.0), end])
-    assert (painter.stop, painter.schedule.ends) == ("", [200, 203]), "200 evaluations have gained nothing"
+    assert (painter.stop, painter.schedule.ends) == (None, [200, 203]), "200 evaluations have gained nothing"
     lbfgs = {"optimizer": TorchOptim(name="LBFGS", lr=0.5, options={"max_iter": 4})}
     whole, first, second = (some_painter(**lbfgs) for _ in range(3))
     fit(whole, [NoMoreGain(50.0), end])
-    assert (whole.stop, 200 <= whole.evaluations < 210) == (STOPPED_EARLY, True)
+    assert (whole.stop, 200 <= whole.evaluations < 210) == (Status.STOPPED_EARLY, True)
     fit(first, [NoMoreGain(50.0)], max_steps=whole.schedule.step - 2).save_checkpoint(tmp_path / "it.ckpt")
     fit(second, [NoMoreGain(50.0)], ckpt_path=tmp_path / "it.ckpt")
     assert second.evaluations == whole.evaluations
@@ -248,11 +249,11 @@ def test_a_curve_keeps_its_ends_and_bends_is_recorded_and_goals_end_the_fit():
     assert curve_through(*pairs) == [(0.0, 11.0), (1.0, 12.0)]
     painter = some_painter(steps=10**6)
     trainer = fit(painter, goals_of(early_stop=None, psnr=0.0, seconds=60.0))
-    assert (painter.stop, trainer.global_step) == (PSNR_REACHED, 1)
+    assert (painter.stop, trainer.global_step) == (Status.PSNR_REACHED, 1)
     assert painter.anytime[0][0] == 0.0
     painter = some_painter(Stage("a", Analytic(), 100), Stage("b", Analytic(), 5))
     fit(painter, goals_of(early_stop=None, psnr=None, seconds=1.0))
-    assert painter.stop == SECONDS_SPENT
+    assert painter.stop == Status.SECONDS_SPENT
     assert painter.schedule.ends[0] > 1
     assert painter.schedule.steps > painter.schedule.ends[0]
 
@@ -272,9 +273,9 @@ def test_seconds_cpu_time_and_the_curve_go_on_after_an_interruption(tmp_path):
     for schedule in (first.schedule, second.schedule):
         schedule.clock = lambda schedule=schedule: 0.01 * schedule.step
     fit(first, [TimeBudget(0.5)], max_steps=20).save_checkpoint(tmp_path / "it.ckpt")
-    assert first.stop == ""
+    assert first.stop is None
     fit(second, [TimeBudget(0.5)], ckpt_path=tmp_path / "it.ckpt")
-    assert second.stop == SECONDS_SPENT
+    assert second.stop == Status.SECONDS_SPENT
     assert second.schedule.step == pytest.approx(50, abs=1)
     assert second.anytime[0] == first.anytime[0]
     assert second.anytime[-1][0] == pytest.approx(second.schedule.seconds)
@@ -334,7 +335,7 @@ def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
     strokes, whole = painter.strokes(), painter.draw_whole()
     for step in range(6):
         view = painter.components.sampler(strokes, CANVAS, step, painter.generator)
-        painter.training_step(view, 0)
+        painter.loss(view)
     assert_close(painter.picture.memory.picture, whole, atol=1e-5, rtol=0)
 
 
@@ -350,7 +351,7 @@ def test_partial_steps_lower_the_error_with_any_optimiser_and_loss_also_after_co
     painter = some_painter(steps=40, sampler=few(), options={"coarse": coarse}, **PARTS[name])
     before = error_of(painter)
     fit(painter)
-    assert (painter.schedule.step, painter.stop) == (40, "")
+    assert (painter.schedule.step, painter.stop) == (40, None)
     assert error_of(painter) < before
     assert all(term.isfinite() for term in painter.terms.values())
     assert sorted(painter.depth.front_to_back.tolist()) == list(range(60))
@@ -454,7 +455,7 @@ def test_losses_keep_their_balance_on_parts_and_touched_pixels_are_those_in_the_
     losses = {name: build_named("loss", name, {"weight": weight}) for name, weight in (("mse", 3.0), ("kl", 2.0))}
     painter = some_painter(losses=losses)
     active, ring = torch.arange(60).chunk(2)
-    total = painter.training_step(View(Region(7, 9, 24, 35), active, ring), 0)
+    total = painter.loss(View(Region(7, 9, 24, 35), active, ring))
     assert float(total.detach()) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
     strokes = random_strokes(12, CANVAS)
     region = Region(5, 9, 30, 41)

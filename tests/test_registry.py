@@ -287,4 +287,4 @@ def test_a_plugin_that_fails_is_told_in_a_painting_and_where_one_goes_on_with_th
     finally:
         logging.getLogger().removeHandler(handler)
         handler.close()
-    assert "in training_step" in (tmp_path / "run.log").read_text()
+    assert "in weighted_sum" in (tmp_path / "run.log").read_text()

@@ -16,6 +16,7 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.system.files import write_json, write_picture
 from brushexp.system.progress import counting, with_progress
 from brushexp.system.runtime import cores, peak_memory
+from brushexp.system.status import Status
 from brushexp_canvases.grid import Grid
 from brushexp_canvases.jobs import paint_all, workers
 from brushexp_canvases.page import write_viewer
@@ -70,7 +71,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         "seconds_total": time.monotonic() - start,
         "peak_memory_mb": peak_memory(),
         "worker_memory_mb": memory,
-        "status": "completed",
+        "status": Status.COMPLETED,
     }
     write_json(folder / "metrics.json", metrics)
     log.info("%s: %d strokes on %.1f megapixels", path, n_strokes, megapixels)

@@ -11,7 +11,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.painting.build import compute_focus
+from brushexp.painting.build import clip_of, compute_focus
 from brushexp.painting.components import build_components, build_stages
 from brushexp.painting.finished import bare_job
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -118,7 +118,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     strokes = strokes.moved(shift=(-window.left, -window.top))
     painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
     if painter.schedule.steps and len(laid.own):
-        trainer = make_trainer(cfg, device_of(cfg.device), None, [], checkpoints=False)
+        trainer = make_trainer(cfg, device_of(cfg.device), None, [], checkpoints=False, clips=False)
         conclude(painter, None, cfg, fit(trainer, painter), painter.schedule.step)
     painter.hand_over()
     own = slice(len(laid.ring), len(laid.ring) + len(laid.own))
@@ -151,7 +151,7 @@ def painter_of(
     order = Remembered(parts.order, ring.to(device), passing)
     parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
     catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
-    kept = {"seed": cfg.seed, "focus": focus, "variety": cfg.variety}
+    kept = {"seed": cfg.seed, "focus": focus, "variety": cfg.variety, "clip": clip_of(cfg)}
     return StrokeOptimizer(catalogue, parts, target, background, **kept).to(device), order
 
 

@@ -21,6 +21,7 @@ from brushexp.painting.build import build_painter
 from brushexp.painting.components import build_components
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
@@ -30,12 +31,12 @@ from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RECORD, record_of, restore_run
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import replacing, to_bytes, write_json, write_picture
 from brushexp.system.progress import showing
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import interruptible, peak_memory
+from brushexp.system.status import Status
 from brushexp.system.terminal import IN_LOG, as_shown
 from brushexp_films.carrying import Carrier, Cel, Reel
 from brushexp_films.changes import Flicker
@@ -84,10 +85,12 @@ class PaintedFilm:
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
+        assert isinstance(painter, StrokeOptimizer)
         painter.variety = 0.0  # strokes that move on get the colours that fit, and others would not
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            trainer = make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False, clips=False)
+            failure = fit(trainer, painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
@@ -132,7 +135,7 @@ class PaintedFilm:
         cel = self.reel.cel
         return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
 
-    def metrics(self, start: float | None, status: str) -> dict[str, object]:
+    def metrics(self, start: float | None, status: Status) -> dict[str, object]:
         """Collect the numbers of metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
         finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
@@ -192,8 +195,8 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
     for number in sorted({0, count // 2, count - 1}):
         film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
         pictures.append(film.lit())
-    ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
-    status = "completed" if failure is None else ended
+    ended = Status.INTERRUPTED if isinstance(failure, KeyboardInterrupt) else Status.FAILED
+    status = Status.COMPLETED if failure is None else ended
     write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
     metrics = film.metrics(start, status)
     write_json(folder / "metrics.json", metrics)
@@ -209,7 +212,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
         log.info("%s  %s picture%s%s", as_shown(path), f"{count:,}", "" if count == 1 else "s", took)
     if failure is not None:
         words = f"{status} at picture {count}; {how_to_go_on(folder, 'paint')}"
-        if status == INTERRUPTED:
+        if status == Status.INTERRUPTED:
             raise KeyboardInterrupt(words) from failure
         log.warning(words)
         raise failure

@@ -9,14 +9,14 @@ from brushexp.painting.build import build_painter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.runs.resume import restore_run
-from brushexp.tasks.paint import paint_picture
+from brushexp.tasks.paint import paint_into
 from brushexp_guides.lines import follow, load_lines
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, write everything into the run's folder, and return the figures of metrics.json."""
     cfg, checkpoint = restore_run(cfg)
-    return paint_picture(cfg, folder, None if checkpoint else start, checkpoint, build=build_guided).metrics
+    return paint_into(folder, cfg, None if checkpoint else start, checkpoint, build=build_guided).metrics
 
 
 @torch.no_grad()

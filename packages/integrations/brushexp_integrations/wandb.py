@@ -17,13 +17,14 @@ from brushexp.bounds import one_of
 from brushexp.errors import UserError
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
+from brushexp.system.status import Status
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
 
 log = logging.getLogger(__name__)
 STEP = "trainer/global_step"  # name of the step in curves of Lightning's WandbLogger
-EXIT_CODES = {"completed": 0, "interrupted": 130, "failed": 1}
+EXIT_CODES = {Status.COMPLETED: 0, Status.INTERRUPTED: 130, Status.FAILED: 1}
 DEFAULTS = {  # environment of wandb, unless the user sets it
     "WANDB_SILENT": "true",
     "WANDB_CONSOLE": "off",  # it would keep all that the program prints

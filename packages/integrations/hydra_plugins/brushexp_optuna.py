@@ -153,8 +153,9 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
     import optuna  # noqa: PLC0415
 
     from brushexp.results.runs import objective_in  # noqa: PLC0415
+    from brushexp.system.status import Status  # noqa: PLC0415
 
-    failed, states = result["status"] == "failed", optuna.trial.TrialState
+    failed, states = result["status"] == Status.FAILED, optuna.trial.TrialState
     state, value = (states.FAIL, None) if failed else (states.COMPLETE, objective_in(result, objective))
     return optuna.trial.create_trial(state=state, value=value, params=values, distributions=space)
 

@@ -60,7 +60,7 @@ def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised
     painter = fit_states(Counting(), film)
     assert painter.schedule.step == painter.schedule.steps == 30
     assert painter.trainer.global_step == 10
-    assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
+    assert (len(painter.strokes()), painter.stop, painter.progress) == (10, None, 1.0)
     assert_close(painter.latest(), painter.draw_whole())
     assert painter.anytime[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}

@@ -10,6 +10,7 @@ import torch
 from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.callbacks.base import Callback
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import register
 
 if TYPE_CHECKING:
@@ -41,8 +42,9 @@ class RandomGround(Callback):
             if not hasattr(painter, "catalogue"):
                 raise UserError("callbacks=random_ground is for painter=gradient; drop it, or drop painter=")
 
-        def change(_: L.Trainer, painter: Any, view: Any, number: int) -> None:
-            if view.active is None and painter.progress < self.until:
+        def change(_: L.Trainer, painter: Any, *__: object) -> None:
+            is_whole = painter.is_coarse or isinstance(painter.components.sampler, Whole)
+            if is_whole and painter.progress < self.until:
                 own.append(painter.picture.background)
                 painter.picture.background = random_color(own[0], painter.schedule.step)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_policies import traced
+from brushexp_policies.patches import Patches
 from brushexp_policies.random_ground import RandomGround, random_color
 from brushexp_policies.sizes import Sizes
 from brushexp_policies.strata import Strata
@@ -29,7 +30,6 @@ from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.optimizer.torch import UNITS, TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes, check_strokes
 
@@ -189,12 +189,11 @@ def test_strokes_double_in_number_and_shrink_and_new_ones_lie_on_top():
 def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_shown():
     painter = painter_of(Fixed(), steps=10)
     own, callback, grounds = painter.picture.background, RandomGround(until=0.5).open(None), []
-    view = next(iter(painter.train_dataloader()))
     for _ in range(10):
-        callback.on_train_batch_start(None, painter, view, 0)
+        callback.on_train_batch_start(None, painter, 0, 0)
         grounds.append(painter.picture.background)
         take(painter, 1)
-        callback.on_train_batch_end(None, painter, None, view, 0)
+        callback.on_train_batch_end(None, painter, None, 0, 0)
         assert painter.picture.background is own
     assert len({tuple(ground.tolist()) for ground in grounds}) == 6
     assert torch.equal(grounds[3], random_color(own, 3)), "a resumed run draws it again"
@@ -202,14 +201,13 @@ def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_sho
 
 
 def test_the_ground_stays_while_a_part_is_looked_at_and_an_error_leaves_the_ground_its_own():
-    painter = painter_of(Fixed())
-    part = View(next(iter(painter.train_dataloader())).region, torch.arange(2))
+    painter = painter_of(Fixed(), sampler=Patches())
     own, callback = painter.picture.background, RandomGround().open(None)
-    callback.on_train_batch_start(None, painter, part, 0)
+    callback.on_train_batch_start(None, painter, 0, 0)
     assert painter.picture.background is own
     painter = painter_of(Fixed())
-    own, callback, view = painter.picture.background, RandomGround().open(None), next(iter(painter.train_dataloader()))
-    callback.on_train_batch_start(None, painter, view, 0)
+    own, callback = painter.picture.background, RandomGround().open(None)
+    callback.on_train_batch_start(None, painter, 0, 0)
     assert painter.picture.background is not own
     callback.on_exception(None, painter, ValueError())
     assert painter.picture.background is own

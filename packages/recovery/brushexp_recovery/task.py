@@ -15,6 +15,7 @@ from brushexp.reporting.tables import csv_table
 from brushexp.system.files import to_bytes, write_json, write_picture, write_text
 from brushexp.system.progress import showing
 from brushexp.system.runtime import peak_memory
+from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
 from brushexp_recovery.measure_scale import scale_of
 from brushexp_recovery.model import load_model
@@ -38,7 +39,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     del picture  # which is four times as large
     rows = write_files(cfg, folder, pixels, recovered)
     metrics = figures_of(recovered) | {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
-    metrics |= {"picture": "painting.png", "status": "completed"}
+    metrics |= {"picture": "painting.png", "status": Status.COMPLETED}
     write_json(folder / "metrics.json", metrics)
     log.info("%s: %d strokes on %.0f %% of the picture", as_shown(folder), len(rows), 100 * metrics["covered"])  # type: ignore[operator]
     if (remark := remark_on(rows)) is not None:

@@ -8,7 +8,7 @@ from brushexp.painting.build import build_painter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.runs.resume import restore_run
-from brushexp.tasks.paint import paint_picture
+from brushexp.tasks.paint import paint_into
 from brushexp_repaint.as_painted import as_painted, fence_of, saved_job
 
 
@@ -16,7 +16,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Repaint the region, write everything into the run's folder, and return the figures of metrics.json."""
     cfg, checkpoint = restore_run(cfg)
     settings = as_painted(cfg, saved_job(cfg))
-    return paint_picture(settings, folder, None if checkpoint else start, checkpoint, build=build_repainter).metrics
+    return paint_into(folder, settings, None if checkpoint else start, checkpoint, build=build_repainter).metrics
 
 
 def build_repainter(cfg: DictConfig) -> PaintingModule:

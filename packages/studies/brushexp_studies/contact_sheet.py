@@ -17,6 +17,7 @@ from brushexp.results.quantities import digits
 from brushexp.results.runs import shorten
 from brushexp.results.tables import is_album, numbers, run_count, varying_settings
 from brushexp.system.files import write_picture
+from brushexp.system.status import Status
 from brushexp_studies.plotting import wrap_text
 
 SIDE = 400  # pixels: longer side of a picture, where the sheet has room
@@ -83,11 +84,11 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
             targets.add(run["target"])
             cells.append(SheetCell(run["folder"] / "target.png", (TARGET,)))
         label = "   ".join(f"{key}={names[settings.loc[name, key]]}" for key, names in words.items())
-        if run["status"] == "failed":
+        if run["status"] == Status.FAILED:
             cells.append(SheetCell(None, (label, f"run {name}"), f"failed: {run['error']}"))
             continue
         values = [f"{x:.{digits()[key]}f} {UNITS[key]}" for key, x in metrics.loc[name].dropna().items()]
-        status = [run["status"]] * (run["status"] != "completed")
+        status = [run["status"]] * (run["status"] != Status.COMPLETED)
         cells.append(SheetCell(run["picture"], (label, "   ".join([*status, *values, f"run {name}"])), "no picture"))
     return cells
 

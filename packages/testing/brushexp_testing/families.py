@@ -19,6 +19,7 @@ from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.painter.base import Painter, PaintRequest
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
+from brushexp.system.status import Status
 
 Make = Callable[..., Any]  # builds a fresh plugin from options
 Check = Callable[[Make], None]
@@ -208,7 +209,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
         curves = logger.open(Run(Path(name)))
         curves.log_metrics({"loss/mse": 0.5}, step=1)
         curves.save()
-        logger.finish(Run(Path(name), status="completed", metrics={"psnr": 20.0}))
+        logger.finish(Run(Path(name), status=Status.COMPLETED, metrics={"psnr": 20.0}))
         curves.finalize("success")
         assert any(path.is_file() for path in Path(name).rglob("*"))
 

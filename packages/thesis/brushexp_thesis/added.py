@@ -16,6 +16,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.status import Status
 
 CATALOGUES = (".h5", ".json")
 
@@ -42,7 +43,7 @@ def add_paintings(
         write_picture(run / "target.png", target_pixels)
         write_json(run / ".hydra" / "config.yaml", {"image": image})  # JSON is YAML, too
         others = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        others |= {"status": "completed", "painter": name}
+        others |= {"status": Status.COMPLETED, "painter": name}
         write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)
 
 

@@ -21,6 +21,7 @@ from brushexp.pages.html import page
 from brushexp.pages.sweep_page import side_for, thumbnail
 from brushexp.results.runs import gather, words_of
 from brushexp.system.files import write_text
+from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
 from brushexp_thesis import standings_tables as tables
 from brushexp_thesis.added import add_paintings
@@ -58,7 +59,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     command = shlex.join(["brushexp", *words])
     table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
     log.info("%s: %d paintings in %d sections", as_shown(table), len(entries), len(sections))
-    return {"paintings": len(entries), "status": "completed"}  # without a metrics.json: it is no run itself
+    return {"paintings": len(entries), "status": Status.COMPLETED}  # without a metrics.json: it is no run itself
 
 
 def write_leaderboard_page(

@@ -20,7 +20,7 @@ from brushexp.reporting.tables import MISSING
 from brushexp.results.anytime_curves import Curve, curve_from, mean_curve
 from brushexp.results.quantities import Quantity, quantities
 from brushexp.results.runs import differences, image_name, setting_of, words_of
-from brushexp.system.run_files import UNFINISHED
+from brushexp.system.status import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 SHOWN = ["psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"]

@@ -21,7 +21,8 @@ from brushexp.results.quantities import quantities
 from brushexp.results.runs import JOBS, gather
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
-from brushexp.system.run_files import METRICS_FILE, UNFINISHED
+from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.status import UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT, PICTURE_WORD = "experiment=", "image="

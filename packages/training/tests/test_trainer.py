@@ -27,7 +27,8 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.system.callbacks import DIVERGED, INTERRUPTED, TimedCheckpoint
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.system.status import Status
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
@@ -106,7 +107,7 @@ class StopAt(L.Callback):
 
     def on_train_batch_end(self, trainer, pl_module, *_):
         if pl_module.global_step >= self.step and not trainer.is_last_batch and not pl_module.stop:
-            pl_module.stop, trainer.should_stop = INTERRUPTED, True
+            pl_module.stop, trainer.should_stop = Status.INTERRUPTED, True
 
 
 def test_a_few_strokes_are_learned_validated_and_counted_where_gradients_are_accumulated():
@@ -180,7 +181,7 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
     module.training_step = training_step
     fit(module, None, max_epochs=3)
     reason = {"loss": "loss/l2 is nan", "gradient": "the gradient is not finite", "critic": "loss/critic is nan"}
-    assert (module.stop, module.global_step) == (DIVERGED, 3)
+    assert (module.stop, module.global_step) == (Status.DIVERGED, 3)
     assert module.trouble == f"step 3: {reason[wrong]}"
     for (name, weight), expected in zip(module.named_parameters(), before.parameters(), strict=True):
         assert name.startswith("critic") or torch.equal(weight, expected), name
@@ -226,7 +227,7 @@ def test_a_training_ends_at_ctrl_c_and_goes_on_to_the_same_weights(tmp_path, ste
     fit(whole, Strokes(n), MovingAverage(0.99), TimedCheckpoint(path, None), max_epochs=epochs)
     fit(halved, Strokes(n), Press(), MovingAverage(0.99), checkpoint, max_epochs=epochs)
     assert step <= halved.global_step < 12
-    assert halved.stop == INTERRUPTED
+    assert halved.stop == Status.INTERRUPTED
     spent = torch.load(path)["cpu_seconds"]
     beside = (MovingAverage(0.99), TimedCheckpoint(path, None))
     fit(resumed, Strokes(n), *beside, resume=str(path), max_epochs=epochs)

@@ -13,7 +13,7 @@ from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.order.base import front_to_back
 from brushexp.runs.resume import restore_run
 from brushexp.strokes.catalogue import Strokes
-from brushexp.tasks.paint import paint_picture
+from brushexp.tasks.paint import paint_into
 from brushexp_tubes.mixtures import Mixtures, all_mixtures, choose_mixtures, within_tones
 from brushexp_tubes.paints import load_tubes
 from brushexp_tubes.table import StageOrder, Table
@@ -29,7 +29,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, write everything into the run's folder, and return the figures of metrics.json."""
     cfg, checkpoint = restore_run(cfg)
     begun = None if checkpoint else start
-    return paint_picture(cfg, folder, begun, checkpoint, build=build_constrained).metrics
+    return paint_into(folder, cfg, begun, checkpoint, build=build_constrained).metrics
 
 
 @torch.no_grad()

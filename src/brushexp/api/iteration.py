@@ -19,16 +19,14 @@ from brushexp.api.painting import Painting, painting_of, plan_of
 from brushexp.bounds import at_least
 from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.files import to_bytes
+from brushexp.system.status import Status
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from brushexp.api.painting import Picture
     from brushexp.api.settings import Settings
-
-STOPPED = "stopped"  # status of a painting that `State.stop` has ended
 
 
 def _stay() -> None:
@@ -68,7 +66,7 @@ class Handover(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         before, self.step = self.step, painter.schedule.step
         if self.stopped.is_set() or self.closed.is_set():
-            painter.stop = painter.stop or (INTERRUPTED if self.closed.is_set() else STOPPED)
+            painter.stop = painter.stop or (Status.INTERRUPTED if self.closed.is_set() else Status.STOPPED)
             trainer.should_stop = True
         elif not painter.is_done and self._is_due(before):
             self.last = time.monotonic()

@@ -26,7 +26,7 @@ from brushexp.runs.runner import explaining_to_users
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.run_files import recorded
-from brushexp.tasks.paint import paint_picture, try_to_write_page
+from brushexp.tasks.paint import paint_into, paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -208,11 +208,11 @@ def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Pai
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
-            return Painting(paint_picture(cfg, callbacks=callbacks), settings)
+            return Painting(paint_picture(cfg, callbacks), settings)
         try:
             take(folder, cfg)
             settings = write_pictures(settings, folder)
             note_words(folder, settings.cfg, settings.words)
-            return Painting(paint_picture(settings.cfg, folder, start, callbacks=callbacks), settings)
+            return Painting(paint_into(folder, settings.cfg, start, callbacks=callbacks), settings)
         finally:
             release(folder)

@@ -24,6 +24,7 @@ from brushexp.results.stroke_table import SIZES, StrokeTable, measure_strokes, s
 from brushexp.shading.light import overlay
 from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
+from brushexp.system.status import Status
 
 PAGE_NAME = "report.html"
 FILES = {  # the page lists the files of a run in this order
@@ -102,7 +103,7 @@ def run_page(
         "run.html.j2",
         name=name,
         lead=_lead(saved, metrics),
-        interrupted=metrics.get("status") == "interrupted",
+        interrupted=metrics.get("status") == Status.INTERRUPTED,
         figures=_figures(metrics),
         target=images.pop("target", None),
         painting=images.pop("painting", None),

@@ -17,6 +17,7 @@ from brushexp.results.comparisons import comparisons
 from brushexp.results.quantities import digits, quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.system.files import write_text
+from brushexp.system.status import Status
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -99,7 +100,7 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
         row |= {"chosen": settings.loc[name].to_dict(), "cells": texts.loc[name].to_dict()}
         row |= {"numbers": values.loc[name].dropna().to_dict(), "group": groups.get((run["image"], run["label"]))}
         row["target"] = targets.index(run["target"]) if run["target"] in targets else None
-        row |= {"status": run["status"], "error": run["error"] if run["status"] == "failed" else ""}
+        row |= {"status": run["status"], "error": run["error"] if run["status"] == Status.FAILED else ""}
         row["report"] = report if (run["folder"] / "report.html").is_file() else ""
         row["picture"] = thumbnail(run["picture"], side) if run["picture"] else None
         row["curve"] = [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)]

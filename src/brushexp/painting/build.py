@@ -8,7 +8,7 @@ from torch import Tensor
 from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
 from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import Face, focus_map, focus_weights
@@ -70,9 +70,16 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     painter = StrokeOptimizer(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse,
         variety=cfg.variety if moves else 0.0,  # strokes of a painting that stay as they are have been varied
+        clip=clip_of(cfg),
     )  # fmt: skip
     painter.pictures |= pictures
     return painter
+
+
+def clip_of(cfg: DictConfig) -> GradientClip | None:
+    """Read from the options of the Trainer how gradients are clipped; None if they are not."""
+    most, algorithm = cfg.trainer.gradient_clip_val, cfg.trainer.gradient_clip_algorithm
+    return None if most is None else GradientClip(most, algorithm or "norm")
 
 
 def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None, list[Face]]:

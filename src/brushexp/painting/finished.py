@@ -33,8 +33,9 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json
-from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
+from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.runtime import peak_memory
+from brushexp.system.status import UNFINISHED, Status
 
 if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
     from brushexp.painting.painting_module import PaintingModule
@@ -69,7 +70,7 @@ class Finished:
             write_credited(folder / f"{name}.png", shown, about)
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
-        status = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
+        status = {} if self.metrics["status"] in UNFINISHED else {"status": Status.AT_WORK}
         write_json(folder / METRICS_FILE, self.metrics | status)
 
     def conclude(self, folder: Path) -> None:
@@ -138,7 +139,7 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
         "seconds_per_step": a_step,
         "peak_memory_mb": None,
     }
-    effort |= {"n_strokes": n, "steps": schedule.step, "status": painter.stop or "completed"}
+    effort |= {"n_strokes": n, "steps": schedule.step, "status": painter.stop or Status.COMPLETED}
     anytime = [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime]
     return effort | {"cpu_seconds": schedule.cpu_seconds, "anytime": anytime}
 

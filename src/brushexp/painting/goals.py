@@ -10,11 +10,9 @@ import torch
 from lightning.pytorch.callbacks import EarlyStopping
 
 from brushexp.pictures.similarity import psnr_of
-from brushexp.system.callbacks import INTERRUPTED
+from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
-PSNR_REACHED = "psnr reached"
-SECONDS_SPENT = "seconds spent"
 GAIN_EVALUATIONS = 100  # evaluations of the losses between two checks of early_stop
 LAST_STAGE_SHARE = 0.5  # share of the seconds that the last of several stages gets
 RECENT_SHARE = 0.2  # share of a stage's time so far over which its speed is measured
@@ -66,11 +64,11 @@ class Quality(L.Callback):
         schedule = painter.schedule
         in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # by the renderer of this stage
         if schedule.is_last_stage and in_full and psnr_of(painter.picture.error + ROUNDING) >= self.psnr:
-            painter.stop = PSNR_REACHED
+            painter.stop = Status.PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
 
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
-        if painter.stop not in (PSNR_REACHED, INTERRUPTED):
+        if painter.stop not in (Status.PSNR_REACHED, Status.INTERRUPTED):
             log.warning("psnr=%g was not reached: the picture has %.2f dB", self.psnr, psnr_of(painter.picture.error))
 
 
@@ -119,7 +117,7 @@ class TimeBudget(L.Callback):
 
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.schedule.step >= painter.schedule.steps and not painter.stop:
-            painter.stop = SECONDS_SPENT
+            painter.stop = Status.SECONDS_SPENT
             log.info("seconds=%g are spent after %d steps", self.seconds, painter.schedule.step)
 
     def state_dict(self) -> dict[str, Any]:
@@ -137,7 +135,7 @@ class SecondsLimit(L.Callback):
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if painter.schedule.seconds >= self.seconds and not painter.is_done:
-            painter.stop = painter.stop or SECONDS_SPENT
+            painter.stop = painter.stop or Status.SECONDS_SPENT
             log.info("seconds=%g are spent after step %d", self.seconds, painter.schedule.step)
 
 

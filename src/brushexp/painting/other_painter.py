@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.painting.components import Components
 from brushexp.painting.divergence import name_member
-from brushexp.painting.painting_module import Epoch, PaintingModule
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
@@ -20,7 +20,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 class OtherPainter(PaintingModule):
-    """Shows the states of a painter, one after another, by the renderer of the last stage. A batch is a `PaintState`.
+    """Shows the states of a painter, one a step, by the renderer of the last stage.
 
     The clock stands still while a state is drawn.
     """
@@ -32,6 +32,7 @@ class OtherPainter(PaintingModule):
         self.painter, self.n, self.seed = painter, n, seed
         self.picture.renderer = components.stages[-1].renderer
         self._strokes = Strokes.none(target)
+        self._states = self._paint()
 
     def strokes(self) -> Strokes:
         return self._here(self._strokes)
@@ -57,10 +58,7 @@ class OtherPainter(PaintingModule):
             if self.painter.differentiates:
                 image.sum().backward()
 
-    def train_dataloader(self) -> Epoch:
-        return Epoch(self._states())
-
-    def _states(self) -> Iterator[PaintState]:
+    def _paint(self) -> Iterator[PaintState]:
         canvas, generator = self.picture, torch.Generator().manual_seed(self.seed)
         state = PaintState(self._strokes, 0, 1)
         for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw_strokes, generator)):
@@ -69,12 +67,21 @@ class OtherPainter(PaintingModule):
         yield PaintState(state.strokes, state.step, state.step)  # the painter may end before its plan
 
     def configure_optimizers(self) -> Any:
-        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing; Lightning counts the steps of an optimiser
+        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing
+
+    def training_step(self, batch: int, batch_idx: int) -> None:
+        """Show the next state of the painter."""
+        state = next(self._states)
+        self.schedule.pause()
+        self._show(state)
+        self.publish()
+        optimizer: Any = self.optimizers()
+        optimizer.step()  # for Lightning's count
+        self.schedule.start()
 
     @torch.no_grad()
-    def training_step(self, state: PaintState, batch_idx: int) -> Tensor:
-        """Draw and keep a state; the loss has no gradient."""
-        self.schedule.pause()
+    def _show(self, state: PaintState) -> None:
+        """Draw and keep a state."""
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw_strokes(strokes)
         if not image.isfinite().all():
@@ -84,9 +91,6 @@ class OtherPainter(PaintingModule):
         self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         self.schedule.step, self.schedule.ends = state.step, [max(state.step, state.steps)]
         self.picture.show(image)
-        self.publish()
-        self.schedule.start()
-        return torch.zeros((), requires_grad=True)
 
     def _check(self, state: Any) -> None:
         who = name_member("painter", self.painter)

@@ -2,80 +2,51 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
-from itertools import islice
 from typing import Any
 
+import lightning as L
 import torch
 from torch import Tensor, nn
-from torch.utils._pytree import tree_map_only
 
-from brushexp.compat.lightning import QuickModule, publish_values
 from brushexp.painting.components import Components
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.status import Status
 
 STEPS_PER_EPOCH = 100
 LOG_SECONDS = 0.25  # least time between two points of the curves: writing one costs as much as half a step
+# Warnings of Lightning that are unfounded: batches hold nothing to resume, and a checkpoint belongs after its step.
+UNFOUNDED = ".*your dataloader is not resumable|.*checkpoint will contain the model state AFTER optimization"
 
 
-class Lazy(Tensor):
-    """A number that is computed at its first use: a PSNR at every step would cost a part of the step."""
+class PaintingModule(L.LightningModule):
+    """Base module of all painters: it counts steps, draws the picture, and logs losses, PSNR and why it ends.
 
-    compute: Callable[[], float]
-
-    @classmethod
-    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        args, kwargs = tree_map_only(
-            cls, lambda number: torch.tensor(number.compute(), dtype=torch.float64), (args, kwargs or {})
-        )
-        return func(*args, **kwargs)
-
-
-class Epoch:
-    """The batches of an epoch, each made when a step asks for it.
-
-    Its state is empty, but there: without one, Lightning does not resume a loader in the midst of an epoch.
+    A batch is a bare number: a step itself decides what it looks at, for that depends on the step before. What there is
+    to resume is in the painter's own state.
     """
-
-    def __init__(self, batches: Iterator[Any]) -> None:
-        self.batches = batches
-
-    def __iter__(self) -> Iterator[Any]:
-        return islice(self.batches, STEPS_PER_EPOCH)
-
-    def __len__(self) -> int:
-        return STEPS_PER_EPOCH
-
-    def state_dict(self) -> dict[str, Any]:
-        return {}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        pass
-
-
-class PaintingModule(QuickModule):
-    """Base module of all painters: it counts steps, draws the picture, and publishes losses, PSNR and why it ends."""
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
 
     def __init__(self, components: Components, picture: Picture, schedule: Schedule) -> None:
         super().__init__()
+        self.automatic_optimization = False  # more belongs to a step than losses and optimiser
         self.components, self.picture, self.schedule = components, picture, schedule
         self.pictures = {"target": picture.target}  # (3, H, W) that the painting is made from, by name
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
         self.evaluations = 0  # how often losses were evaluated; an optimiser may need several for a step
-        self.stop = ""  # why the fit ends before its last step
-        self.trouble = ""  # what was not finite in the step that was undone (`DIVERGED`)
+        self.stop: Status | None = None  # why the fit ends before its last step
+        self.trouble = ""  # what was not finite in the step that was undone (`Status.DIVERGED`)
         self.anytime: list[Pair] = []
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self.values: dict[str, Tensor] = {}  # callbacks and loggers read these values of the last step
+        self.values: dict[str, Tensor] = {}  # what was logged of the last step
         self._next_log_seconds = 0.0
 
     @abstractmethod
@@ -132,16 +103,23 @@ class PaintingModule(QuickModule):
     def prepare(self) -> None:
         """Compile what the steps need."""
 
+    def train_dataloader(self) -> range:
+        return range(STEPS_PER_EPOCH)
+
     def publish(self) -> None:
-        """Publish the losses, the PSNR of what the step has painted (before its strokes moved) and the seconds."""
-        error, psnr = self.picture.error_now(), torch.empty(()).as_subclass(Lazy)
-        psnr.compute = lambda: psnr_of(error())
+        """Show callbacks the losses, the PSNR of what the step has painted (before its strokes moved) and the seconds.
+
+        They stand in ``trainer.callback_metrics``; loggers get some of them from `on_train_batch_end`.
+        """
         labels = {name: loss.label or name for name, loss in self.components.losses.items()}
         self.values = {f"loss/{labels[name]}": term for name, term in self.terms.items()}
-        self.values |= {"psnr": psnr, "seconds": torch.tensor(self.schedule.seconds, dtype=torch.float64)}
-        publish_values(self, self.values)
+        numbers = {"psnr": psnr_of(self.picture.error), "seconds": self.schedule.seconds}
+        self.values |= {name: torch.tensor(number, dtype=torch.float64) for name, number in numbers.items()}
+        # As Lightning's LearningRateMonitor does it: `self.log` of three values takes a twentieth of a step at 512 px.
+        self.trainer.callback_metrics.update(self.values)
 
     def on_fit_start(self) -> None:
+        warnings.filterwarnings("ignore", UNFOUNDED)
         self.prepare()
         self.schedule.start()
         self._next_log_seconds = 0.0

@@ -1,13 +1,11 @@
 """Paint the picture of the strokes (all of it, a smaller one, or the part that a view shows), and order them."""
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, mse_loss
+from torch.nn.functional import interpolate
 
 from brushexp.compositing.bands import bands
 from brushexp.compositing.layers import Canvas
@@ -20,6 +18,7 @@ from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.precision import at_least_single
 
 COARSE_ZOOM = 0.5  # size of the picture of the coarse steps, in sizes of the canvas
 
@@ -41,8 +40,7 @@ class Picture(nn.Module):
         self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
-        self._error_of_last: Callable[[], float]
-        self._error = math.inf  # the last memory had this error
+        self._error: float | None = math.inf  # of the last picture; None until somebody asks
 
     @property
     def size(self) -> tuple[int, int]:
@@ -52,14 +50,13 @@ class Picture(nn.Module):
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last painted; a small one is enlarged."""
-        return self.error_now()()
-
-    def error_now(self) -> Callable[[], float]:
-        """Return a function that computes the present `error` when it is first called."""
-        if self._last is not None and self.memory is None:
-            return self._error_of_last
-        error = self._error if self.memory is None else self.memory.error
-        return lambda: error
+        if self.memory is not None:
+            return self.memory.error
+        if self._error is None:
+            assert self._last is not None
+            difference = at_least_single(self._enlarge(self._last) - self.target).flatten()
+            self._error = float(difference.dot(difference)) / len(difference)  # a third of the time of mse_loss
+        return self._error
 
     @property
     def last(self) -> Tensor | None:
@@ -87,8 +84,7 @@ class Picture(nn.Module):
 
     def show(self, picture: Tensor) -> None:
         """Take over a whole picture (3, H, W) as the last one."""
-        self._last, self.memory = picture, None
-        self._error_of_last = cache(lambda: float(mse_loss(self._enlarge(picture), self.target)))
+        self._last, self._error, self.memory = picture, None, None
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -13,7 +14,7 @@ from torch.optim.lr_scheduler import LambdaLR
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
 from brushexp.painting.divergence import first_broken
-from brushexp.painting.painting_module import Epoch, PaintingModule
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
@@ -24,14 +25,22 @@ from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
-from brushexp.system.callbacks import DIVERGED
+from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 CHANGE_PIXELS = 0.01  # largest change of a stroke by a renderer that the log does not count
 
 
+@dataclass(frozen=True)
+class GradientClip:
+    """Clips gradients before a step, by their ``norm`` or each ``value``."""
+
+    most: float
+    algorithm: str = "norm"
+
+
 class StrokeOptimizer(PaintingModule):
-    """Moves strokes until the picture matches the target. A batch is a `View`; renderers stay frozen.
+    """Moves strokes until the picture matches the target, step by step (`take_step`); renderers stay frozen.
 
     When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
     first steps, the share ``coarse`` of the first stage, look at the whole picture at half its size; meanwhile no
@@ -50,12 +59,12 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.global_step, painter.draw_whole().shape
     (3, torch.Size([3, 24, 32]))
 
-    The same without a Trainer, by an optimiser of one's own:
+    The losses alone, in a loop and with an optimiser of one's own:
 
     >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
-    >>> for i, view in zip(range(3), painter.train_dataloader()):
+    >>> for _ in range(3):
     ...     optimizer.zero_grad()
-    ...     painter.training_step(view, i).backward()
+    ...     painter.loss(painter.sample()).backward()
     ...     optimizer.step()
     """
 
@@ -75,16 +84,16 @@ class StrokeOptimizer(PaintingModule):
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
         variety: float = 0.0,  # how far colours of finished strokes are broken, 0 to 1
+        clip: GradientClip | None = None,
     ) -> None:
         schedule = Schedule([stage.steps for stage in components.stages])
         super().__init__(components, Picture(target, focus, background, components.blend), schedule)
         self.strict_loading = False  # frozen networks are not in the checkpoint
-        self.catalogue = self.moving = catalogue  # moving is what a step changes: all, or some as a catalogue of theirs
+        self.catalogue, self.clip = catalogue, clip
         self.coarse, self.variety = coarse, variety
         self.limit: Callable[[Strokes, Strokes | None, Tensor | None], Strokes] = lambda strokes, before, rows: strokes
         self.generator, self.budget = torch.Generator().manual_seed(seed), budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
-        self._view, self._evaluations_before = View(Region.whole(target)), 0  # of this step
         self._begin_stage()
 
     @property
@@ -106,67 +115,100 @@ class StrokeOptimizer(PaintingModule):
     def strokes(self) -> Strokes:
         return self.limit(self.catalogue(), None, None)
 
-    def train_dataloader(self) -> Epoch:
-        return Epoch(self._views())
-
-    def _views(self) -> Iterator[View]:
-        while True:
-            if self.schedule.stage != self.stage:
-                self._begin_stage()
-            yield View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample()
-
-    def _sample(self) -> View:
-        return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
-
     def configure_optimizers(self) -> Any:
         optimizer = self.components.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
         scheduler = LambdaLR(optimizer, lambda _: self.components.optimizer.share(self.progress))
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+        return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
-    def on_train_batch_start(self, view: View, batch_idx: int) -> None:
-        self._view, self._evaluations_before = view, self.evaluations
+    def training_step(self, batch: int, batch_idx: int) -> None:
+        """Take a step with the optimiser, learning rate, precision and counters of a Trainer."""
+        optimizer: Any = self.optimizers()
+        schedule: Any = self.lr_schedulers()
+        self.take_step(optimizer, self.manual_backward)
+        schedule.step()
+        self.publish()
+
+    def on_before_optimizer_step(self, optimizer: optim.Optimizer) -> None:
+        if self.clip is not None:
+            self.clip_gradients(optimizer, self.clip.most, self.clip.algorithm)
+
+    def take_step(self, optimizer: optim.Optimizer, backward: Callable[[Tensor], None] = Tensor.backward) -> None:
+        """Take one gradient step: sample a view, render, compare, backward, step, clamp, densify.
+
+        ``optimizer``, that of `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step
+        after which strokes or a loss are not finite is undone, and `stop` and `trouble` say so; one that fails is
+        undone, too.
+        """
+        plain_optimizer = unwrap_optimizer(optimizer)
+        if self.schedule.stage != self.stage:
+            self._begin_stage()
+            self._restart(plain_optimizer)
+        view = self.sample()
         if self.components.order.due(*self.schedule.stage_progress):
             self.depth.renew(self.strokes())
 
-    def training_step(self, view: View, batch_idx: int) -> Tensor:
-        """Paint what the view shows and compare it with the target; L-BFGS does so several times in a step."""
-        if self.evaluations > self._evaluations_before:  # a line search may have moved the strokes anywhere
-            self.moving.keep_in_range()
+        with partial_update(self.catalogue, plain_optimizer, view.active, self.visits) as moving:
+            evaluations = self.evaluations
+
+            @torch.enable_grad()
+            def closure() -> Tensor:
+                if self.evaluations > evaluations:  # a line search may have moved the strokes anywhere
+                    moving.keep_in_range()
+                loss = self.loss(view, moving())
+                plain_optimizer.zero_grad()
+                backward(loss)
+                return loss.detach()
+
+            with undone_if_it_fails(moving) as before:
+                optimizer.step(closure)  # type: ignore[arg-type]  # they take tensors, too
+                trouble = self._find_trouble(moving, before)
+            if trouble:
+                moving.replace(before)
+                self.stop, self.trouble = Status.DIVERGED, f"step {self.schedule.step + 1}: {trouble}"
+
+            moving.keep_in_range()
+            strokes = moving()
+            drawable = self.limit(self.renderer.clamp(strokes), before, view.active)
+            if drawable is not strokes:
+                moving.replace(drawable)
+
+        self.picture.forget_strokes(view.active)
+        self.schedule.step += 1
+        if not view.coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
+            self._densify(plain_optimizer)
+
+    def sample(self) -> View:
+        """Choose which strokes the next step moves, and where it looks."""
+        return View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample_at_full_size()
+
+    def _sample_at_full_size(self) -> View:
+        return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
+
+    def loss(self, view: View, active: Strokes | None = None) -> Tensor:
+        """Paint what a view shows and compare it with the target: one number, differentiable in its active strokes.
+
+        These are rows of the catalogue unless they are given.
+        """
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
-        is_cut_out = view.active is None or self.moving is not self.catalogue
-        moving = self.moving() if is_cut_out else self.catalogue()[view.active]
-        strokes = moving if view.active is None else self.strokes()
-        canvas, painting = self.picture.see(moving, strokes, view, self.front_to_back, accuracy=accuracy)
+        if active is None:
+            active = self.catalogue() if view.active is None else self.catalogue()[view.active]
+        strokes = active if view.active is None else self.strokes()
+        canvas, painting = self.picture.see(active, strokes, view, self.front_to_back, accuracy=accuracy)
         self.depth.note_accuracy(canvas.accuracy, view.active, len(self.catalogue))
         loss, terms = weighted_sum(self.components.losses, painting)
         self.terms = {name: term.detach() for name, term in terms.items()}
         return loss if loss.requires_grad else loss.requires_grad_()
 
-    def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
-        """Move the strokes of the view, keep them drawable, and then add and remove some."""
-        rows, plain_optimizer = self._view.active, unwrap_optimizer(optimizer)
-        if self.schedule.stage and not self.schedule.stage_progress[0]:
-            self._restart(plain_optimizer)
-        with partial_update(self.catalogue, plain_optimizer, rows, self.visits) as self.moving:
-            with self._only_finite() as before:
-                super().optimizer_step(epoch, batch_idx, optimizer, optimizer_closure)
-            self.moving.keep_in_range()
-            strokes = self.moving()
-            drawable = self.limit(self.renderer.clamp(strokes), before, rows)
-            if drawable is not strokes:
-                self.moving.replace(drawable)
-        self.moving = self.catalogue
-        self.picture.forget_strokes(rows)
-        self.schedule.step += 1
-        self.publish()
-        self._densify(plain_optimizer)
+    def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
+        """Say what is not finite after a step of strokes that were ``before``; nothing if all is well."""
+        finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
+        broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
+        return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
 
     def _densify(self, optimizer: optim.Optimizer) -> None:
         """Let the density policy add and remove strokes."""
         picture, schedule = self.picture, self.schedule
-        if self._view.coarse or not self.components.density.due(schedule.step, schedule.steps):
-            return
         seen = (self.latest(), picture.target, picture.focus, self.strokes())
         state = DensificationState(*seen, self.budget, schedule.step, schedule.steps, self._judged)
         if (update := self.components.density.revise(state)) is not None:
@@ -184,29 +226,11 @@ class StrokeOptimizer(PaintingModule):
         visits = self.visits.new_full((len(new),), int(self.visits.max()) if len(self.visits) else 0)
         self.visits = torch.cat([self.visits[keep], visits])
 
-    @contextmanager
-    def _only_finite(self) -> Iterator[Strokes]:
-        """Undo a step that left strokes that are not finite, or a failed loss, and end the fit; yield those before."""
-        with torch.no_grad():
-            before = self.moving()
-        is_finite = False
-        try:
-            yield before
-            finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
-            broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
-            is_finite = broken is None and self.moving.is_finite()
-            if not is_finite:
-                what = first_broken(self, before, broken)
-                self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {what}"
-        finally:
-            if not is_finite:
-                self.moving.replace(before)
-
     def prepare(self) -> None:
         """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation."""
         check_strokes(self.strokes())  # a checkpoint may have given them
         state = deepcopy(self.state())
-        self.training_step(self._sample(), 0).backward()
+        self.loss(self._sample_at_full_size()).backward()
         if self.components.density.uses_importance:
             one = self.strokes()[:1]  # enough to compile it
             importance(one, torch.arange(len(one), device=self.device), self.picture, self.generator)
@@ -251,7 +275,7 @@ class StrokeOptimizer(PaintingModule):
         self.components.sampler.load_state_dict(state["sampler"])
         self.components.density.load_state_dict(state["density"])
         restore(self.components.losses, state["losses"])
-        self.evaluations = self._evaluations_before = state["evaluations"]
+        self.evaluations = state["evaluations"]
         self.visits = state["visits"].to(device)
         self.anytime = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
         if state["picture"] is not None:
@@ -298,3 +322,15 @@ class StrokeOptimizer(PaintingModule):
                 "step %d: switching to renderer %s; %d of %d strokes were converted to what it can draw",
                 self.schedule.step, self.components.stages[stage].name, changed, len(strokes),
             )  # fmt: skip
+
+
+@contextmanager
+def undone_if_it_fails(catalogue: Catalogue) -> Iterator[Strokes]:
+    """Yield the strokes of a catalogue as they are, and restore them if an error ends ``with``."""
+    with torch.no_grad():
+        before = catalogue()
+    try:
+        yield before
+    except BaseException:
+        catalogue.replace(before)
+        raise

@@ -26,7 +26,8 @@ from brushexp.errors import UserError
 from brushexp.pictures.decode import open_picture
 from brushexp.results.tables import numbers
 from brushexp.system.reading import digest_of, json_of, read_table, read_text, yaml_of
-from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
+from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.status import UNFINISHED, Status
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,7 +63,8 @@ def has_finished(folder: Path) -> bool:
 
 def has_ended(folder: Path) -> bool:
     """Tell whether a run has finished or failed, and was not killed or interrupted."""
-    return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in ("interrupted", AT_WORK)
+    goes_on = (Status.INTERRUPTED, Status.AT_WORK)
+    return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in goes_on
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
@@ -210,10 +212,10 @@ def read_result(folder: Path) -> Result:
     with suppress(UserError):
         data = json_of(read_text(folder / METRICS_FILE, ""))
     if not isinstance(data, dict):
-        return {"status": "failed", "error": f"its {METRICS_FILE} cannot be read", "overrides": overrides}
+        return {"status": Status.FAILED, "error": f"its {METRICS_FILE} cannot be read", "overrides": overrides}
     plain = {key: _value(value) for key, value in data.items() if not isinstance(value, list | dict)}
     texts = {key: str(data[key]) for key in TEXTS if data.get(key) is not None}
-    return {"status": "completed", **plain, **texts, "overrides": overrides, "anytime": data.get("anytime")}
+    return {"status": Status.COMPLETED, **plain, **texts, "overrides": overrides, "anytime": data.get("anytime")}
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from brushexp.reporting.tables import as_text, csv_table, latex_table, markdown_table
 from brushexp.results.quantities import digits, quantities
 from brushexp.system.files import write_text
+from brushexp.system.status import Status
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -99,5 +100,5 @@ def shown_metrics(frame: DataFrame) -> DataFrame:
 
 def run_count(frame: DataFrame) -> str:
     """Count the runs, and those that failed, in words."""
-    failed = (frame["run", "status"] == "failed").sum()
+    failed = (frame["run", "status"] == Status.FAILED).sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

@@ -37,6 +37,7 @@ from brushexp.system.runtime import (
     use_threads,
     was_signalled,
 )
+from brushexp.system.status import Status
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of torch and NumPy
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
@@ -106,7 +107,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
         result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
-            result |= {**spent, "status": "completed"}
+            result |= {**spent, "status": Status.COMPLETED}
             write_json(folder / METRICS_FILE, result)
         return result
 

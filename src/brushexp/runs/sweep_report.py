@@ -17,6 +17,7 @@ from brushexp.results.tables import write_run_tables
 from brushexp.system.files import write_json
 from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE
+from brushexp.system.status import Status
 
 SHARE = 0.1  # largest share of a sweep's time that its reports take
 
@@ -48,8 +49,8 @@ def note_failure(folder: Path, error: BaseException) -> None:
     path, numbers = folder / METRICS_FILE, {}
     with suppress(UserError):
         numbers = json_of(read_text(path, ""))
-    status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-    words = first_line(error) if status == "failed" else "KeyboardInterrupt"  # whose own are of this job alone
+    status = Status.INTERRUPTED if isinstance(error, KeyboardInterrupt) else Status.FAILED
+    words = first_line(error) if status == Status.FAILED else "KeyboardInterrupt"  # whose own are of this job alone
     with suppress(UserError):  # the disk may be full
         write_json(path, numbers | {"status": status, "error": words})
 

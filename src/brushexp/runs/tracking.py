@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import take_built
+from brushexp.system.status import UNFINISHED, Status
 
 log = logging.getLogger(__name__)
 
@@ -67,16 +68,18 @@ class Trackers(LightningLogger):
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pass_on()
-        statuses = {"interrupted": "interrupted", "diverged": "failed", "failed": "failed"}
-        status = statuses.get(str(self.run.metrics.get("status")), "completed")
+        told = self.run.metrics.get("status")
+        status = Status(told) if told in UNFINISHED else Status.COMPLETED
+        if status == Status.DIVERGED:
+            status = Status.FAILED
         if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
-            status = "interrupted" if issubclass(kind, KeyboardInterrupt | SystemExit) else "failed"
+            status = Status.INTERRUPTED if issubclass(kind, KeyboardInterrupt | SystemExit) else Status.FAILED
         for name, tracker in self.chosen.items():
             with self._caught(name):
                 tracker.finish(replace(self.run, status=status))
             with self._caught(name):
                 if name in self.curves:
-                    self.curves[name].finalize("success" if status == "completed" else status)
+                    self.curves[name].finalize("success" if status == Status.COMPLETED else status)
 
     @contextmanager
     def _caught(self, name: str) -> Iterator[None]:

@@ -19,10 +19,11 @@ from brushexp.registry import take_built
 from brushexp.registry.blame import EXPLAINED_ERRORS, mistake_of
 from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RunRecord
-from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
+from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
 from brushexp.system.files import write_text
 from brushexp.system.reading import in_short
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
 
 PROFILE = "profile.txt"  # trainer.profiler=simple writes it
@@ -41,12 +42,13 @@ class NoProfiler(PassThroughProfiler):
 
 def make_trainer(
     cfg: DictConfig, device: torch.device, folder: Path | None, loggers: Sequence[Logger],
-    callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, **options: Any,
+    callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, clips: bool = True, **options: Any,
 ) -> L.Trainer:  # fmt: skip
     """Make a Trainer with a progress bar and a clean end at Ctrl-C; in a ``folder`` it writes ``checkpoints``.
 
     Of ``cfg`` it reads ``trainer`` (which wins over ``options``), ``checkpoint_every`` and, with a folder,
-    ``callbacks``. A UserError names options that Lightning refuses.
+    ``callbacks``. It does not clip gradients of a module that clips them itself (``clips=False``), as one with manual
+    optimisation has to. A UserError names options that Lightning refuses.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)
@@ -54,8 +56,10 @@ def make_trainer(
     own = [RunRecord(cfg, folder), ProgressBar(), ProfileFile(folder)]
     own.append(TimedCheckpoint(path, cfg.get("checkpoint_every")))
     cuda = device.type == "cuda"
-    chosen_options = {str(key): value for key, value in cfg.trainer.items() if value is not None}
-    all_options: dict[str, Any] = {"profiler": NoProfiler(), "max_epochs": -1} | options | chosen_options
+    typed = {str(key): value for key, value in cfg.trainer.items() if value is not None}
+    if not clips:
+        typed = {key: value for key, value in typed.items() if not key.startswith("gradient_clip_")}
+    all_options: dict[str, Any] = {"profiler": NoProfiler(), "max_epochs": -1} | options | typed
     try:
         return L.Trainer(
             accelerator="gpu" if cuda else "cpu",
@@ -85,7 +89,7 @@ class ProfileFile(L.Callback):
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
     """Fit a module, from a ``checkpoint`` if there is one; write its results then, and call `conclude`.
 
-    An error before the first step is raised; a later one is returned, with ``module.stop`` as `FAILED`.
+    An error before the first step is raised; a later one is returned, with `Status.FAILED` as ``module.stop``.
     """
     record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
     try:
@@ -93,7 +97,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
     except (Exception, SystemExit) as error:
         if record.begun and trainer.global_step and not isinstance(error.__context__, KeyboardInterrupt):
             log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
-            module.stop = FAILED
+            module.stop = Status.FAILED
             return error
         is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error)
         if checkpoint is None or record.begun or is_known:
@@ -105,13 +109,13 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
     """End a fit whose results are on disk: remove its checkpoint, or raise what ended it before its last step."""
-    if module.stop == INTERRUPTED:
+    if module.stop == Status.INTERRUPTED:
         if folder is not None and (folder / CHECKPOINT).is_file():
             raise KeyboardInterrupt(f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}")
         raise KeyboardInterrupt  # the runner says what there is
     if failure is not None:
         raise failure
-    if module.stop == DIVERGED:
+    if module.stop == Status.DIVERGED:
         place = "" if folder is None else f"{folder} has what was there before it; "
         raise UserError(f"{module.trouble}; {place}lower the rate, or choose others")
     if folder is not None:

@@ -1,7 +1,7 @@
 """Callbacks of every fit: the progress bar, checkpoints by time, Ctrl-C.
 
 Of a LightningModule they read ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()`` (step, loss and
-quality in a few words) and ``stop`` (why the fit ends before its last step, else ""), which they also set.
+quality in a few words) and ``stop`` (why the fit ends before its last step, else None), which they also set.
 """
 
 import logging
@@ -20,10 +20,9 @@ from brushexp.errors import UserError
 from brushexp.system.files import replacing
 from brushexp.system.progress import showing
 from brushexp.system.runtime import interruptible
+from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
-INTERRUPTED, DIVERGED, FAILED = "interrupted", "diverged", "failed"  # values of ``stop``
-STOPPED_EARLY = "stopped early"  # value of ``stop`` after EarlyStopping or another callback
 FIRST_CHECKPOINT = 10  # seconds until the first checkpoint, at most
 REFRESH_SECONDS = (
     0.25  # between two updates of the bar, as between two points of a curve: both read the PSNR of one step
@@ -94,8 +93,8 @@ class TimedCheckpoint(Checkpoint):
         if pl_module.progress >= 1:
             return
         if self.pressed.is_set() and not pl_module.stop:
-            pl_module.stop, trainer.should_stop = INTERRUPTED, True
-        if pl_module.stop == INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
+            pl_module.stop, trainer.should_stop = Status.INTERRUPTED, True
+        if pl_module.stop == Status.INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
             self._write(trainer)
             self.due = time.monotonic() + self.every
 
@@ -121,12 +120,12 @@ class TimedCheckpoint(Checkpoint):
             pl_module.stop = find_limit(trainer)
 
 
-def find_limit(trainer: L.Trainer) -> str:
-    """Name the limit of the Trainer that has ended a fit; `STOPPED_EARLY` if a callback has."""
+def find_limit(trainer: L.Trainer) -> Status:
+    """Find the limit of the Trainer that has ended a fit; `Status.STOPPED_EARLY` if a callback has."""
     times = [timer.time_remaining() for timer in trainer.callbacks if isinstance(timer, Timer)]  # type: ignore[attr-defined]
     limits = {
-        "max_steps": 0 <= trainer.max_steps <= trainer.global_step,
-        "max_epochs": trainer.max_epochs is not None and 0 <= trainer.max_epochs <= trainer.current_epoch,
-        "max_time": any(seconds is not None and seconds <= 0 for seconds in times),
+        Status.MAX_STEPS_REACHED: 0 <= trainer.max_steps <= trainer.global_step,
+        Status.MAX_EPOCHS_REACHED: trainer.max_epochs is not None and 0 <= trainer.max_epochs <= trainer.current_epoch,
+        Status.MAX_TIME_REACHED: any(seconds is not None and seconds <= 0 for seconds in times),
     }
-    return next((f"{limit} reached" for limit, is_reached in limits.items() if is_reached), STOPPED_EARLY)
+    return next((limit for limit, is_reached in limits.items() if is_reached), Status.STOPPED_EARLY)

@@ -17,8 +17,6 @@ from brushexp.system.files import TEMPORARY
 METRICS_FILE = "metrics.json"  # the ``status`` of a run, and its figures
 CHECKPOINT = "checkpoint.ckpt"  # a run that has not finished has one
 MANIFEST = ".hydra/files.txt"  # one relative path a line
-AT_WORK = "at work"  # status of a painting until its timelapse and page are written
-UNFINISHED = ("failed", "interrupted", "diverged", AT_WORK)  # status of runs that are not compared
 UNNOTED = ("files.txt", "lock", "report.lock")  # files of a folder, not of its runs
 _recorded: set[str] = set()  # real paths of folders
 

@@ -1,12 +1,14 @@
 """``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import lightning as L
+from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -17,6 +19,7 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
+from brushexp.plugins.metric.base import Metric
 from brushexp.runs.closing import is_job, say_where
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
@@ -33,56 +36,119 @@ TRACKED_FRAMES = 8  # frames of the timelapse that loggers get
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint a picture, write everything into the run's folder, and return the figures of metrics.json."""
     cfg, checkpoint = restore_run(cfg)
-    return paint_picture(cfg, folder, None if checkpoint else start, checkpoint).metrics
+    return paint_into(folder, cfg, None if checkpoint else start, checkpoint).metrics
 
 
 def paint_picture(
-    cfg: DictConfig, folder: Path | None = None, start: float | None = None,
-    checkpoint: Path | None = None, callbacks: Sequence[L.Callback] = (),
+    cfg: DictConfig,
+    callbacks: Sequence[L.Callback] = (),
     build: Callable[[DictConfig], PaintingModule] = build_painter,
+) -> Finished:
+    """Paint from a checked config, in memory."""
+    metrics = metrics_of(cfg)
+    fitted = optimise(cfg, callbacks=callbacks, build=build)
+    conclude(fitted.painter, None, cfg, fitted.failure, fitted.painter.schedule.step)
+    return finish(fitted.painter, cfg, fitted.timelapse, metrics)
+
+
+def paint_into(
+    folder: Path, cfg: DictConfig, start: float | None, checkpoint: Path | None = None,
+    callbacks: Sequence[L.Callback] = (), build: Callable[[DictConfig], PaintingModule] = build_painter,
 ) -> Finished:  # fmt: skip
-    """Paint from a checked config, in memory or into a run's ``folder``, which then also holds a fit that failed.
+    """Paint from a checked config into the folder of a run, which then also holds a fit that failed.
 
     ``start`` is `time.monotonic` at the start of the program, or None for a run that goes on from its ``checkpoint``.
     """
-    trackers, device, metrics = make_trackers(cfg, folder), device_of(cfg.device), metrics_of(cfg)
-    L.seed_everything(cfg.seed, verbose=False)
-    painter = build(cfg).to(device)
-    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
-    plan = painter.resumable
-    goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
-    trainer = make_trainer(cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan)
-    if folder is not None:
-        if device.type == "cpu" and cfg.seconds is None and not is_job():
-            tell_of_slow_steps(painter.components.stages, len(painter.strokes()))
-        for name, picture in painter.pictures.items():  # before the steps: a disk may be full
-            write_picture(folder / f"{name}.png", picture)
+    trackers = make_trackers(cfg, folder)
+    metrics = metrics_of(cfg)
+    opening = Opening(cfg, folder)
     with trackers:
-        failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
-        if folder is None:
-            conclude(painter, None, cfg, failure, painter.schedule.step)
-            return finish(painter, cfg, timelapse, metrics, start=start)
-        if not is_job():
-            log.info("writing the page" if cfg.report else "writing the files")
-        with held_back("stopping when painting and catalogue are written"):
-            finished = finish(painter, cfg, timelapse, metrics, start=start)
-            finished.write(folder)
-        report_painting(trackers, folder, finished, timelapse)
-    with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to the page
-        film = beside.submit(timelapse.write, folder)
-        if cfg.report:
-            try_to_write_page(folder, finished, film)
-    film.result()
+        fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint, build)
+        opening.write(fitted.painter)  # where there were no steps
+        finished = write(fitted, cfg, folder, metrics, start)
+        report_painting(trackers, folder, finished)
+    write_page_and_film(folder, finished, page=cfg.report)
     finished.conclude(folder)  # until then the run counts as one at work
     log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
-    conclude(painter, folder, cfg, failure, painter.schedule.step)
+    conclude(fitted.painter, folder, cfg, fitted.failure, fitted.painter.schedule.step)
     say_where(folder, len(finished.job.strokes), start)
     return finished
 
 
-def report_painting(trackers: Trackers, folder: Path, finished: Finished, timelapse: Timelapse) -> None:
+@dataclass(frozen=True)
+class Fitted:
+    """A painter after its steps, the frames that were taken on the way, and what ended the steps if that failed."""
+
+    painter: PaintingModule
+    timelapse: Timelapse
+    failure: BaseException | None
+
+
+def optimise(
+    cfg: DictConfig, folder: Path | None = None, loggers: Sequence[Logger] = (), callbacks: Sequence[L.Callback] = (),
+    checkpoint: Path | None = None, build: Callable[[DictConfig], PaintingModule] = build_painter,
+) -> Fitted:  # fmt: skip
+    """Build painter, callbacks and Trainer of a checked config, and take the steps.
+
+    The Trainer writes checkpoints into a ``folder``, and goes on from a ``checkpoint``.
+    """
+    device = device_of(cfg.device)
+    L.seed_everything(cfg.seed, verbose=False)
+    painter = build(cfg).to(device)
+    has_plan = painter.resumable
+    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
+    goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=has_plan)
+    both = [timelapse, *goals, *callbacks]
+    trainer = make_trainer(cfg, device, folder, loggers, both, checkpoints=has_plan, clips=False)
+    has_steps = painter.schedule.steps or cfg.seconds
+    return Fitted(painter, timelapse, fit(trainer, painter, checkpoint=checkpoint) if has_steps else None)
+
+
+class Opening(L.Callback):
+    """Write what a painting is made from before its first step, because a disk may be full; announce slow steps."""
+
+    def __init__(self, cfg: DictConfig, folder: Path) -> None:
+        self.cfg, self.folder = cfg, folder
+        self.is_written = False
+
+    def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
+        if pl_module.device.type == "cpu" and self.cfg.seconds is None and not is_job():
+            tell_of_slow_steps(pl_module.components.stages, len(pl_module.strokes()))
+        self.write(pl_module)
+
+    def write(self, painter: PaintingModule) -> None:
+        """Write the pictures, once."""
+        if not self.is_written:
+            for name, picture in painter.pictures.items():
+                write_picture(self.folder / f"{name}.png", picture)
+        self.is_written = True
+
+
+def write(
+    fitted: Fitted, cfg: DictConfig, folder: Path, metrics: Mapping[str, Metric], start: float | None
+) -> Finished:
+    """Finish a painting and write its files; an interruption waits until they are there."""
+    if not is_job():
+        log.info("writing the page" if cfg.report else "writing the files")
+    with held_back("stopping when painting and catalogue are written"):
+        finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, start=start)
+        finished.write(folder)
+    return finished
+
+
+def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None:
+    """Write the timelapse, and meanwhile the page: to encode a film leaves Python to others."""
+    assert finished.timelapse is not None
+    with ThreadPoolExecutor(1) as beside:
+        film = beside.submit(finished.timelapse.write, folder)
+        if page:
+            try_to_write_page(folder, finished, film)
+    film.result()
+
+
+def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> None:
     """Pass the figures, pictures, frames and files of a painting to the trackers."""
-    frames = timelapse.frames
+    frames = {} if finished.timelapse is None else finished.timelapse.frames
     steps = sorted(frames)[:-1]  # without the last, which is the painting
     trackers.report(
         finished.metrics,

@@ -21,6 +21,7 @@ from brushexp.reporting.tables import csv_table
 from brushexp.system.files import write_json, write_text
 from brushexp.system.progress import with_progress
 from brushexp.system.runtime import peak_memory
+from brushexp.system.status import Status
 from brushexp_thesis.extremes.check import (
     BROKEN,
     DEGRADED,
@@ -49,7 +50,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     draw_matrix(cells, told, folder / "extremes.png")
     metrics: dict[str, object] = {f"n_{verdict}": count for verdict, count in counts.items()}
     metrics |= {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
-    metrics |= {"picture": "extremes.png", "status": "completed"}
+    metrics |= {"picture": "extremes.png", "status": Status.COMPLETED}
     write_json(folder / "metrics.json", metrics)
     log.info("%s; %s", told, folder)
     broken = [cell for cell in cells if cell["verdict"] == BROKEN]

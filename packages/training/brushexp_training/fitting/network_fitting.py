@@ -25,6 +25,7 @@ from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
+from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
 from brushexp_training.fitting.network_module import NetworkModule
 from brushexp_training.fitting.renderer_module import RendererModule, RendererSettings
@@ -75,7 +76,7 @@ def train_network(
             "seconds_total": None if checkpoint else time.monotonic() - start,  # a resumed run has several starts
             "peak_memory_mb": peak_memory(),
             "device": str(device),
-            "status": module.stop or "completed",
+            "status": module.stop or Status.COMPLETED,
         }
         write_json(folder / "metrics.json", metrics)
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})

@@ -11,8 +11,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.compat.lightning import publish_values, trainer_of
-from brushexp.system.callbacks import DIVERGED
+from brushexp.system.status import Status
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # share of the highest learning rate at the end
@@ -26,13 +25,12 @@ class NetworkModule(L.LightningModule):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stop = ""  # why training ends before its limit (`system.callbacks`)
+        self.stop: Status | None = None  # why training ends before its limit
         self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
         self.terms: dict[str, Tensor] = {}  # the losses of the last step
         self.seen = 0  # strokes that were looked at in training, those before an interruption included
         self._cpu_seconds = 0.0  # in fits that are over
         self._since: float | None = None  # the clock of CPU time at the beginning of the present fit
-        self._written = 0  # steps after which they were given to the loggers
         self.figures: dict[str, float] = {}  # figures of the last validation
         self.validated = -1  # the step at which they were measured
 
@@ -86,15 +84,7 @@ class NetworkModule(L.LightningModule):
         self.seen, self._cpu_seconds = checkpoint["seen"], checkpoint["cpu_seconds"]
 
     def on_after_backward(self) -> None:
-        publish_values(self, self.terms)
-
-    def on_train_batch_end(self, *_: object) -> None:
-        step, every = self.global_step, self.trainer.log_every_n_steps  # type: ignore[attr-defined]
-        if step > self._written and every and step % every == 0:
-            self._written = step
-            values = {name: float(value) for name, value in self.terms.items()} | {"epoch": self.current_epoch}
-            for logger in self.loggers:
-                logger.log_metrics(values, step - 1)  # Lightning numbers steps from 0
+        self.log_dict(self.terms)
 
     def configure_gradient_clipping(
         self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None
@@ -115,11 +105,13 @@ class NetworkModule(L.LightningModule):
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
             what = f"{wrong} is {float(self.terms[wrong])}" if wrong else "the gradient is not finite"
-            self.stop, self.trouble = DIVERGED, f"step {self.global_step + 1}: {what}"
+            self.stop, self.trouble = Status.DIVERGED, f"step {self.global_step + 1}: {what}"
             self.trainer.should_stop = True
         return well
 
     def _timers(self) -> list[Timer]:
-        trainer = trainer_of(self)
-        callbacks = [] if trainer is None else trainer.callbacks  # type: ignore[attr-defined]
+        try:
+            callbacks = self.trainer.callbacks  # type: ignore[attr-defined]
+        except RuntimeError:  # no Trainer has begun
+            return []
         return [callback for callback in callbacks if isinstance(callback, Timer)]

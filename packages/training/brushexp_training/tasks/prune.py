@@ -17,6 +17,7 @@ from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
+from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
 from brushexp_training.evaluation.benchmark import device_of_weights, evaluate, speed_and_size
 from brushexp_training.evaluation.evaluation import HeldOutSheet, effl0_distance
@@ -90,7 +91,7 @@ def carry_out(
         started = RENDERERS.read_recipe(RENDERERS.path_of(cfg.renderer.checkpoint)).get("training")
         figures, more = {"validation": module.figures}, {"pruned": ratio, "before": started}
         save_renderer(path, module, data, cfg, figures, {"channels": pruned.widths}, more)
-        numbers = {**module.figures, "steps": module.global_step, "status": module.stop or "completed"}
+        numbers = {**module.figures, "steps": module.global_step, "status": module.stop or Status.COMPLETED}
         trackers.report(numbers, pictures={"validation": folder / "validation.png"})
     conclude(module, folder, cfg, failure, module.global_step)
     after = measure()

@@ -9,6 +9,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brushexp.system.status import Status
+
 if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
     from lightning.pytorch.loggers import Logger as LightningLogger
 
@@ -22,7 +24,7 @@ class Run:
     group: str = ""  # name of the sweep, empty for a single run
     chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line
     settings: Mapping[str, Any] = field(default_factory=dict)  # the config of the whole run, resolved
-    status: str = "running"  # or completed, interrupted, failed
+    status: Status = Status.AT_WORK  # or completed, interrupted, failed
     metrics: Mapping[str, Any] = field(default_factory=dict)  # what metrics.json holds; empty if the run failed
     pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in the order of display
     frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture at some steps
@@ -55,7 +57,7 @@ class Logger(ABC):
     ...         return CSVLogger(run.folder)
     ...     def finish(self, run: Run) -> None:
     ...         print(run.status, run.numbers)
-    >>> Last().finish(Run(Path("."), status="completed", metrics={"psnr": 30.5, "status": "completed"}))
+    >>> Last().finish(Run(Path("."), status=Status.COMPLETED, metrics={"psnr": 30.5, "status": Status.COMPLETED}))
     completed {'psnr': 30.5}
     """
 

@@ -1,0 +1,23 @@
+"""The states of a run, as ``status`` of its metrics.json has them."""
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """How far a run has come, and why it ended."""
+
+    AT_WORK = "at work"  # a painting until its timelapse and page are written
+    COMPLETED = "completed"
+    STOPPED = "stopped"  # by `State.stop` of brushexp.iterate
+    STOPPED_EARLY = "stopped early"  # by EarlyStopping or another callback
+    PSNR_REACHED = "psnr reached"
+    SECONDS_SPENT = "seconds spent"
+    MAX_STEPS_REACHED = "max_steps reached"
+    MAX_EPOCHS_REACHED = "max_epochs reached"
+    MAX_TIME_REACHED = "max_time reached"
+    INTERRUPTED = "interrupted"
+    DIVERGED = "diverged"
+    FAILED = "failed"
+
+
+UNFINISHED = (Status.FAILED, Status.INTERRUPTED, Status.DIVERGED, Status.AT_WORK)  # such runs are not compared
