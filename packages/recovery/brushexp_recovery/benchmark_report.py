@@ -11,6 +11,7 @@ from PIL import Image
 from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
 from brushexp_recovery.calibration import ece_of, join_reliability
+from brushexp_recovery.raster.labels import color_labels
 
 Row: TypeAlias = dict[str, Any]  # of one picture and method: place, figures, seconds
 
@@ -177,14 +178,7 @@ def draw_examples(folder: Path, rows: Sequence[Row]) -> list[Path]:
             images = [np.asarray(picture.convert("RGB"))]
         for name in (scene, f"{scene}-{method}"):
             with np.load(folder / "paintings" / f"{name}.npz") as file:
-                images.append(in_colors(file["labels"]))
+                images.append(color_labels(file["labels"]))
         columns.append(np.concatenate(images))
     write_picture(folder / "examples.png", np.concatenate(columns, 1))
     return [folder / "examples.png"]
-
-
-def in_colors(labels: np.ndarray) -> np.ndarray:
-    """Draw regions (H, W) in chance colours (H, W, 3), the ground black."""
-    colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
-    colors[-1] = 0
-    return colors[labels]

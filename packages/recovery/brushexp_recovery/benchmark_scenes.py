@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.saved import Saved
 from brushexp_recovery.benchmark_brushes import BRUSHES, draw_with
-from brushexp_recovery.measure_views import jpeg
+from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.synthesis import Hand, Laid, lay_strokes
 from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_canvas import Composed, Mixing, compose
@@ -74,7 +74,7 @@ def paint(scene: Scene, side: int, seed: int = SEED) -> Painted:
     mixing = Mixing(coats, np.ones(len(laid.width)), np.zeros(len(laid.width)))
     composed = compose(drawn, laid, mixing, ground_of(subject, random).astype(np.float32))
     clean = np.round(255 * composed.image.astype(float)) / 255
-    hard = jpeg(np.clip(weather(composed.image, random), 0, 1), HARD_QUALITY)
+    hard = compress_as_jpeg(np.clip(weather(composed.image, random), 0, 1), HARD_QUALITY)
     return Painted(truth_of(drawn, composed, laid, clean), clean, hard)
 
 

@@ -20,8 +20,9 @@ from brushexp_recovery.baselines import LEARNT, METHODS
 from brushexp_recovery.benchmark_report import Row, write_figures, write_report
 from brushexp_recovery.benchmark_scenes import KINDS, SEEN, Scene, paint, scenes_of
 from brushexp_recovery.given import Given, read_given
+from brushexp_recovery.raster.npz import write_npz
 from brushexp_recovery.score import score
-from brushexp_recovery.truth import Truth, write_arrays, write_truth
+from brushexp_recovery.truth import Truth, write_truth
 
 log = logging.getLogger(__name__)
 
@@ -97,7 +98,7 @@ def added(folder: Path, case: Case) -> Given:
 def row_of(case: Case, method: str, given: Given, seconds: float, folder: Path) -> Row:
     """Score what a method found, and keep the regions for a look."""
     figures = score(case.truth, given)
-    write_arrays(folder / FOLDER / f"{case.name}-{method}.npz", labels=given.labels)
+    write_npz(folder / FOLDER / f"{case.name}-{method}.npz", labels=given.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)
     place = {"scene": case.scene.name, "kind": case.scene.kind, "seen": case.scene.kind in SEEN}
     return {**place, "count": case.scene.count, "look": case.look, "method": method, **figures, "seconds": seconds}

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp_recovery.finding import Regions
-from brushexp_recovery.looking import pixels_by_region
+from brushexp_recovery.raster.labels import group_pixels
 
 Array = NDArray[Any]
 
@@ -29,7 +29,7 @@ def fit_curves(regions: Regions, image: Array) -> Fitted:
     """Fit a stroke to each region of a picture (H, W, 3)."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
-    for number, pixels in enumerate(pixels_by_region(regions.labels, count)):
+    for number, pixels in enumerate(group_pixels(regions.labels, count)):
         y, x = np.divmod(pixels, regions.labels.shape[1])
         curve[number], width[number] = fit_curve(np.stack([x, y], 1) + 0.5, regions.told[number])
         color[number] = np.median(image[y, x], 0)

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp_recovery.blur import blurred
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.looking import Candidate, Look, lay, look_at, regions_in
 from brushexp_recovery.maps import Maps, predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import LENGTH, OVER, PAINT, WIDTH
-from brushexp_recovery.tiling import Box, box_size, nearest, on_threads, tiles, zoomed
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.raster.resampling import nearest_pixels, resample
+from brushexp_recovery.raster.threads import map_on_threads
+from brushexp_recovery.raster.tiles import Box, split_into_tiles
 
 Array = NDArray[Any]
 
@@ -54,8 +56,8 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
 
     def look(number: int, box: Box, core: Box) -> Look:  # the maps of a look are freed before the next one
         scale, blur = LOOKS[number]
-        shown = zoomed(image[box[0] : box[1], box[2] : box[3]], zoom * scale)
-        shown = blurred(shown, (blur, blur, 0)) if blur else shown
+        shown = resample(image[box[0] : box[1], box[2] : box[3]], zoom * scale)
+        shown = gaussian_blur(shown, (blur, blur, 0)) if blur else shown
         maps = predict(model.network, shown, copies, number)
         if number == 0:
             _keep_over(over, maps, box, core)
@@ -65,8 +67,8 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
         looks = [look(number, *at) for number in range(len(LOOKS))]
         return [_placed(one, at[0], width) for one in regions_in(looks, *at)]
 
-    places, candidates = list(tiles(height, width, zoom, TILE)), list[Candidate]()
-    for done, found in enumerate(on_threads(find, places), start=1):
+    places, candidates = list(split_into_tiles(height, width, zoom, TILE)), list[Candidate]()
+    for done, found in enumerate(map_on_threads(find, places), start=1):
         candidates += found
         show(done / len(places), f"{len(candidates)} strokes")
     labels = np.full(height * width, -1, np.int32)
@@ -103,7 +105,7 @@ def explained(model: RecoveryModel, judges: tuple[Asked, Asked], parts: list[Arr
     total = 0.0
     for part in parts:
         height, width = part.shape[:2]
-        whole, shown = (0, height, 0, width), zoomed(part, zoom)
+        whole, shown = Box(0, height, 0, width), resample(part, zoom)
         found = regions_in([look_at(predict(model.network, shown, 1), shown, judges)], whole, whole)
         total += sum(len(candidate.pixels) * candidate.chance for candidate in found)
     return total / sum(part.shape[0] * part.shape[1] for part in parts)
@@ -113,7 +115,7 @@ def guess_zoom(model: RecoveryModel, image: Array) -> float:
     """Guess the scale at which strokes are as wide as is best for the network, by what it says of their widths."""
     zoom = 1.0
     for _ in range(TRIALS):
-        found = [_widths(model, zoomed(part, zoom)) for part in parts_of(image, TRIED / zoom)]
+        found = [_widths(model, resample(part, zoom)) for part in parts_of(image, TRIED / zoom)]
         widths, strokes = np.concatenate(found, 1)
         if not len(widths):
             break
@@ -153,7 +155,7 @@ def _widths(model: RecoveryModel, part: Array) -> Array:
 
 def _keep_over(over: Array, maps: Maps, box: Box, core: Box) -> None:
     """Keep which side is above, in 8 bits, of the core of a tile."""
-    rows, columns = (nearest(extent, size) for extent, size in zip(box_size(box), maps.over.shape[1:], strict=True))
+    rows, columns = (nearest_pixels(extent, size) for extent, size in zip(box.size, maps.over.shape[1:], strict=True))
     rows, columns = rows[core[0] - box[0] : core[1] - box[0]], columns[core[2] - box[2] : core[3] - box[2]]
     levels = np.clip(maps.over * OVER_UNIT, -127, 127).astype(np.int8)
     for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels

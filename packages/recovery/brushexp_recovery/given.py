@@ -14,8 +14,10 @@ from brushexp.strokes.saved import Saved
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.hdf5 import opened
 from brushexp_recovery.outlines import covers_of, seen_of
+from brushexp_recovery.raster.labels import count_pixels, mean_colors
+from brushexp_recovery.raster.npz import read_npz
 from brushexp_recovery.storage import GROUP, Recovered, read_recovered
-from brushexp_recovery.truth import ROUND, mean_colors, pixels_of, read_arrays
+from brushexp_recovery.truth import ROUND
 
 Array = NDArray[Any]
 
@@ -54,7 +56,7 @@ def given_labels(labels: Array, image: Array | None = None) -> Given:
     compact[labels >= 0] = flat
     curve, width = lines_of(compact, len(numbers))
     color = np.full((len(numbers), 3), 0.5) if image is None else mean_colors(compact, image, len(numbers))
-    return Given(compact, curve, width, color, pixels_of(compact, len(numbers)).astype(float), ordered=False)
+    return Given(compact, curve, width, color, count_pixels(compact, len(numbers)).astype(float), ordered=False)
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
@@ -93,7 +95,7 @@ def given_recovered(found: Recovered) -> Given:
     given, up = given_catalogue(found.saved, found.labels.shape), found.saved.depth.argsort().numpy()
     rank = np.append(np.argsort(up), -1)
     labels = rank[found.labels].astype(np.int32)
-    area = pixels_of(labels, len(given)).astype(float)
+    area = count_pixels(labels, len(given)).astype(float)
     return replace(given, labels=labels, area=area, confidence=found.confidence[up].astype(float))
 
 
@@ -119,7 +121,7 @@ def read_given(path: Path, size: tuple[int, int], image: Array | None = None, ke
             return given_recovered(read_recovered(path))
         return given_catalogue(saved, size)
     if suffix == ".npz":
-        return _given_arrays(path, read_arrays(path), size, image)
+        return _given_arrays(path, read_npz(path), size, image)
     if suffix not in (".npy", ".png"):
         raise UserError(f"{key}={path} is no kind of strokes that is known; give labels as .png or .npy, .npz or .h5")
     labels = _array_in(path) if suffix == ".npy" else _labels_in(path)
@@ -139,7 +141,7 @@ def _given_arrays(path: Path, values: dict[str, Array], size: tuple[int, int], i
         labels = _fitting(path, values["labels"], size)
         if labels.max(initial=-1) >= count:
             raise UserError(f"{path}: labels go to {labels.max()}, and there are {count} curves; number them from 0")
-        area = values.get("area", pixels_of(labels, count)).astype(float)
+        area = values.get("area", count_pixels(labels, count)).astype(float)
         given = replace(given, labels=labels.astype(np.int32), area=area)
     ordered = bool(values.get("ordered", True))
     return replace(given, ordered=ordered, confidence=values.get("confidence"))

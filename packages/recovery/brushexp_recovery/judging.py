@@ -15,17 +15,17 @@ from brushexp_recovery.maps import predict
 from brushexp_recovery.merging import pair_features
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import USUAL
+from brushexp_recovery.raster.labels import count_pixels
+from brushexp_recovery.raster.overlap import overlaps_between
+from brushexp_recovery.raster.resampling import resample
 from brushexp_recovery.recover import COPIES
 from brushexp_recovery.regions import Pieces, pieces_of
-from brushexp_recovery.score import overlaps
 from brushexp_recovery.stacking import meetings_of
 from brushexp_recovery.synthesis import Random
 from brushexp_recovery.synthesis_ageing import weather
 from brushexp_recovery.synthesis_crops import ZOOMS, typical_width
 from brushexp_recovery.synthesis_paintings import Painted
-from brushexp_recovery.tiling import zoomed
 from brushexp_recovery.tree import Tree, grow, node_features, overlaps_of
-from brushexp_recovery.truth import pixels_of
 
 Array = NDArray[Any]
 Progress = Callable[[float, str], None]
@@ -95,8 +95,8 @@ def found_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
     """Find regions in a part of a painting, and compare them with its strokes."""
     image, truth, _ = part_of(painted, aged, random)
     regions = find_regions(model, image, None, COPIES, lambda *_: None)
-    visible = pixels_of(truth, len(painted.geometry))
-    strokes, numbers, iou = overlaps(truth, regions.labels, len(visible), len(regions.chance))
+    visible = count_pixels(truth, len(painted.geometry))
+    strokes, numbers, iou = overlaps_between(truth, regions.labels, len(visible), len(regions.chance))
     partner = np.full(len(regions.chance), -1)
     partner[numbers[iou >= HIT]] = strokes[iou >= HIT]
     pairs, features = meetings_of(regions, fit_curves(regions, image))
@@ -110,7 +110,7 @@ def found_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random)
 def known_of(model: RecoveryModel, painted: Painted, aged: bool, random: Random) -> Known:
     """Look at a part of a painting at the scale that suits its strokes, about."""
     image, truth, zoom = part_of(painted, aged, random)
-    shown = zoomed(image, zoom)
+    shown = resample(image, zoom)
     rows, columns = (
         ((np.arange(size) + 0.5) * part / size).astype(int)
         for size, part in zip(shown.shape, truth.shape, strict=False)

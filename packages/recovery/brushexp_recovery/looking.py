@@ -3,17 +3,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function
 from brushexp_recovery.judges import Asked
 from brushexp_recovery.maps import Maps
+from brushexp_recovery.raster.labels import group_pixels
+from brushexp_recovery.raster.resampling import nearest_pixels
+from brushexp_recovery.raster.tiles import Box
 from brushexp_recovery.regions import pieces_of
-from brushexp_recovery.tiling import Box, box_size, nearest
 from brushexp_recovery.tree import Tree, cut, grow, node_features, overlaps_of
 
 Array = NDArray[Any]
@@ -36,7 +36,7 @@ class Look:
 
     def places(self, size: tuple[int, ...]) -> tuple[Array, ...]:
         """Return rows and columns that show it as a picture of another size (H, W)."""
-        return np.ix_(*(nearest(extent, own) for extent, own in zip(size, self.pieces.shape, strict=True)))
+        return np.ix_(*(nearest_pixels(extent, own) for extent, own in zip(size, self.pieces.shape, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -83,47 +83,19 @@ def regions_in(looks: Sequence[Look], box: Box, core: Box) -> list[Candidate]:
     found: list[Candidate] = []
     for look, chance in zip(looks, agreed(looks), strict=True):
         found += _listed(look, chance, box, core)
-    height, width = box_size(box)
+    height, width = box.size
     return lay(found, np.full(height * width, -1, np.int32), 0.0)
 
 
 def _listed(look: Look, chance: Array, box: Box, core: Box) -> list[Candidate]:
     """List the regions that a look has chosen, as candidates, if their middles lie in the core."""
-    size, listed = box_size(box), list[Candidate]()
+    size, listed = box.size, list[Candidate]()
     told = told_of(look.tree.sums[look.nodes], np.array(look.number.shape) / size, box)
-    for number, pixels in enumerate(pixels_by_region(look.number[look.places(size)], len(told))):
+    for number, pixels in enumerate(group_pixels(look.number[look.places(size)], len(told))):
         y, x = np.divmod(pixels, size[1])
         if len(y) and core[0] <= box[0] + y.mean() < core[1] and core[2] <= box[2] + x.mean() < core[3]:
             listed.append(Candidate(pixels, float(chance[number]), told[number]))
     return listed
-
-
-def pixels_by_region(labels: Array, count: int) -> list[Array]:
-    """List the flat numbers, int32, of the pixels of each of ``count`` regions."""
-    flat = labels.ravel()
-    ends = np.zeros(count + 1, np.int64)
-    _count(flat, ends)
-    bounds = np.cumsum(ends)
-    order = np.empty(bounds[-1], np.int32)
-    _group(flat, bounds[:-1].copy(), order)
-    return [order[begin:end] for begin, end in pairwise(bounds)]
-
-
-@function
-def _count(labels, after):
-    for k in labels:
-        if k >= 0:
-            after[k + 1] += 1
-
-
-@function
-def _group(labels, place, order):
-    """Write the numbers of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
-    for pixel in range(len(labels)):
-        k = labels[pixel]
-        if k >= 0:
-            order[place[k]] = pixel
-            place[k] += 1
 
 
 def told_of(sums: Array, scale: Array, box: Box) -> Array:

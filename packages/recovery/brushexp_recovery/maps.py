@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, STRIDE, TURN, StrokeNetwork
+from brushexp_recovery.raster.offsets import shift
 
 Array = NDArray[Any]
 Offset = tuple[int, int]
@@ -83,14 +84,4 @@ def _add_reassigned(
         if (row, column) in offsets:
             total[:, offsets.index((row, column))] += values[:, channel]
         else:  # stored at the pixel that it leads to
-            total[:, offsets.index((-row, -column))] += sign * shifted(values[:, channel], -row, -column)
-
-
-def shifted(values: Tensor, dy: int, dx: int) -> Tensor:
-    """Shift the last two axes: out[p] = values[p + (dy, dx)], 0 outside."""
-    out = torch.zeros_like(values)
-    height, width = values.shape[-2:]
-    top, bottom, left, right = max(0, -dy), height - max(0, dy), max(0, -dx), width - max(0, dx)
-    if top < bottom and left < right:
-        out[..., top:bottom, left:right] = values[..., top + dy : bottom + dy, left + dx : right + dx]
-    return out
+            total[:, offsets.index((-row, -column))] += sign * shift(values[:, channel], -row, -column)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp_recovery.measure_views import View
-from brushexp_recovery.truth import pixels_of
+from brushexp_recovery.raster.labels import count_pixels
 
 log = logging.getLogger(__name__)
 
@@ -132,7 +132,7 @@ def _draws(sighting: Sighting, mask: Array, draws: int, random: np.random.Genera
     inside, table = _inside(centre.numpy(), mask), table_of(sighting.curve, sighting.width)
     table["direction"] = (table["direction"] + sighting.view.turn) % 180  # a camera is not held level to a degree
     here = sighting.view.moved(mask.astype(float), order=0) >= 0.5
-    pixels = pixels_of(np.where(here, sighting.labels, -1), len(centre)) / max(here.sum(), 1)
+    pixels = count_pixels(np.where(here, sighting.labels, -1), len(centre)) / max(here.sum(), 1)
     direction, rows = ruler.direction_of(sighting.curve), []
     for _ in range(draws):
         chosen = inside & (random.random(len(centre)) < sighting.confidence)

@@ -1,15 +1,14 @@
 """A photograph as it might have been taken too: a little larger or smaller, turned, recompressed, darker or lighter."""
 
-import io
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from brushexp_recovery.blur import blurred
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.raster.jpeg import compress_as_jpeg
 
 Array = NDArray[Any]
 
@@ -44,9 +43,9 @@ class View:
         """Change a photograph (H, W, 3) in [0, 1]."""
         if self == View():
             return image
-        moved = self.moved(blurred(image, (blur := 0.5 * max(1 / self.zoom - 1, 0), blur, 0)), order=1)
+        moved = self.moved(gaussian_blur(image, (blur := 0.5 * max(1 / self.zoom - 1, 0), blur, 0)), order=1)
         changed = np.clip(self.gain * moved + self.lift, 0, 1)
-        return changed if self.quality is None else jpeg(changed, self.quality)
+        return changed if self.quality is None else compress_as_jpeg(changed, self.quality)
 
     def moved(self, image: Array, order: int) -> Array:
         """Turn and enlarge a picture (H, W) or (H, W, 3); what lies beyond its edges mirrors it."""
@@ -81,11 +80,3 @@ def views_of(count: int, seed: int) -> list[View]:
             int(random.integers(*QUALITY)), float(1 + random.uniform(-TONE, TONE)), float(random.uniform(-TONE, TONE)),
         ))  # fmt: skip
     return views
-
-
-def jpeg(image: Array, quality: int) -> Array:
-    """Compress a picture (H, W, 3) in [0, 1] as JPEG does, and read it again."""
-    file = io.BytesIO()
-    Image.fromarray((255 * image).round().astype(np.uint8)).save(file, "JPEG", quality=quality)
-    with Image.open(file) as again:
-        return np.asarray(again, np.float32) / 255

@@ -18,10 +18,10 @@ from brushexp_recovery.curves import Fitted, fit_curves
 from brushexp_recovery.finding import find_regions
 from brushexp_recovery.judges import ask_linear
 from brushexp_recovery.model import NAME, RecoveryModel, load_model
+from brushexp_recovery.raster.threads import return_freed_memory
 from brushexp_recovery.refining import refine
 from brushexp_recovery.stacking import meetings_of, stack
 from brushexp_recovery.storage import Recovered, read_recovered, write_recovered
-from brushexp_recovery.tiling import giving_back
 
 __all__ = ["Recovered", "read_recovered", "recover", "write_recovered"]
 Array = NDArray[Any]
@@ -57,7 +57,7 @@ def recover(
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
 
 
-@giving_back()
+@return_freed_memory()
 def recover_with(
     model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Callable[[float, str], None]
 ) -> Recovered:

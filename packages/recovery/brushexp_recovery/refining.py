@@ -11,7 +11,8 @@ from torch import Tensor
 from brushexp import create
 from brushexp.strokes.bezier import strokes_along
 from brushexp_recovery.curves import Fitted
-from brushexp_recovery.tiling import Box, on_threads, tiles
+from brushexp_recovery.raster.threads import map_on_threads
+from brushexp_recovery.raster.tiles import Box, split_into_tiles
 
 Array = NDArray[Any]
 Progress = Callable[[float, str], None]
@@ -34,7 +35,7 @@ def refine(fitted: Fitted, labels: Array, order: Array, *, show: Progress, steps
     """
     curve, width = fitted.curve.copy(), fitted.width.copy()
     x, y = fitted.curve.mean(1).T
-    boxes = list(tiles(labels.shape[0], labels.shape[1], 1.0, SIDE, SIDE // 8))
+    boxes = list(split_into_tiles(labels.shape[0], labels.shape[1], 1.0, SIDE, SIDE // 8))
 
     def fit(at: tuple[Box, Box]) -> None:
         box, core = at
@@ -49,7 +50,7 @@ def refine(fitted: Fitted, labels: Array, order: Array, *, show: Progress, steps
         moved, wider = _refined(fitted.curve[near] - corner, fitted.width[near], part, steps)
         curve[near[own]], width[near[own]] = moved[own] + corner, wider[own]
 
-    for number, _ in enumerate(on_threads(fit, boxes), start=1):
+    for number, _ in enumerate(map_on_threads(fit, boxes), start=1):
         show(number / len(boxes), f"fitting {len(order)} curves")
     return Fitted(curve, width, fitted.color)
 

@@ -9,9 +9,10 @@ import torch
 from numpy.typing import NDArray
 
 from brushexp.compat.compiled import function
-from brushexp_recovery.blur import blurred
-from brushexp_recovery.maps import Maps, shifted
+from brushexp_recovery.maps import Maps
 from brushexp_recovery.network import CENTRE, LENGTH, OFFSETS, PAINT, SHARE, TURN, UNIT, WIDTH
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.raster.offsets import shift
 
 Array = NDArray[Any]
 
@@ -51,7 +52,7 @@ def borders_of(affinity: Array) -> Array:
         apart[apart.shape[0] - dy :] = 0
         if dx:
             apart[:, slice(apart.shape[1] - dx, None) if dx > 0 else slice(0, -dx)] = 0
-        total += weight * (apart + shifted(apart, -dy, -dx)).numpy()
+        total += weight * (apart + shift(apart, -dy, -dx)).numpy()
         weights += 2 * weight
     return total / weights
 
@@ -61,7 +62,7 @@ def cut_at_borders(borders: Array) -> Array:
     from scipy.ndimage import label, minimum_filter  # noqa: PLC0415
     from skimage.segmentation import watershed  # noqa: PLC0415
 
-    borders = blurred(borders, SMOOTH)
+    borders = gaussian_blur(borders, SMOOTH)
     seeds, _ = label(borders == minimum_filter(borders, 3), np.ones((3, 3)))
     return np.asarray(watershed(borders, seeds), np.int32) - 1
 

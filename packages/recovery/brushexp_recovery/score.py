@@ -16,7 +16,9 @@ from brushexp_recovery.calibration import calibration_of
 from brushexp_recovery.given import Given
 from brushexp_recovery.neighbourhood import field_errors
 from brushexp_recovery.outlines import lengths_of
-from brushexp_recovery.truth import LEAST, VISIBLE, Truth, pixels_of
+from brushexp_recovery.raster.labels import count_pixels
+from brushexp_recovery.raster.overlap import overlaps_between
+from brushexp_recovery.truth import LEAST, VISIBLE, Truth
 
 Array = NDArray[Any]
 
@@ -47,7 +49,7 @@ def score(truth: Truth, given: Given) -> dict[str, Any]:
     ``reliability``.
     """
     counts_found = counting(given)
-    rows, columns, iou = overlaps(truth.labels, given.labels, len(truth), len(given))
+    rows, columns, iou = overlaps_between(truth.labels, given.labels, len(truth), len(given))
     figures: dict[str, Any] = {"truth": int(truth.counts.sum()), "predicted": int(counts_found.sum())}
     for suffix, least in (("_soft", NEAR), ("", HIT)):
         matched = match(truth, given, counts_found, (rows, columns, iou), least)
@@ -68,17 +70,8 @@ def score(truth: Truth, given: Given) -> dict[str, Any]:
 
 def counting(given: Given) -> Array:
     """Tell which found strokes (N,) show enough of themselves to be judged."""
-    seen: Array = pixels_of(given.labels, len(given))
+    seen: Array = count_pixels(given.labels, len(given))
     return (seen >= VISIBLE * given.area) & (seen >= LEAST)
-
-
-def overlaps(a: Array, b: Array, count_a: int, count_b: int) -> tuple[Array, Array, Array]:
-    """List pairs of labels of two pictures that overlap: rows, columns and their intersection over union."""
-    both = (a >= 0) & (b >= 0)
-    pair, shared = np.unique(a[both].astype(np.int64) * max(count_b, 1) + b[both], return_counts=True)
-    rows, columns = pair // max(count_b, 1), pair % max(count_b, 1)
-    union = pixels_of(a, count_a)[rows] + pixels_of(b, count_b)[columns] - shared
-    return rows, columns, shared / union
 
 
 def match(
@@ -102,8 +95,8 @@ def match(
 
 def on_ground(truth: Truth, given: Given) -> Array:
     """Tell which found strokes (N,) lie mostly where the truth has no stroke."""
-    bare = pixels_of(np.where(truth.labels < 0, given.labels, -1), len(given))
-    wrong: Array = bare > BARE * pixels_of(given.labels, len(given))
+    bare = count_pixels(np.where(truth.labels < 0, given.labels, -1), len(given))
+    wrong: Array = bare > BARE * count_pixels(given.labels, len(given))
     return wrong
 
 

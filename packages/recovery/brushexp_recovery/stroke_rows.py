@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of
 from brushexp_recovery.measure import table_of
-from brushexp_recovery.truth import pixels_of
+from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
 
@@ -48,7 +48,7 @@ def rows_of(found: Any, mm: float | None = None) -> Rows:
     curve = curve_of(strokes).double()
     table = table_of(curve, (strokes.width * strokes.scale).double().numpy())
     centre, number = ruler.centre_of(curve).numpy(), up.numpy()
-    confidence, seen = np.asarray(found.confidence, float)[number], pixels_of(labels, len(number))[number]
+    confidence, seen = np.asarray(found.confidence, float)[number], count_pixels(labels, len(number))[number]
     columns = {"stroke": number, "order": np.arange(len(number)), "confidence": confidence}
     columns |= {"x": centre[:, 0], "y": centre[:, 1], **table, "seen": seen}
     outlines = outlines_of(labels, curve)

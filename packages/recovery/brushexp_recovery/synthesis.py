@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.compat.compiled import function
-from brushexp_recovery.blur import blurred
+from brushexp_recovery.raster.blur import gaussian_blur
 
 Array = NDArray[Any]
 Random = np.random.Generator
@@ -78,16 +78,16 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> Laid:
 
 def flow_of(picture: Array, sigma: float) -> Array:
     """Compute the direction (H, W) along the edges of a picture, radians, smooth where it says little."""
-    gy, gx = np.gradient(blurred(picture, (1, 1, 0)), axis=(0, 1))
+    gy, gx = np.gradient(gaussian_blur(picture, (1, 1, 0)), axis=(0, 1))
     products = ((a * b).sum(-1) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
-    xx, xy, yy = (blurred(value, sigma) + 0.3 * blurred(value, 4 * sigma) for value in products)
+    xx, xy, yy = (gaussian_blur(value, sigma) + 0.3 * gaussian_blur(value, 4 * sigma) for value in products)
     return 0.5 * np.arctan2(-2 * xy, yy - xx)
 
 
 def detail_of(picture: Array, pitch: float) -> Array:
     """Measure how much detail (H, W) a picture has at about ``pitch`` pixels."""
-    down, right = np.gradient(blurred(picture, (1.5, 1.5, 0)), axis=(0, 1))
-    return blurred(np.sqrt((down**2 + right**2).sum(-1)), 0.5 * pitch)
+    down, right = np.gradient(gaussian_blur(picture, (1.5, 1.5, 0)), axis=(0, 1))
+    return gaussian_blur(np.sqrt((down**2 + right**2).sum(-1)), 0.5 * pitch)
 
 
 def hatched(angles: Array, share: float, random: Random) -> Array:
@@ -183,7 +183,7 @@ def pick_colors(picture: Array, places: Array, width: Array, hand: Hand, random:
     """Pick colours (n, 3) from a picture as blurred as the strokes are wide; the same paint is never mixed twice."""
     from skimage.color import lab2rgb, rgb2lab  # noqa: PLC0415
 
-    levels = np.stack([rgb2lab(blurred(picture, (blur, blur, 0))) for blur in BLURS])
+    levels = np.stack([rgb2lab(gaussian_blur(picture, (blur, blur, 0))) for blur in BLURS])
     level = np.abs(np.log(BLURS)[None] - np.log(0.35 * width)[:, None]).argmin(1)
     x, y = places.astype(int).T
     color = levels[level, y, x]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.shading.light import Light, normals_of, shade_picture
-from brushexp_recovery.blur import blurred
-from brushexp_recovery.measure_views import jpeg
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.synthesis import Random
 
 Array = NDArray[Any]
@@ -16,16 +16,16 @@ Array = NDArray[Any]
 def smudge(image: Array, random: Random) -> Array:
     """Blend the paint of neighbours, here more and there less: a picture (H, W, 3), float32 in [0, 1]."""
     size = image.shape[:2]
-    where = blurred(random.standard_normal(size).astype(np.float32), random.uniform(8, 30))
+    where = gaussian_blur(random.standard_normal(size).astype(np.float32), random.uniform(8, 30))
     share = np.clip(0.5 + where / max(where.std(), 1e-6), 0, 1)[..., None] * np.float32(random.uniform(0.3, 1))
     blur = random.uniform(0.8, 2.5)
-    return image + share * (blurred(image, (blur, blur, 0)) - image)
+    return image + share * (gaussian_blur(image, (blur, blur, 0)) - image)
 
 
 def shine(image: Array, height: Array, random: Random) -> Array:
     """Light the relief of the paint from anywhere."""
     light = Light(random.uniform(0, 360), random.uniform(25, 70), 1.0, random.uniform(0, 0.5))
-    bumps = blurred(height, random.uniform(0.4, 1.0)) * random.uniform(0.3, 2.5)
+    bumps = gaussian_blur(height, random.uniform(0.4, 1.0)) * random.uniform(0.3, 2.5)
     return np.clip(shade_picture(image.transpose(2, 0, 1), normals_of(bumps), light), 0, 1).transpose(1, 2, 0)
 
 
@@ -37,11 +37,11 @@ def crack(image: Array, random: Random) -> Array:
     from scipy.spatial import cKDTree  # noqa: PLC0415
 
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
-    bend = [blurred(random.standard_normal((height, width)), 4) * 4 * cell / 10 for _ in range(2)]
+    bend = [gaussian_blur(random.standard_normal((height, width)), 4) * 4 * cell / 10 for _ in range(2)]
     seeds = random.random((count, 2)) * [height, width]
     near, _ = cKDTree(seeds).query(np.stack([rows + bend[0], columns + bend[1]], -1).reshape(-1, 2), k=2)
     gap = (near[:, 1] - near[:, 0]).reshape(height, width)
-    patchy = blurred(random.standard_normal((height, width)), 25)
+    patchy = gaussian_blur(random.standard_normal((height, width)), 25)
     line = np.clip(1.3 - gap / random.uniform(0.6, 1.4), 0, 1) * (patchy > random.uniform(-0.03, 0.01))
     return (image * (1 - random.uniform(0.2, 0.7) * line[..., None])).astype(np.float32)
 
@@ -53,7 +53,7 @@ def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
     """
     height, width = image.shape[:2]
     blur = random.uniform(0.2, 1.0)
-    image = blurred(image, (blur, blur, 0))
+    image = gaussian_blur(image, (blur, blur, 0))
     if random.random() < 0.8:
         image = image * (
             1 + np.float32(strength * random.uniform(0.005, 0.045)) * _weave(height, width, random)[..., None]
@@ -61,12 +61,13 @@ def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
     if random.random() < 0.2:  # varnish: yellow, and darker
         image = image * (1 - random.uniform(0, 0.3) * np.array([0.2, 0.4, 1.0], np.float32))
     image = image + random.standard_normal(image.shape, np.float32) * np.float32(strength * random.uniform(0, 0.012))
-    return jpeg(np.clip(image, 0, 1), int(random.integers(60, 95))) if random.random() < 0.8 else np.clip(image, 0, 1)
+    image = np.clip(image, 0, 1)
+    return compress_as_jpeg(image, int(random.integers(60, 95))) if random.random() < 0.8 else image
 
 
 def _weave(height: int, width: int, random: Random) -> Array:
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     px, py, ox, oy = *random.uniform(2.8, 6, 2), *random.uniform(0, 50, 2)
-    grain = blurred(random.standard_normal((height, width), np.float32), 1.0)
+    grain = gaussian_blur(random.standard_normal((height, width), np.float32), 1.0)
     threads = np.sin(2 * np.pi * (columns + ox) / px) * np.sin(2 * np.pi * (rows + oy) / py)
     return threads * random.uniform(0, 1.2) + grain * random.uniform(1, 3.2)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.compat.compiled import function
-from brushexp_recovery.blur import blurred
 from brushexp_recovery.outlines import points_of
+from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis import Laid, Random
 from brushexp_recovery.synthesis_looks import Drawn
 
@@ -73,7 +73,7 @@ def draw_marks(laid: Laid, marks: Marks, size: tuple[int, int], random: Random) 
     low, high = laid.curve.min(1) - reach, laid.curve.max(1) + reach
     side = np.ceil((high - low).max(1)).astype(int)
     corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
-    grain = _even(blurred(random.normal(size=size), random.uniform(0.5, 1.6)))
+    grain = _even(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
     points = points_of(laid.curve - corner[:, None], POINTS)
     windows = [
         _closed(_stamp(
@@ -97,13 +97,13 @@ def _even(noise: Array) -> Array:
 
 def _along(random: Random, tracks: int) -> Array:
     """Draw how bristles (`SAMPLES`, ``tracks``) differ: each from the others, and each slowly along the stroke."""
-    slow = blurred(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
+    slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
     return _even(_even(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 
 
 def _outline(random: Random) -> Array:
     """Draw how either side (`SAMPLES`, 2) departs from a smooth one."""
-    return _even(blurred(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
+    return _even(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
 
 
 def _closed(window: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.pictures.load import load_picture
-from brushexp_recovery.blur import blurred
+from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis import TURN, Hand, Random, lay_strokes
 from brushexp_recovery.synthesis_ageing import crack, shine, smudge
 from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
@@ -165,7 +165,7 @@ def ground_of(picture: Array, plain: bool, random: Random) -> Array:
     if not usual:
         bare = random.choice([random.random(3), random.uniform(0.5, 1) * np.ones(3), bare])
     share = 0.25 if usual else random.choice([0.0, 0.25, 0.6])
-    grain = blurred(random.normal(size=picture.shape[:2]), random.uniform(1, 4))
+    grain = gaussian_blur(random.normal(size=picture.shape[:2]), random.uniform(1, 4))
     grain = grain / max(grain.std(), 1e-6) * (0.015 if usual else random.uniform(0, 0.04))
-    wash = blurred(picture, (40, 40, 0))
+    wash = gaussian_blur(picture, (40, 40, 0))
     return np.clip(((1 - share) * bare + share * wash) * (1 + grain[..., None]), 0, 1)

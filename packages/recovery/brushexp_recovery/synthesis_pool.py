@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from brushexp_recovery.raster.npz import write_npz
 from brushexp_recovery.synthesis_paintings import Painted, paint
-from brushexp_recovery.truth import write_arrays
 
 NICE = 10  # the pool leaves the processor to the training
 
@@ -26,7 +26,7 @@ def fill_pool(parent: int, folder: Path, seed: int, numbers: Sequence[int], pict
 
 def save_painting(path: Path, painted: Painted) -> None:
     """Write a painting whole or not at all."""
-    write_arrays(path, image=painted.image, labels=painted.labels, geometry=painted.geometry)
+    write_npz(path, image=painted.image, labels=painted.labels, geometry=painted.geometry)
 
 
 def load_painting(path: Path) -> Painted:

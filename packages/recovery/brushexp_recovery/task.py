@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
@@ -19,10 +18,11 @@ from brushexp.system.terminal import as_shown
 from brushexp_recovery.measure_scale import scale_of
 from brushexp_recovery.model import load_model
 from brushexp_recovery.page import write_page
+from brushexp_recovery.raster.labels import color_labels
+from brushexp_recovery.raster.threads import return_freed_memory
 from brushexp_recovery.recover import recover_with
 from brushexp_recovery.storage import Recovered, write_recovered
 from brushexp_recovery.stroke_rows import Rows, remark_on, rows_of, table_with_units
-from brushexp_recovery.tiling import giving_back
 
 Array = NDArray[Any]
 log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     return metrics
 
 
-@giving_back()
+@return_freed_memory()
 def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered) -> Rows:
     """Write what was recovered from a photograph (H, W, 3) uint8, and return its rows."""
     saved = recovered.saved
@@ -55,7 +55,7 @@ def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recover
     painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
     write_picture(folder / "painting.png", painting)
     del painting
-    write_picture(folder / "regions.png", colored(recovered.labels))
+    write_picture(folder / "regions.png", color_labels(recovered.labels))
     rows = rows_of(recovered, scale_of(saved.size, cfg.width_cm, None))
     write_text(folder / "strokes.csv", csv_table(table_with_units(rows), significant=6))
     write_page(folder, pixels, rows, Path(cfg.image).name)
@@ -70,10 +70,3 @@ def figures_of(recovered: Recovered) -> dict[str, object]:
         "covered": float((recovered.labels >= 0).mean()),
         "confidence": float(recovered.confidence.mean()) if n else None,
     }
-
-
-def colored(labels: Array) -> Array:
-    """Draw regions (H, W) in colours of their own, (H, W, 3) uint8, and what belongs to none in black."""
-    colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
-    colors[-1] = 0
-    return colors[labels]

@@ -1,6 +1,5 @@
 """The truth about a painting whose strokes are known, and its file."""
 
-import io
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.errors import UserError
-from brushexp.system.files import write_bytes
 from brushexp_recovery.outlines import covers_of, lengths_of, overlapping, part_of, seen_of
+from brushexp_recovery.raster.labels import count_pixels, mean_colors
+from brushexp_recovery.raster.npz import read_npz, write_npz
 
 Array = NDArray[Any]
 
@@ -41,24 +41,12 @@ class Truth:
     @property
     def visible(self) -> Array:
         """Pixels (N,) at which each stroke is seen."""
-        return pixels_of(self.labels, len(self))
+        return count_pixels(self.labels, len(self))
 
     @property
     def counts(self) -> Array:
         """Tell which strokes (N,) show enough of themselves to be looked for."""
         return (self.share >= VISIBLE) & (self.visible >= LEAST)
-
-
-def pixels_of(labels: Array, count: int) -> Array:
-    """Count the pixels (count,) of each label of a picture (H, W); -1 does not count."""
-    return np.bincount(labels[labels >= 0], minlength=count)
-
-
-def mean_colors(labels: Array, image: Array, count: int) -> Array:
-    """Average an image (H, W, 3) over the pixels of each label, (count, 3); 0 for a label without pixels."""
-    of = labels >= 0
-    sums = [np.bincount(labels[of], image[..., channel][of], count) for channel in range(3)]
-    return np.stack(sums, 1) / np.maximum(pixels_of(labels, count), 1)[:, None]
 
 
 def painted_part(curve: Array, low: Array, high: Array, area: Array) -> tuple[Array, Array]:
@@ -84,7 +72,7 @@ def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Ar
     return Truth(
         labels=labels.astype(np.int32), curve=curve, width=width, color=color,
         seen=mean_colors(labels, image, count), depth=np.arange(count, dtype=np.int32),
-        share=np.minimum(pixels_of(labels, count) / np.maximum(area, 1), 1), area=area,
+        share=np.minimum(count_pixels(labels, count) / np.maximum(area, 1), 1), area=area,
         pairs=overlapping(covers, LEAST, OVERLAP),
     )  # fmt: skip
 
@@ -103,12 +91,12 @@ def drawn_truth(curve: Array, width: Array, color: Array, size: tuple[int, int],
 
 def write_truth(path: Path, truth: Truth) -> None:
     """Write a truth as a compressed npz."""
-    write_arrays(path, **{item.name: getattr(truth, item.name) for item in fields(truth)})
+    write_npz(path, **{item.name: getattr(truth, item.name) for item in fields(truth)})
 
 
 def read_truth(path: Path) -> Truth:
     """Read the truth of a painting; a UserError says what the file lacks."""
-    values = read_arrays(path)
+    values = read_npz(path)
     if missing := [item.name for item in fields(Truth) if item.name not in values]:
         raise UserError(f"{path} has no {missing[0]}; give the npz of a truth, as task=benchmark writes it")
     truth = Truth(**{item.name: values[item.name] for item in fields(Truth)})
@@ -121,21 +109,3 @@ def read_truth(path: Path) -> Truth:
     if truth.labels.ndim != 2 or truth.labels.max(initial=-1) >= count:
         raise UserError(f"{path}: labels must be a picture of numbers from -1 to {count - 1}")
     return truth
-
-
-def write_arrays(path: Path, **arrays: Array) -> None:
-    """Write a compressed npz whole or not at all."""
-    memory = io.BytesIO()
-    np.savez_compressed(memory, **arrays)  # type: ignore[arg-type]
-    write_bytes(path, memory.getvalue())
-
-
-def read_arrays(path: Path) -> dict[str, Array]:
-    """Read the arrays of an npz, in which no code runs (UserError)."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except FileNotFoundError as error:
-        raise UserError(f"there is no file {path}; give the path of an npz") from error
-    except Exception as error:
-        raise UserError(f"{path} is no npz of plain numbers: {error}") from error

@@ -9,11 +9,12 @@ from torch import Tensor
 from brushexp_recovery.looking import LEAST
 from brushexp_recovery.maps import Maps
 from brushexp_recovery.network import AFFINE, GEOMETRY
+from brushexp_recovery.raster.labels import count_pixels
+from brushexp_recovery.raster.overlap import overlaps_between
 from brushexp_recovery.regions import pieces_of
-from brushexp_recovery.score import HIT, overlaps
+from brushexp_recovery.score import HIT
 from brushexp_recovery.synthesis_crops import Crops
 from brushexp_recovery.tree import cut, grow
-from brushexp_recovery.truth import pixels_of
 
 Array = NDArray[Any]
 
@@ -49,6 +50,6 @@ def _counts(told: Array, image: Array, labels: Array) -> Counts:
     tree = grow(pieces, None, TOGETHER)
     area, paint = tree.sums[:, 0], tree.sums[:, 20]
     regions = cut(tree, np.where(paint < 0.5 * area, -1.0, area**2))[pieces.labels]  # squares: the largest nodes
-    _, _, iou = overlaps(labels, regions, int(labels.max()) + 1, len(area))
-    found, known = (pixels_of(numbers, 1) for numbers in (regions, labels))
+    _, _, iou = overlaps_between(labels, regions, int(labels.max()) + 1, len(area))
+    found, known = (count_pixels(numbers, 1) for numbers in (regions, labels))
     return Counts(int((iou >= HIT).sum()), int((found >= LEAST).sum()), int((known >= LEAST).sum()))

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 from brushexp_recovery.looking import Candidate, Look, agreed, lay, regions_in
+from brushexp_recovery.raster.resampling import nearest_pixels
+from brushexp_recovery.raster.tiles import Box
 from brushexp_recovery.regions import GROUPS, SUMS
-from brushexp_recovery.tiling import nearest
 from brushexp_recovery.tree import Tree
 
 Array = np.ndarray[Any, Any]
@@ -41,7 +42,7 @@ def covered(pieces: Array, tree: Tree, node: int) -> Array:
 def at_first(values: Array, looks: list[Look]) -> Array:
     """Show the pixels of a look at those of the first one."""
     height, width = looks[0].pieces.shape
-    return values[nearest(height, values.shape[0])[:, None], nearest(width, values.shape[1])]
+    return values[nearest_pixels(height, values.shape[0])[:, None], nearest_pixels(width, values.shape[1])]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -61,13 +62,13 @@ def test_looks_agree_as_far_as_the_best_of_their_regions_do(seed):
 
 def test_regions_belong_to_the_core_in_which_their_middle_lies():
     looks = [look((24, 40), np.random.default_rng(1))]
-    whole = regions_in(looks, (10, 34, 5, 45), (0, 100, 0, 100))
+    whole = regions_in(looks, Box(10, 34, 5, 45), Box(0, 100, 0, 100))
     assert len(whole) == 3
     for one in whole:
         place = looks[0].number.ravel()[one.pixels]
         assert (place == place[0]).all()
         assert (looks[0].number == place[0]).sum() == len(one.pixels)
-    halves = [regions_in(looks, (10, 34, 5, 45), core) for core in ((0, 100, 0, 25), (0, 100, 25, 100))]
+    halves = [regions_in(looks, Box(10, 34, 5, 45), core) for core in (Box(0, 100, 0, 25), Box(0, 100, 25, 100))]
     assert sorted(one.chance for half in halves for one in half) == sorted(one.chance for one in whole)
 
 

@@ -8,7 +8,8 @@ import torch
 from brushexp_recovery.given import given_labels
 from brushexp_recovery.measure import KINDS, compare, draws_of, intervals_of, is_apart, sight
 from brushexp_recovery.measure_scale import regions_of, scale_of
-from brushexp_recovery.measure_views import View, jpeg, views_of
+from brushexp_recovery.measure_views import View, views_of
+from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.truth import drawn_truth
 from PIL import Image
 from skimage.measure import label
@@ -61,7 +62,7 @@ def test_the_measures_are_those_of_the_strokes():
 def test_a_second_photograph_gives_the_same_figures_within_their_intervals():
     image = painting()
     again = View(zoom=1.3, turn=1.0).of(image)
-    again = jpeg(np.clip(0.97 * again + 0.01, 0, 1), 60)
+    again = compress_as_jpeg(np.clip(0.97 * again + 0.01, 0, 1), 60)
     one, other = draws(image)["whole"], draws(again)["whole"]
     scales = tuple(scale_of(picture.shape[:2], 32, None) for picture in (image, again))
     apart = {name for name, gap in compare(one, other, scales, seed=0).items() if is_apart(gap)}

@@ -12,6 +12,7 @@ from brushexp_recovery.finding import find_regions
 from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import AFFINE, CENTRE, CHANNELS, GEOMETRY, OFFSETS, OVER, TURN, UNIT
+from brushexp_recovery.raster.tiles import split_into_tiles
 from brushexp_recovery.recover import recover, recover_with
 from brushexp_recovery.refining import refine
 from brushexp_recovery.regions import pieces_of
@@ -21,7 +22,6 @@ from brushexp_recovery.synthesis import Hand, Laid, lay_strokes
 from brushexp_recovery.synthesis_canvas import Mixing, compose, geometry_of
 from brushexp_recovery.synthesis_looks import Look, draw_strokes
 from brushexp_recovery.synthesis_paintings import Painted
-from brushexp_recovery.tiling import tiles
 from brushexp_recovery.training import losses_of
 
 from brushexp.errors import UserError
@@ -93,7 +93,7 @@ def test_losses_have_the_gradients_of_their_values():
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 2.2])
 def test_every_pixel_is_in_the_core_of_one_tile(size, zoom):
     seen = np.zeros(size, int)
-    for (top, bottom, left, right), (first, last, begin, end) in tiles(*size, zoom, 576):
+    for (top, bottom, left, right), (first, last, begin, end) in split_into_tiles(*size, zoom, 576):
         assert top <= first < last <= bottom
         assert left <= begin < end <= right
         seen[first:last, begin:end] += 1
@@ -211,8 +211,8 @@ def test_tiles_find_what_the_whole_picture_shows(monkeypatch, scene):
     image = scene.image.astype(np.float32) / 255
     whole = find_regions(shipped(), image, 0.8, 1, silent).labels
     monkeypatch.setattr(finding, "TILE", 128)
-    monkeypatch.setattr(finding, "tiles", partial(tiles, margin=32))
-    assert len(list(tiles(*image.shape[:2], 0.8, 128, 32))) > 1
+    monkeypatch.setattr(finding, "split_into_tiles", partial(split_into_tiles, margin=32))
+    assert len(list(split_into_tiles(*image.shape[:2], 0.8, 128, 32))) > 1
     assert found(find_regions(shipped(), image, 0.8, 1, silent).labels, whole) > 0.7
 
 

@@ -7,17 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery import recover, regions, tiling
-from brushexp_recovery.looking import pixels_by_region
+from brushexp_recovery import recover, regions
 from brushexp_recovery.maps import predict
 from brushexp_recovery.model import RecoveryModel
 from brushexp_recovery.network import CHANNELS, OFFSETS, StrokeNetwork
+from brushexp_recovery.raster import threads
+from brushexp_recovery.raster.labels import group_pixels
+from brushexp_recovery.raster.threads import map_on_threads, return_freed_memory
 from brushexp_recovery.regions import GROUP, affinities_of
-from brushexp_recovery.tiling import giving_back, on_threads
 
 
 @pytest.fixture
-def threads():
+def three_threads():
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     yield
@@ -25,14 +26,14 @@ def threads():
     torch.set_num_threads(before)
 
 
-def test_results_come_in_the_order_of_the_items_each_computed_on_one_thread(threads):
-    seen = list(on_threads(lambda item: (item, torch.get_num_threads()), range(20)))
+def test_results_come_in_the_order_of_the_items_each_computed_on_one_thread(three_threads):
+    seen = list(map_on_threads(lambda item: (item, torch.get_num_threads()), range(20)))
     assert seen == [(item, 1) for item in range(20)]
 
 
-def test_an_error_on_a_thread_is_an_error(threads):
+def test_an_error_on_a_thread_is_an_error(three_threads):
     with pytest.raises(ZeroDivisionError):
-        list(on_threads(lambda item: 1 // item, [2, 1, 0, 3]))
+        list(map_on_threads(lambda item: 1 // item, [2, 1, 0, 3]))
 
 
 def test_affinities_are_summed_as_by_a_plain_loop():
@@ -65,7 +66,7 @@ def test_a_table_of_pairs_grows_when_it_is_full(monkeypatch):
 @pytest.mark.parametrize("count", [0, 7])
 def test_pixels_of_regions_are_listed(count):
     labels = np.random.default_rng(0).integers(-1, max(count - 1, 0), (20, 31)).astype(np.int32)  # the last has none
-    lists = pixels_by_region(labels, count)
+    lists = group_pixels(labels, count)
     assert len(lists) == count
     for number, pixels in enumerate(lists):
         np.testing.assert_array_equal(pixels, np.flatnonzero(labels == number))
@@ -82,10 +83,10 @@ def test_the_network_frees_what_it_has_put_together():
 
 def test_memory_is_given_back_until_curves_are_fitted(monkeypatch):
     calls, refine = [], recover.refine
-    monkeypatch.setattr(tiling, "keep_memory", lambda *most: calls.append(most))
+    monkeypatch.setattr(threads, "keep_memory", lambda *most: calls.append(most))
     monkeypatch.setattr(recover, "refine", lambda *args, **words: calls.append("refined") or refine(*args, **words))
     recover.recover_with(RecoveryModel().eval(), np.full((48, 48, 3), 0.5, np.float32), 1.0, 1, lambda *_: None)
-    assert calls == [(tiling.KEPT,), "refined", ()]
+    assert calls == [(threads.KEPT_ARRAY,), "refined", ()]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads how much memory is used from /proc")
@@ -98,7 +99,7 @@ def test_maps_take_no_memory_while_the_network_looks():
         return torch.zeros(1, CHANNELS, *x.shape[2:])
 
     image, grown = np.zeros((1024, 1024, 3), np.float32), []
-    with giving_back():
+    with return_freed_memory():
         before = used()
         predict(looks, image, 1)
     assert grown[0] < 60  # the maps take 120

@@ -1,4 +1,4 @@
-"""Pictures are blurred."""
+"""Gaussian blur of pictures and maps."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 
-def blurred(values: Array, sigma: float | Sequence[float]) -> Array:
-    """Blur an array with a Gaussian of ``sigma`` pixels, of all axes or of each; the precision stays."""
+def gaussian_blur(values: Array, sigma: float | Sequence[float]) -> Array:
+    """Blur an array with a Gaussian of ``sigma`` pixels, one number for all axes or one for each.
+
+    The result has the type of ``values``.
+    """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (runs hide SciPy while Lightning is imported)
 
     return np.asarray(gaussian_filter(values, sigma))

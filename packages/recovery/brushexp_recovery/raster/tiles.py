@@ -1,0 +1,51 @@
+"""Tiles of a picture that overlap, so that a picture of any size can be worked on part by part."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+MARGIN = 64  # pixels by which a tile reaches beyond its core
+
+
+class Box(NamedTuple):
+    """A rectangle of pixels; ``bottom`` and ``right`` lie beyond its last row and column."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.bottom - self.top, self.right - self.left
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns of a picture that it holds."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+class Tile(NamedTuple):
+    """A part of a picture, and the core of it that belongs to no other tile."""
+
+    box: Box
+    core: Box
+
+
+def split_into_tiles(height: int, width: int, zoom: float, side: int, margin: int = MARGIN) -> Iterator[Tile]:
+    """Cover a picture by tiles that overlap and whose cores do not.
+
+    Once it is zoomed, a tile is at most ``side`` pixels wide, and reaches ``margin`` pixels beyond its core.
+    """
+    rows, columns = (list(_spans(size, int(side / zoom), int(margin / zoom))) for size in (height, width))
+    for (top, bottom), (core_top, core_bottom) in rows:
+        for (left, right), (core_left, core_right) in columns:
+            yield Tile(Box(top, bottom, left, right), Box(core_top, core_bottom, core_left, core_right))
+
+
+def _spans(size: int, side: int, margin: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Split an axis of ``size`` pixels: begin and end of each tile, and of its core."""
+    count = 1 if size <= side else -(-size // (side - 2 * margin))
+    for number in range(count):
+        begin, end = number * size // count, (number + 1) * size // count
+        yield (max(begin - margin, 0), min(end + margin, size)), (begin, end)
