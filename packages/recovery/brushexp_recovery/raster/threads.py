@@ -9,6 +9,7 @@ import torch
 
 from brushexp.system.runtime import give_memory_back, keep_memory
 
+Progress = Callable[[float, str], None]  # shows the share of the work that is done, and its state in words
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

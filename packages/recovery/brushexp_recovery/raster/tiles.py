@@ -3,26 +3,9 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from brushexp_recovery.raster.boxes import Box
+
 MARGIN = 64  # pixels by which a tile reaches beyond its core
-
-
-class Box(NamedTuple):
-    """A rectangle of pixels; ``bottom`` and ``right`` lie beyond its last row and column."""
-
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width."""
-        return self.bottom - self.top, self.right - self.left
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Rows and columns of a picture that it holds."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
 class Tile(NamedTuple):
