@@ -2,7 +2,7 @@
 
 import numpy as np
 from brushexp_recovery.find.regions import Regions
-from brushexp_recovery.model.channels import CENTRE, DIRECTION, OCCLUSION_OFFSETS, SIZE, StrokeAttribute
+from brushexp_recovery.model.channels import CENTRE, DIRECTION, LOG_SIZE, OCCLUSION_OFFSETS, StrokeAttribute
 
 
 def crossed_regions() -> Regions:
@@ -12,7 +12,7 @@ def crossed_regions() -> Regions:
     attributes = np.empty((3, len(StrokeAttribute)))
     attributes[:, CENTRE] = (40, 30), (40, 30), (11, 54)
     attributes[:, DIRECTION] = (1, 0), (-1, 0), (1, 0)
-    attributes[:, SIZE] = np.log([(12, 60), (12, 50), (8, 18)])
+    attributes[:, LOG_SIZE] = np.log([(12, 60), (12, 50), (8, 18)])
     attributes[:, StrokeAttribute.VISIBLE] = 0.8, 1.0, 1.0
     random = np.random.default_rng(0)
     occlusion = random.integers(-30, 30, (len(OCCLUSION_OFFSETS), 60, 80)).astype(np.int8)

@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from brushexp_recovery.benchmark.prediction import prediction_from_labels
 from brushexp_recovery.model.recovery_model import RecoveryModel, load_model
-from brushexp_recovery.recover.recovered import Recovered
+from brushexp_recovery.recover.storage import Recovered
 from brushexp_recovery.synthesis.canvas import compose, geometry_of, opaque_mixing
 from brushexp_recovery.synthesis.hand import Hand
-from brushexp_recovery.synthesis.laying import LaidStrokes, lay_strokes
-from brushexp_recovery.synthesis.paintings import Painted, as_bytes
+from brushexp_recovery.synthesis.layout import StrokeLayout, lay_strokes
+from brushexp_recovery.synthesis.paintings import KnownPainting, as_bytes
 from brushexp_recovery.synthesis.windows import BrushLook, StrokeWindows, draw_strokes
 from skimage.measure import label
 
@@ -37,42 +37,42 @@ def straight(*ends: tuple[tuple[float, float], tuple[float, float]]) -> Array:
     return np.stack([start, 0.5 * (start + end), end], 1)
 
 
-def plain_strokes(curve: Array, width: float, color: Array | None = None) -> LaidStrokes:
+def plain_strokes(curve: Array, width: float, color: Array | None = None) -> StrokeLayout:
     """Strokes of one width that neither sway nor taper, grey unless they have colours."""
     n = len(curve)
     color = np.full((n, 3), 0.4) if color is None else color
-    return LaidStrokes(np.asarray(curve, float), np.full(n, width), color, np.zeros(n), np.zeros(n))
+    return StrokeLayout(np.asarray(curve, float), np.full(n, width), color, np.zeros(n), np.zeros(n))
 
 
-def lay_on(windows: StrokeWindows, laid: LaidStrokes, ground: Array, coats: float) -> Painted:
+def lay_on(windows: StrokeWindows, layout: StrokeLayout, ground: Array, coats: float) -> KnownPainting:
     """Lay opaque strokes on a ground."""
-    composed = compose(windows, laid, opaque_mixing(len(laid), coats), ground)
-    return Painted(as_bytes(composed.image), composed.labels.astype(np.int16), geometry_of(windows, composed))
+    canvas = compose(windows, layout, opaque_mixing(len(layout), coats), ground)
+    return KnownPainting(as_bytes(canvas.image), canvas.labels.astype(np.int16), geometry_of(windows, canvas))
 
 
-def bars(angle: float = 0.4) -> Painted:
+def bars(angle: float = 0.4) -> KnownPainting:
     """Two straight strokes of 20 px on 96 x 128 px, the second over the first, drawn with discs."""
     way = 35 * np.array([np.cos(angle), np.sin(angle)])
     ways, middle = np.array([way, [-way[1], way[0]]]), np.array([60.0, 48.0])
     curve = straight(*((middle - way, middle + way) for way in ways))
-    laid = plain_strokes(curve, 20.0, np.array([[0.9, 0.1, 0.1], [0.1, 0.2, 0.9]]))
-    windows = draw_strokes(laid, BrushLook("engine", "disc", {}, 1.0), 0)
-    return lay_on(windows, laid, np.full((96, 128, 3), 0.5), 1.0)
+    layout = plain_strokes(curve, 20.0, np.array([[0.9, 0.1, 0.1], [0.1, 0.2, 0.9]]))
+    windows = draw_strokes(layout, BrushLook("engine", "disc", {}, 1.0), 0)
+    return lay_on(windows, layout, np.full((96, 128, 3), 0.5), 1.0)
 
 
-def bristles(size: tuple[int, int], seed: int) -> Painted:
+def bristles(size: tuple[int, int], seed: int) -> KnownPainting:
     """Some 50 strokes of bristles on a canvas (H, W)."""
     random = np.random.default_rng(seed)
     rows, columns = np.mgrid[: size[0], : size[1]] / 200
     picture = np.stack([0.5 + 0.4 * np.sin(4 * rows + 3 * columns + k) for k in range(3)], 2).astype(np.float32)
-    laid = lay_strokes(picture, 50, Hand(), random)
-    windows = draw_strokes(laid, BrushLook("renderer", "textured", {}), 0)
-    return lay_on(windows, laid, np.full((*size, 3), 0.6), 4.0)
+    layout = lay_strokes(picture, 50, Hand(), random)
+    windows = draw_strokes(layout, BrushLook("renderer", "textured", {}), 0)
+    return lay_on(windows, layout, np.full((*size, 3), 0.6), 4.0)
 
 
-def picture_of(painted: Painted) -> Array:
+def picture_of(painting: KnownPainting) -> Array:
     """The picture (H, W, 3) float32 in [0, 1] of a painting."""
-    return painted.image.astype(np.float32) / 255
+    return painting.image.astype(np.float32) / 255
 
 
 def saved_strokes(curve: Array, width: Array, color: Array, size: tuple[int, int], depth: list[int] | None = None):

@@ -29,7 +29,7 @@ def test_a_folder_imports_from_those_before_it_and_says_what_goes_in_and_comes_o
     before = set(FOLDERS[: FOLDERS.index(folder)])
     for path in (PACKAGE / folder).rglob("*.py"):
         assert folders_imported_by(path) <= before | {folder}, path
-        assert len(ast.get_docstring(ast.parse(path.read_text())) or "") > 20, path
+        assert ast.get_docstring(ast.parse(path.read_text())), path
     assert len(list((PACKAGE / folder).glob("*.py"))) - 1 <= MOST_MODULES
 
 

@@ -1,1 +1,1 @@
-"""Paintings with known strokes and anybody's strokes of them go in; scores, tables and plots come out."""
+"""Paintings with known strokes, and strokes that any method finds in them, go in; scores and a report come out."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, grey_closing
 
 from brushexp_recovery.curves.bezier import chords_of, points_on
-from brushexp_recovery.synthesis.laying import LaidStrokes
+from brushexp_recovery.synthesis.layout import StrokeLayout
 from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
 
 Array = NDArray[Any]
@@ -21,14 +21,14 @@ CLOSED_GAP = 5  # pixels: gaps so narrow are of the stroke's region
 BRUSHES = ("knife", "dry")
 
 
-def draw_with(brush: str, laid: LaidStrokes, random: np.random.Generator) -> StrokeWindows:
+def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> StrokeWindows:
     """Draw strokes in windows as large as they are, a texel a pixel: ``knife`` or ``dry``."""
-    low, high = laid.curve.min(1) - laid.width[:, None], laid.curve.max(1) + laid.width[:, None]
+    low, high = layout.curve.min(1) - layout.width[:, None], layout.curve.max(1) + layout.width[:, None]
     position, extent = 0.5 * (low + high), (high - low).max(1) + 2 * MARGIN
     side = np.ceil(extent).astype(int)
+    curves = layout.curve - position[:, None] + 0.5 * side[:, None, None]
     windows = [
-        _draw_window(brush, curve - place + 0.5 * edge, width, color, edge, random)
-        for curve, place, width, color, edge in zip(laid.curve, position, laid.width, laid.color, side, strict=True)
+        _draw_window(brush, curves[k], layout.width[k], layout.color[k], side[k], random) for k in range(len(layout))
     ]
     return StrokeWindows(
         texels=np.concatenate(windows).astype(np.float32),
@@ -36,8 +36,8 @@ def draw_with(brush: str, laid: LaidStrokes, random: np.random.Generator) -> Str
         side=side,
         position=position,
         scale=side.astype(float),
-        curve=laid.curve,
-        width=laid.width,
+        curve=layout.curve,
+        width=layout.width,
     )
 
 

@@ -1,7 +1,7 @@
-"""Group dynamics: how well directions, lengths and widths of neighbourhoods are found, whichever strokes they are of.
+"""Group dynamics: errors of mean direction, length and width in neighbourhoods, without matching strokes.
 
 Around each known stroke that counts, the mean direction, coherence, mean length and mean width of the nearest known
-strokes are compared with those of the nearest found ones. No stroke need be matched.
+strokes are compared with those of the nearest predicted strokes.
 """
 
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from brushexp_recovery.curves.bezier import arc_lengths
 Array = NDArray[Any]
 
 ERRORS = ("field_direction_deg", "field_coherence", "field_length_rel", "field_width_rel")
-LEAST_COHERENCE = 0.3  # from which on a neighbourhood has a direction
+LEAST_COHERENCE = 0.3  # of a neighbourhood that has a direction
 
 
 @dataclass(frozen=True)
 class Neighbourhoods:
-    """Means of the strokes that are nearest to Q places."""
+    """Means over the strokes that are nearest to each of Q places."""
 
     direction: Array  # (Q,) complex: mean of the doubled directions
     length: Array  # (Q,) pixels
@@ -36,16 +36,16 @@ class Neighbourhoods:
         return np.abs(self.direction)
 
 
-def field_errors(truth: Truth, prediction: Prediction, known: Array, found: Array) -> dict[str, float]:
-    """Compute medians of the errors of neighbourhoods; ``known`` and ``found`` (N,) are the strokes that count.
+def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Array) -> dict[str, float]:
+    """Compute medians of the errors of neighbourhoods; ``known`` and ``judged`` (N,) tell which strokes count.
 
     Direction in degrees, coherence as it is, length and width as shares of the true ones.
     """
-    if not known.any() or not found.any():
+    if not known.any() or not judged.any():
         return dict.fromkeys(ERRORS, float("nan"))
     places = centre_of(torch.from_numpy(truth.curve[known].astype(float)))
     one = neighbourhoods_at(places, truth.curve[known], truth.width[known])
-    other = neighbourhoods_at(places, prediction.curve[found], prediction.width[found])
+    other = neighbourhoods_at(places, prediction.curve[judged], prediction.width[judged])
     turn = np.angle(one.direction * other.direction.conj()) / 2
     errors = {
         "field_direction_deg": np.degrees(np.abs(turn[one.coherence >= LEAST_COHERENCE])),

@@ -31,7 +31,7 @@ def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]) -> Path:
-    """Plot which share of found strokes is right by their confidence."""
+    """Plot the share of strokes that is right against their confidence."""
     figure = new_figure(5)
     axes = figure.subplots()
     tidy(axes)

@@ -1,4 +1,4 @@
-"""Anybody's strokes as they are scored: made from curves, labels, a catalogue or recovered strokes."""
+"""Predicted strokes in the form in which they are scored, from curves, labels, a catalogue or recovered strokes."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,20 +8,21 @@ from numpy.typing import NDArray
 
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.saved import Saved
+from brushexp_recovery.benchmark.truth import VISIBLE_PIXELS, VISIBLE_SHARE
 from brushexp_recovery.curves.coverage import cover_strokes, visible_labels
 from brushexp_recovery.curves.round_line import width_of_line
 from brushexp_recovery.raster.labels import count_pixels, group_pixels, mean_colors
-from brushexp_recovery.recover.recovered import Recovered
+from brushexp_recovery.recover.storage import Recovered
 
 Array = NDArray[Any]
 
-GREY = 0.5  # sRGB of strokes whose colour is not known
+GREY = 0.5  # sRGB of strokes without a colour
 TIPS = (0.02, 0.98)  # shares of a region's pixels between which it extends
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """N strokes that somebody found, bottom to top; pixels, x to the right, y down."""
+    """N strokes that a method predicts, bottom to top; pixels, x to the right, y down."""
 
     labels: Array  # (H, W) int32, the stroke that is seen, -1 the ground
     curve: Array  # (N, 3, 2)
@@ -34,17 +35,23 @@ class Prediction:
     def __len__(self) -> int:
         return len(self.width)
 
+    @property
+    def counts(self) -> Array:
+        """Tell which strokes (N,) are visible enough to be judged."""
+        visible: Array = count_pixels(self.labels, len(self))
+        return (visible >= VISIBLE_SHARE * self.area) & (visible >= VISIBLE_PIXELS)
+
 
 def prediction_from_curves(
     curve: Array, width: Array, color: Array, opacity: Array, size: tuple[int, int]
 ) -> Prediction:
-    """Take strokes as round-ended lines, bottom to top, on a canvas (H, W)."""
+    """Predict strokes that are round-ended lines, bottom to top, on a canvas (H, W)."""
     labels, area = visible_labels(cover_strokes(curve, width, size), opacity, size)
     return Prediction(labels, curve, width, color, area)
 
 
 def prediction_from_labels(labels: Array, image: Array | None = None) -> Prediction:
-    """Take the regions of a picture (H, W) of whole numbers, -1 the ground, as strokes without an order.
+    """Predict strokes without an order from a label image (H, W), in which -1 is the ground.
 
     Each becomes a straight line along its principal axis; its colour is the mean of an ``image`` (H, W, 3), else grey.
     """
@@ -58,7 +65,7 @@ def prediction_from_labels(labels: Array, image: Array | None = None) -> Predict
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
-    """Lay a straight line (count, 3, 2) along each region, and find its width (count,) with as many pixels."""
+    """Lay a straight line (count, 3, 2) along each region, with a width (count,) that gives it the same area."""
     curve, width = np.zeros((count, 3, 2)), np.zeros(count)
     for number, pixels in enumerate(group_pixels(labels, count)):
         y, x = np.divmod(pixels, labels.shape[1])
@@ -67,7 +74,7 @@ def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def line_along(places: Array) -> tuple[Array, float]:
-    """Lay a straight line (3, 2) along the pixel centres (P, 2) of a region, and find its width with as many pixels."""
+    """Lay a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives it the same area."""
     middle = places.mean(0)
     offset = places - middle
     _, axes = np.linalg.eigh(offset.T @ offset)
@@ -81,7 +88,7 @@ def line_along(places: Array) -> tuple[Array, float]:
 
 
 def prediction_from_catalogue(saved: Saved, size: tuple[int, int]) -> Prediction:
-    """Take the strokes of a catalogue, enlarged to the width of a canvas (H, W)."""
+    """Predict the strokes of a catalogue, enlarged to the width of a canvas (H, W)."""
     bottom_up, zoom = saved.depth.argsort().numpy(), size[1] / saved.size[1]
     strokes = saved.strokes
     curve = curve_of(strokes).numpy()[bottom_up] * zoom
@@ -91,7 +98,7 @@ def prediction_from_catalogue(saved: Saved, size: tuple[int, int]) -> Prediction
 
 
 def prediction_from_recovered(recovered: Recovered) -> Prediction:
-    """Take what was recovered: strokes with the regions in which they are seen, and their confidence."""
+    """Predict recovered strokes, with their visible regions and their confidence."""
     prediction = prediction_from_catalogue(recovered.saved, recovered.labels.shape)
     bottom_up = recovered.saved.depth.argsort().numpy()
     rank = np.append(np.argsort(bottom_up), -1)

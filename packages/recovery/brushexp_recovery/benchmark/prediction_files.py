@@ -1,4 +1,4 @@
-"""Files of anybody's strokes: labels (PNG, npy, npz), curves (npz) and catalogues."""
+"""Files of predicted strokes: labels (PNG, npy, npz), curves (npz) and catalogues."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from brushexp_recovery.benchmark.prediction import (
 )
 from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.npz import read_npz
-from brushexp_recovery.recover.recovered import GROUP, read_recovered
+from brushexp_recovery.recover.storage import GROUP, read_recovered
 
 Array = NDArray[Any]
 
@@ -30,7 +30,7 @@ BASE = np.array([65536, 256, 1])  # make one number of red, green and blue
 
 
 def read_prediction(path: Path, size: tuple[int, int], image: Array | None = None, key: str = "strokes") -> Prediction:
-    """Read somebody's strokes for a canvas (H, W); a UserError says what would be right.
+    """Read predicted strokes for a canvas (H, W); a UserError says what would be right.
 
     Labels: .npy or .npz (``labels``), -1 the ground, or .png, where black is the ground and each grey level or colour
     is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, beside or instead of labels,
@@ -47,7 +47,7 @@ def read_prediction(path: Path, size: tuple[int, int], image: Array | None = Non
     if suffix not in (".npy", ".png"):
         raise UserError(f"{key}={path} is no kind of strokes that is known; give labels as .png or .npy, .npz or .h5")
     labels = _read_npy(path) if suffix == ".npy" else _read_png(path)
-    return prediction_from_labels(_checked(path, labels, size), image)
+    return prediction_from_labels(_check_labels(path, labels, size), image)
 
 
 def is_recovered(path: Path) -> bool:
@@ -61,17 +61,17 @@ def is_recovered(path: Path) -> bool:
 def _prediction_from_arrays(
     path: Path, values: dict[str, Array], size: tuple[int, int], image: Array | None
 ) -> Prediction:
-    """Take the curves of an npz, or its labels if there are no curves."""
+    """Predict the curves in an npz, or its labels if there are no curves."""
     if "width" not in values or "curve" not in values:
         if "labels" not in values:
             raise UserError(f"{path} has neither labels nor curve and width; save one of them in it")
-        return prediction_from_labels(_checked(path, values["labels"], size), image)
+        return prediction_from_labels(_check_labels(path, values["labels"], size), image)
     count = len(values["width"])
     color, opacity = values.get("color", np.full((count, 3), GREY)), values.get("opacity", np.ones(count))
     curve, width = values["curve"].astype(float), values["width"].astype(float)
     prediction = prediction_from_curves(curve, width, color, opacity, size)
     if "labels" in values:
-        labels = _checked(path, values["labels"], size)
+        labels = _check_labels(path, values["labels"], size)
         if labels.max(initial=-1) >= count:
             raise UserError(f"{path}: labels go to {labels.max()}, and there are {count} curves; number them from 0")
         area = values.get("area", count_pixels(labels, count)).astype(float)
@@ -98,7 +98,7 @@ def _read_png(path: Path) -> Array:
     return (pixels if pixels.ndim == 2 else pixels @ BASE) - 1
 
 
-def _checked(path: Path, labels: Array, size: tuple[int, int]) -> Array:
+def _check_labels(path: Path, labels: Array, size: tuple[int, int]) -> Array:
     """Return labels if they are whole numbers for a canvas (H, W); else a UserError."""
     if labels.shape != size or labels.dtype.kind not in "iu":
         raise UserError(

@@ -93,7 +93,7 @@ def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def reliability_of(rows: Sequence[Row]) -> Reliability:
-    """Join the reliability of recovery over paintings, by how they look."""
+    """Join the reliability of recovery over the paintings of each group."""
     groups: dict[str, list[Sequence[ReliabilityBin]]] = {}
     for row in rows:
         if row["method"] == "recovery" and row.get("reliability"):
@@ -103,7 +103,7 @@ def reliability_of(rows: Sequence[Row]) -> Reliability:
 
 
 def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
-    """Compare the mean confidence of each group of paintings, and of all that look alike, with the share right."""
+    """Compare the mean confidence of each group, of all clean and of all hard pictures with the share that is right."""
     groups = dict(reliability)
     for look in ("clean", "hard"):
         alike = [bins for name, bins in reliability.items() if name.endswith(look)]

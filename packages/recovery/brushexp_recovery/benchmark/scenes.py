@@ -16,9 +16,9 @@ from brushexp_recovery.benchmark.truth import Truth, truth_from
 from brushexp_recovery.curves.round_line import trim_to_paint
 from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.synthesis.ageing import weather
-from brushexp_recovery.synthesis.canvas import Composed, compose, opaque_mixing
+from brushexp_recovery.synthesis.canvas import Canvas, compose, opaque_mixing
 from brushexp_recovery.synthesis.hand import Hand
-from brushexp_recovery.synthesis.laying import LaidStrokes, lay_strokes
+from brushexp_recovery.synthesis.layout import StrokeLayout, lay_strokes
 from brushexp_recovery.synthesis.windows import BrushLook, StrokeWindows, draw_strokes
 
 Array = NDArray[Any]
@@ -52,7 +52,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class PaintedScene:
+class ScenePainting:
     """A painting with its truth, clean and as a hard photograph of it; pictures (H, W, 3) in [0, 1]."""
 
     truth: Truth
@@ -61,50 +61,50 @@ class PaintedScene:
 
 
 def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> list[Scene]:
-    """List scenes: each kind at each density, ``repeats`` times, but no more bristles than can be simulated."""
+    """List scenes: each kind at each density, ``repeats`` times; the simulator gets no densities that take too long."""
     pairs = [(kind, count) for kind in kinds for count in counts if kind != "fluid" or count <= MOST_FLUID]
     return [Scene(kind, count, number) for kind, count in pairs for number in range(repeats)]
 
 
-def paint_scene(scene: Scene, side: int, seed: int = SEED) -> PaintedScene:
+def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
     """Paint a scene of ``side`` x ``side`` pixels; the same for the same scene, side and seed."""
     random = np.random.default_rng([seed, KINDS.index(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
-    laid = lay_scene(scene.kind, subject, scene.count, random)
+    layout = lay_scene(scene.kind, subject, scene.count, random)
     if scene.kind in BRUSHES:
         coats = 1.0
-        windows = draw_with(scene.kind, laid, random)
+        windows = draw_with(scene.kind, layout, random)
     else:
         coats = COATS
-        windows = draw_strokes(laid, LOOKS.get(scene.kind, LOOKS["textured"]), int(random.integers(2**31)))
+        windows = draw_strokes(layout, LOOKS.get(scene.kind, LOOKS["textured"]), int(random.integers(2**31)))
     ground = prime_canvas(subject, random).astype(np.float32)
-    composed = compose(windows, laid, opaque_mixing(len(laid), coats), ground)
-    clean = np.round(255 * composed.image.astype(float)) / 255
-    hard = compress_as_jpeg(np.clip(weather(composed.image, random), 0, 1), HARD_QUALITY)
-    return PaintedScene(truth_of(windows, composed, laid, clean), clean, hard)
+    canvas = compose(windows, layout, opaque_mixing(len(layout), coats), ground)
+    clean = np.round(255 * canvas.image.astype(float)) / 255
+    hard = compress_as_jpeg(np.clip(weather(canvas.image, random), 0, 1), HARD_QUALITY)
+    return ScenePainting(truth_of(windows, canvas, layout, clean), clean, hard)
 
 
-def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> LaidStrokes:
-    """Lay some ``count`` strokes: in layers along the edges, or as a painter of the program does."""
+def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:
+    """Lay about ``count`` strokes: in layers along the edges, or as a painter of the program does."""
     if kind not in PAINTERS:
         return lay_strokes(subject.astype(np.float32), count, Hand(), random)
     import brushexp  # noqa: PLC0415
 
     words: dict[str, Any] = {"painter": kind, "frames": 0, "max_strokes": count, "seed": int(random.integers(2**31))}
     painting = brushexp.paint(subject.astype(np.float32), look="even", strokes=count, report=False, **words)
-    return laid_from(painting.finished.job.saved)
+    return layout_of(painting.finished.job.saved)
 
 
-def laid_from(saved: Saved) -> LaidStrokes:
-    """Take the strokes of a catalogue, bottom to top."""
+def layout_of(saved: Saved) -> StrokeLayout:
+    """Lay the strokes of a catalogue, bottom to top."""
     strokes = saved.strokes[saved.depth.argsort()].map(torch.Tensor.double)
     curve, width = curve_of(strokes).numpy(), (strokes.width * strokes.scale).numpy()
     unbent = np.zeros(len(width))
-    return LaidStrokes(curve, width, strokes.color.numpy(), sway=unbent, taper=unbent)
+    return StrokeLayout(curve, width, strokes.color.numpy(), sway=unbent, taper=unbent)
 
 
-def truth_of(windows: StrokeWindows, composed: Composed, laid: LaidStrokes, image: Array) -> Truth:
-    """Say what is known of composed strokes."""
-    area, _, _, first, last, _ = composed.extent.T
+def truth_of(windows: StrokeWindows, canvas: Canvas, layout: StrokeLayout, image: Array) -> Truth:
+    """Compute the truth about strokes on a canvas."""
+    area, _, _, first, last, _ = canvas.extent.T
     curve, width = trim_to_paint(windows.curve.astype(float), 0.5 * (first + 1), 0.5 * (last + 1), np.maximum(area, 1))
-    return truth_from(composed.labels, area, curve, width, laid.color, image)
+    return truth_from(canvas.labels, area, curve, width, layout.color, image)

@@ -1,4 +1,4 @@
-"""What the paintings of the benchmark show, and the canvases that they are painted on."""
+"""Subjects of the benchmark's paintings, and the canvases that they are painted on."""
 
 from typing import Any
 

@@ -14,9 +14,9 @@ from brushexp_recovery.raster.npz import read_npz, write_npz
 
 Array = NDArray[Any]
 
-VISIBLE_SHARE = 0.3  # of its area that a stroke must show to count
-VISIBLE_PIXELS = 12  # that it must show
-OVERLAP = 0.05  # share of the smaller one that two strokes share at least to have an order
+VISIBLE_SHARE = 0.3  # share of its area that must be visible for a stroke to count
+VISIBLE_PIXELS = 12  # that must be visible
+OVERLAP = 0.05  # share of the smaller of two strokes that must overlap for them to have an order
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Truth:
 
     @property
     def counts(self) -> Array:
-        """Tell which strokes (N,) show enough of themselves to be looked for."""
+        """Tell which strokes (N,) are visible enough to be looked for."""
         return (self.share >= VISIBLE_SHARE) & (self.visible >= VISIBLE_PIXELS)
 
 

@@ -1,1 +1,1 @@
-"""Regions go in; features come out from which their confidence is computed, and measures of how right it is."""
+"""Regions go in; features come out, from which a confidence is computed. Calibration tells how right it is."""

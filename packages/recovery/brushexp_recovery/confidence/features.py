@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp_recovery.find.regions import Regions
-from brushexp_recovery.model.channels import SIZE, StrokeAttribute
+from brushexp_recovery.model.channels import LOG_SIZE, StrokeAttribute
 from brushexp_recovery.model.features import ConfidenceFeature
 from brushexp_recovery.raster.labels import count_pixels
 
@@ -22,5 +22,5 @@ def confidence_features(regions: Regions) -> Array:
     features = np.empty((len(chance), len(ConfidenceFeature)))
     features[:, ConfidenceFeature.LOG_ODDS] = np.log(chance / (1 - chance))
     features[:, ConfidenceFeature.VISIBLE] = regions.attributes[:, StrokeAttribute.VISIBLE]
-    features[:, ConfidenceFeature.LOG_FILL] = np.log(np.maximum(area, 1)) - regions.attributes[:, SIZE].sum(1)
+    features[:, ConfidenceFeature.LOG_FILL] = np.log(np.maximum(area, 1)) - regions.attributes[:, LOG_SIZE].sum(1)
     return features

@@ -1,4 +1,4 @@
-"""Regions go in; quadratic Bezier curves with a width come out, fitted to each region and then to what is seen of all.
+"""Regions go in; quadratic Bezier curves with a width come out, fitted one by one and then refined together.
 
-Here is also what round-ended lines along such curves cover, for all that draws or compares strokes.
+The folder also says what round-ended lines along such curves cover, for whatever draws or compares strokes.
 """

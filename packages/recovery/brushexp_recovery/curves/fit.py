@@ -1,4 +1,4 @@
-"""A stroke is fitted to each region: a quadratic curve, a width and a colour."""
+"""Fit of a stroke to each region: a quadratic curve, a width and a colour."""
 
 from typing import Any, NamedTuple
 
@@ -12,14 +12,14 @@ from brushexp_recovery.raster.labels import group_pixels
 Array = NDArray[Any]
 
 TAIL = 0.02  # share of a region's pixels beyond either end of its stroke
-HIDDEN_WEIGHT = 0.5  # how far the network's opinion of hidden ends is followed
-DIRECTION_WEIGHT = 0.6  # of the network's opinion of the direction; that of the shape is how long it is
+HIDDEN_WEIGHT = 0.5  # of the predicted end of a stroke, where it lies beyond its region
+DIRECTION_WEIGHT = 0.6  # of the predicted direction; that of the shape is how long it is
 CAP = 0.42  # widths by which a curve ends before its round end
 STRAIGHTNESS = 0.02  # how strongly a middle line is held towards the axis
 FLATNESS = 0.3  # how strongly it is held towards straight
 
 
-class FittedStrokes(NamedTuple):
+class StrokeCurves(NamedTuple):
     """N strokes."""
 
     curve: Array  # (N, 3, 2) pixels
@@ -27,7 +27,7 @@ class FittedStrokes(NamedTuple):
     color: Array  # (N, 3) sRGB
 
 
-def fit_curves(regions: Regions, image: Array) -> FittedStrokes:
+def fit_curves(regions: Regions, image: Array) -> StrokeCurves:
     """Fit a stroke to each region of a picture (H, W, 3); its colour is the median of the region."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
@@ -35,11 +35,11 @@ def fit_curves(regions: Regions, image: Array) -> FittedStrokes:
         y, x = np.divmod(pixels, regions.labels.shape[1])
         curve[number], width[number] = fit_curve(np.stack([x, y], 1) + 0.5, regions.attributes[number])
         color[number] = np.median(image[y, x], 0)
-    return FittedStrokes(curve, width, color)
+    return StrokeCurves(curve, width, color)
 
 
 def fit_curve(points: Array, attributes: Array) -> tuple[Array, float]:
-    """Fit a curve (3, 2) and a width to points (P, 2) of a region and to the `StrokeAttribute`s of the network."""
+    """Fit a curve (3, 2) and a width to points (P, 2) of a region and to its predicted `StrokeAttribute`s."""
     middle = points.mean(0)
     axes = main_axes(points - middle, attributes)
     along, across = ((points - middle) @ axes.T).T
@@ -61,7 +61,7 @@ def fit_curve(points: Array, attributes: Array) -> tuple[Array, float]:
 
 
 def main_axes(points: Array, attributes: Array) -> Array:
-    """Find the axes (2, 2), along and across, of points (P, 2) around 0: by their shape and by the network."""
+    """Find the axes (2, 2), along and across, of points (P, 2) around 0 by their shape and the predicted direction."""
     xx, yy = (points**2).mean(0) + 1 / 12
     xy = points.prod(1).mean()
     x, y = np.array([xx - yy, 2 * xy]) / (xx + yy) + DIRECTION_WEIGHT * attributes[DIRECTION]

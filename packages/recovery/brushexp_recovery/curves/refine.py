@@ -1,4 +1,4 @@
-"""Strokes are moved by gradient descent until, drawn over each other, they show the regions that were found."""
+"""Refinement of curves by gradient descent until, drawn over each other, they show the regions."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from torch import Tensor
 
 from brushexp import create
 from brushexp.strokes.bezier import strokes_along
-from brushexp_recovery.curves.fit import FittedStrokes
+from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.raster.boxes import Box
 from brushexp_recovery.raster.threads import Progress, map_on_threads
 from brushexp_recovery.raster.tiles import Tile, split_into_tiles
@@ -29,14 +29,14 @@ UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes that lie elsewhere, and o
 
 
 def refine_curves(
-    fitted: FittedStrokes, labels: Array, order: Array, *, show: Progress, steps: int = STEPS
-) -> FittedStrokes:
-    """Fit strokes, which lie bottom to top by ``order`` (N,), to regions (H, W), numbered as they are.
+    strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = STEPS
+) -> StrokeCurves:
+    """Refine strokes, which lie bottom to top by ``order`` (N,), to fit their regions (H, W) of the same numbers.
 
     A large picture is fitted tile by tile; a stroke belongs to the tile in whose core its middle lies.
     """
-    curve, width = fitted.curve.copy(), fitted.width.copy()
-    middle = fitted.curve.mean(1)
+    curve, width = strokes.curve.copy(), strokes.width.copy()
+    middle = strokes.curve.mean(1)
     tiles = list(split_into_tiles(labels.shape[0], labels.shape[1], 1.0, TILE_SIDE, TILE_SIDE // 8))
 
     def fit(tile: Tile) -> None:
@@ -49,13 +49,13 @@ def refine_curves(
         number[-1] = EMPTY
         corner = np.array([tile.box.left, tile.box.top])
         part = number[labels[tile.box.slices]]
-        new_curve, new_width = _fit_to_regions(fitted.curve[near] - corner, fitted.width[near], part, steps)
+        new_curve, new_width = _fit_to_regions(strokes.curve[near] - corner, strokes.width[near], part, steps)
         curve[near[own]] = new_curve[own] + corner
         width[near[own]] = new_width[own]
 
     for done, _ in enumerate(map_on_threads(fit, tiles), start=1):
         show(done / len(tiles), f"fitting {len(order)} curves")
-    return FittedStrokes(curve, width, fitted.color)
+    return StrokeCurves(curve, width, strokes.color)
 
 
 def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
@@ -104,7 +104,7 @@ def _move(curve: Tensor, width: Tensor, move: Tensor, log_gain: Tensor) -> tuple
 
 
 def _pixel_weights(regions: Tensor, count: int) -> Tensor:
-    """Say how much each pixel (H, W) counts; region 0 is unknown and counts nothing, 1 is empty, stroke k is k + 2."""
+    """Weight each pixel (H, W) by its region; region 0 is unknown and weighs nothing, 1 is empty, stroke k is k + 2."""
     area = torch.bincount(regions.flatten(), minlength=count + 2).clamp_min(1).float()
     weight = (area[2:].mean() / area) ** AREA_POWER
     weight[:2] = torch.tensor([0.0, EMPTY_WEIGHT])

@@ -1,4 +1,4 @@
-"""Several looks at one part of a picture: regions on which most of them agree are the surest."""
+"""Agreement of several looks at one part of a picture: the regions on which most looks agree are the surest."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -46,7 +46,7 @@ def _best_node(look: Look, superpixels: Array, regions: Array, count: int) -> Ar
 
 
 def find_candidates(looks: Sequence[Look], tile: Tile) -> list[Candidate]:
-    """Choose among the regions of several looks at a tile, of those whose middles lie in its core."""
+    """Choose among the regions of several looks at a tile whose middles lie in its core."""
     candidates: list[Candidate] = []
     for look, chance in zip(looks, agreement_of(looks), strict=True):
         candidates += _candidates_of(look, chance, tile)

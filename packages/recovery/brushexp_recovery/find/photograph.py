@@ -1,4 +1,4 @@
-"""The size of a photograph: strokes in it have to be large enough to be told apart."""
+"""The size of a photograph, which must be large enough to tell strokes apart."""
 
 from brushexp.errors import UserError
 from brushexp.pictures.load import size_of_picture

@@ -21,7 +21,7 @@ from brushexp_recovery.segment.affinity_maps import StrokeMaps, predict_maps
 Array = NDArray[Any]
 
 TILE_SIDE = 512  # pixels, zoomed
-KEPT_SHARE = 0.5  # of the mean chance of those that are kept: no region that is less sure is kept
+KEPT_SHARE = 0.5  # of the mean chance of the regions that are kept: no region below is kept
 OCCLUSION_STEPS = 16  # 8-bit steps of a unit of log-odds
 
 
@@ -50,9 +50,10 @@ class Regions:
 def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
-    Without a ``zoom`` they are sought at the scale that suits the strokes. ``copies`` is how many turned and mirrored
-    copies each look shows. What is kept has at least half the mean chance of what is kept: if there are as many strokes
-    as regions are kept, and the chance of each is that it is one, no other share has a higher expected F1.
+    Without a ``zoom`` they are sought at the scale that suits the strokes. Each look is at ``copies`` turned and
+    mirrored copies. A region is kept if its chance is at least half the mean chance of those that are kept: if there
+    are as many strokes as kept regions, and each region is a stroke with its chance, no other share has a higher
+    expected F1.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -74,24 +75,24 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
 
     tiles = list(split_into_tiles(height, width, zoom, TILE_SIDE))
     candidates = list[Candidate]()
-    for done, found in enumerate(map_on_threads(search, tiles), start=1):
-        candidates += found
+    for done, of_tile in enumerate(map_on_threads(search, tiles), start=1):
+        candidates += of_tile
         show(done / len(tiles), f"{len(candidates)} strokes")
     labels = np.full(height * width, -1, np.int32)
-    kept = keep_surest(candidates, labels, KEPT_SHARE)
-    chance = np.array([one.chance for one in kept])
-    attributes = np.array([one.attributes for one in kept]).reshape(-1, len(StrokeAttribute))
+    surest = keep_surest(candidates, labels, KEPT_SHARE)
+    chance = np.array([one.chance for one in surest])
+    attributes = np.array([one.attributes for one in surest]).reshape(-1, len(StrokeAttribute))
     return Regions(labels.reshape(height, width), chance, attributes, occlusion, zoom)
 
 
 def _move_to_picture(candidate: Candidate, tile: Tile, width: int) -> Candidate:
-    """Number the pixels of a region of a tile as those of the picture, which is ``width`` pixels wide."""
+    """Turn indices of pixels of a tile into those of the picture, which is ``width`` pixels wide."""
     y, x = np.divmod(candidate.pixels, tile.box.size[1])
     return replace(candidate, pixels=(y + tile.box.top) * width + x + tile.box.left)
 
 
 def _keep_occlusion(occlusion: Array, maps: StrokeMaps, tile: Tile) -> None:
-    """Keep which side is above, in 8 bits, of the core of a tile."""
+    """Keep the occlusions in the core of a tile, in 8 bits."""
     height, width = tile.box.size
     rows, columns = tile.core.within(tile.box).slices
     zoomed_rows = nearest_pixels(height, maps.occlusion.shape[1])[rows]

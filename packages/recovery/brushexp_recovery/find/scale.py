@@ -17,7 +17,7 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 Array = NDArray[Any]
 
 SCALES = (0.15, 3.0)  # smallest and largest
-BEST_WIDTH = 18.0  # pixels of the middle stroke; a quarter more than in training found 2 % more strokes
+BEST_WIDTH = 18.0  # pixels: median width of strokes; a quarter more than in training finds 2 % more strokes
 TRIALS = 3  # looks at parts of a picture, to guess its scale
 PART_SIDE = 384  # pixels of these parts, zoomed
 GUESS_BONUS = 0.05  # by which another scale must explain more of a picture than the guessed one
@@ -54,7 +54,7 @@ def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[
 
 
 def guess_zoom(model: RecoveryModel, image: Array) -> float:
-    """Guess the scale at which strokes are as wide as the network knows them best, from what it says of widths."""
+    """Guess, from predicted widths, the scale at which strokes are as wide as the network knows them best."""
     zoom = 1.0
     for _ in range(TRIALS):
         parts = cut_out_parts(image, PART_SIDE / zoom)
@@ -86,7 +86,7 @@ def cut_out_parts(image: Array, side: float) -> list[Array]:
 
 
 def _widths_in(model: RecoveryModel, part: Array) -> Array:
-    """Guess, of each pixel with paint, the width of its stroke and the share of a stroke that the pixel is: (2, P)."""
+    """Predict, for each pixel with paint, the width of its stroke and the share of its area that a pixel is: (2, P)."""
     maps = predict_maps(model.network, part, 1)
     paint = maps.paint > 0
     paint &= paint.mean() > LEAST_PAINT

@@ -1,4 +1,4 @@
-"""Candidates for regions, of which the surest are kept first and others where these leave room."""
+"""Greedy non-maximum suppression: the surest candidates are kept first, others where these leave room."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,19 +20,19 @@ class Candidate:
 
 
 def keep_surest(candidates: list[Candidate], labels: Array, least_share: float) -> list[Candidate]:
-    """Keep candidates, the surest first, where enough of each is free (greedy non-maximum suppression).
+    """Keep candidates, the surest first, of which enough is free.
 
-    Those that are kept are written into ``labels`` (P,), which are -1 at first. None is kept whose chance is below
-    ``least_share`` of the mean of those before it.
+    Kept candidates are written into ``labels`` (P,), which are -1 at first. A candidate is not kept if its chance is
+    below ``least_share`` of the mean chance of those before it.
     """
-    kept = list[Candidate]()
+    surest = list[Candidate]()
     total = 0.0
     for candidate in sorted(candidates, key=lambda one: -one.chance):
-        if candidate.chance * len(kept) < least_share * total:
+        if candidate.chance * len(surest) < least_share * total:
             break
         free = labels[candidate.pixels] < 0
         if free.sum() >= max(FREE_SHARE * len(free), 1):
-            labels[candidate.pixels[free]] = len(kept)
-            kept.append(candidate)
+            labels[candidate.pixels[free]] = len(surest)
+            surest.append(candidate)
             total += candidate.chance
-    return kept
+    return surest

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp_recovery.join.merging import merge, merge_by_affinity
+from brushexp_recovery.join.merge_loop import merge, merge_by_affinity
 from brushexp_recovery.model.perceptron import PerceptronWeights
 from brushexp_recovery.segment.region_adjacency import AffinityColumn
 from brushexp_recovery.segment.superpixels import Superpixels

@@ -9,7 +9,7 @@ from brushexp_recovery.join.merge_tree import MergeTree
 from brushexp_recovery.join.pair_features import BOUND, LEAST_VARIANCE, LEAST_VISIBLE
 from brushexp_recovery.join.shape import RegionShapes, shapes_of
 from brushexp_recovery.model.features import NodeFeature
-from brushexp_recovery.segment.moments import LAB, LAB_SQUARED, MIDDLE, STATED_CENTRE, STATED_DIRECTION, Moment
+from brushexp_recovery.segment.moments import LAB, LAB_SQUARED, MIDDLE, PREDICTED_CENTRE, PREDICTED_DIRECTION, Moment
 from brushexp_recovery.segment.region_adjacency import PAIRS, SUMS, AffinityColumn
 
 Array = NDArray[Any]
@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write the affinities inside and outside of nodes, and the chances of the merges that made and could end them."""
+    """Write the affinities inside and outside of nodes, and the chances of merges that made or could extend them."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE
@@ -48,22 +48,22 @@ def _write_merges(tree: MergeTree, table: Array) -> None:
 
 
 def _write_region(shapes: RegionShapes, table: Array) -> None:
-    """Write how much colours vary, and what the network says of the centre and direction of the stroke."""
+    """Write how much colours vary, and the predicted centre and direction of the stroke."""
     mean = shapes.mean
     wide, long = np.exp(mean[:, Moment.LOG_WIDTH]), np.exp(mean[:, Moment.LOG_LENGTH])
-    gap = np.linalg.norm(mean[:, STATED_CENTRE] - mean[:, MIDDLE], axis=1)
+    gap = np.linalg.norm(mean[:, PREDICTED_CENTRE] - mean[:, MIDDLE], axis=1)
     variance = np.maximum(mean[:, LAB_SQUARED] - mean[:, LAB] ** 2, LEAST_VARIANCE)
     table[:, COLOR_SPREAD] = np.log(np.sqrt(variance))
     table[:, NodeFeature.PAINT] = mean[:, Moment.PAINT]
     table[:, NodeFeature.LOG_SPREAD] = np.log(shapes.spread / wide)
-    table[:, NodeFeature.COHERENCE] = np.linalg.norm(mean[:, STATED_DIRECTION], axis=1)
+    table[:, NodeFeature.COHERENCE] = np.linalg.norm(mean[:, PREDICTED_DIRECTION], axis=1)
     table[:, NodeFeature.ALIGNMENT] = shapes.alignment
     table[:, NodeFeature.LOG_CENTRE_GAP] = np.log((gap + 1) / wide)
     table[:, NodeFeature.CENTRE_GAP_BY_LENGTH] = gap / long
 
 
 def _write_size(shapes: RegionShapes, area: Array, table: Array) -> None:
-    """Write the size of a region beside that which the network says its stroke has."""
+    """Write the size of a region beside the predicted size of its stroke."""
     mean = shapes.mean
     log_width, log_length = mean[:, Moment.LOG_WIDTH], mean[:, Moment.LOG_LENGTH]
     wide, long = np.exp(log_width), np.exp(log_length)
@@ -78,7 +78,7 @@ def _write_size(shapes: RegionShapes, area: Array, table: Array) -> None:
     table[:, NodeFeature.LOG_WIDTH] = np.log(shapes.width / wide)
     table[:, NodeFeature.LOG_COMPACTNESS] = np.log(area / (shapes.length * shapes.width))
     table[:, NodeFeature.LOG_ELONGATION] = np.log(shapes.length / shapes.width)
-    table[:, NodeFeature.LOG_STATED_WIDTH] = log_width
-    table[:, NodeFeature.LOG_STATED_LENGTH] = log_length
-    table[:, NodeFeature.STATED_WIDTH_SPREAD] = np.sqrt(np.maximum(width_variance, 0))
-    table[:, NodeFeature.STATED_LENGTH_SPREAD] = np.sqrt(np.maximum(length_variance, 0))
+    table[:, NodeFeature.LOG_PREDICTED_WIDTH] = log_width
+    table[:, NodeFeature.LOG_PREDICTED_LENGTH] = log_length
+    table[:, NodeFeature.PREDICTED_WIDTH_SPREAD] = np.sqrt(np.maximum(width_variance, 0))
+    table[:, NodeFeature.PREDICTED_LENGTH_SPREAD] = np.sqrt(np.maximum(length_variance, 0))

@@ -14,7 +14,7 @@ from brushexp_recovery.segment.region_adjacency import DISTANCE_GROUPS, Affinity
 
 Array = NDArray[Any]
 
-BOUND = 20.0  # of a feature that is infinite
+BOUND = 20.0  # value of a feature that is infinite
 PRIOR_PAIRS = 0.5  # pairs of affinity 0.5 that are added, so that a mean of few pairs says little
 LEAST_VISIBLE = 0.05  # share
 LEAST_VARIANCE = 0.01  # of a colour, CIELAB
@@ -69,7 +69,7 @@ def write_pair_features(one, other, between, scratch, row):
 
 @inline
 def _write_affinities(between, smaller_area, row):
-    """Write what the network says of pixels of the two regions being of one stroke."""
+    """Write the affinities between pixels of the two regions."""
     total, pairs = 0.0, 0.0
     for k in range(DISTANCE_GROUPS):
         affinity, number = between[AffinityColumn.SUM_ADJACENT + k], between[AffinityColumn.PAIRS_ADJACENT + k]
@@ -109,7 +109,7 @@ def _color_spread(one):
 
 @inline
 def _write_centres(small, large, both, row):
-    """Write how far apart the regions are, and the centres that the network says their strokes have."""
+    """Write how far apart the regions are, and the predicted centres of their strokes."""
     wide = np.exp(both[Moment.LOG_WIDTH])
     gap = np.hypot(small[Moment.CENTRE_X] - large[Moment.CENTRE_X], small[Moment.CENTRE_Y] - large[Moment.CENTRE_Y])
     distance = np.hypot(small[Moment.X] - large[Moment.X], small[Moment.Y] - large[Moment.Y])
@@ -122,7 +122,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write how well the directions agree that the network says their strokes have."""
+    """Write how well the predicted directions of their strokes agree."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]
@@ -134,10 +134,10 @@ def _write_directions(small, large, both, row):
 
 @inline
 def _write_sizes(small, large, both, area, larger_area, row):
-    """Write the sizes of the regions and of their union beside those that the network says their strokes have."""
+    """Write the sizes of the regions and of their union beside the predicted sizes of their strokes."""
     wide, long = np.exp(both[Moment.LOG_WIDTH]), np.exp(both[Moment.LOG_LENGTH])
     fill = np.log(area / (wide * long))
-    row[PairFeature.LOG_STATED_WIDTH] = both[Moment.LOG_WIDTH]
+    row[PairFeature.LOG_PREDICTED_WIDTH] = both[Moment.LOG_WIDTH]
     row[PairFeature.WIDTH_GAP] = abs(small[Moment.LOG_WIDTH] - large[Moment.LOG_WIDTH])
     row[PairFeature.LENGTH_GAP] = abs(small[Moment.LOG_LENGTH] - large[Moment.LOG_LENGTH])
     row[PairFeature.LOG_FILL] = fill

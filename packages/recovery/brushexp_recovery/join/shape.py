@@ -21,8 +21,8 @@ class Shape(IntEnum):
 
     LENGTH = len(Moment)  # pixels, of the rectangle with the same moments
     WIDTH = len(Moment) + 1
-    SPREAD = len(Moment) + 2  # pixels: standard deviation of what the network says of the centre
-    ALIGNMENT = len(Moment) + 3  # of the region's own direction with that of the network, -1 to 1
+    SPREAD = len(Moment) + 2  # pixels: standard deviation of the predicted centre
+    ALIGNMENT = len(Moment) + 3  # of the region's shape with the predicted direction, -1 to 1
 
 
 DESCRIPTION = len(Moment) + len(Shape)  # columns
@@ -34,8 +34,8 @@ class RegionShapes(NamedTuple):
     mean: Array  # (N, len(Moment))
     length: Array  # (N,) pixels, of the rectangle with the same moments
     width: Array  # (N,)
-    spread: Array  # (N,) pixels: standard deviation of what the network says of the centre
-    alignment: Array  # (N,) of the region's own direction with that of the network, -1 to 1
+    spread: Array  # (N,) pixels: standard deviation of the predicted centre
+    alignment: Array  # (N,) of the region's shape with the predicted direction, -1 to 1
 
 
 def shapes_of(moments: Array) -> RegionShapes:

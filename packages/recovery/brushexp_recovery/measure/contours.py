@@ -1,4 +1,4 @@
-"""Outlines of what is seen of each stroke."""
+"""Outlines of the visible parts of strokes."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ TOLERANCE = 0.45  # pixels by which an outline may be simplified
 
 
 def outlines_of(labels: Array, count: int) -> list[Array]:
-    """Trace the largest part (P, 2) of each of ``count`` regions (H, W), x and y; a region without pixels has none."""
+    """Trace the largest part of each of ``count`` regions (H, W): places x, y (P, 2); none for an empty region."""
     from scipy.ndimage import find_objects  # noqa: PLC0415  (slow to import)
     from skimage.measure import approximate_polygon, find_contours  # noqa: PLC0415
 

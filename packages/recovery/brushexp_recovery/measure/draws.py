@@ -1,4 +1,4 @@
-"""Draws of the strokes of a photograph: from each view of it strokes are drawn, each with its confidence as chance."""
+"""Random draws of strokes: each stroke of a view is drawn with its confidence as its chance."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def sight(image: Array, view: View, recover: Recover) -> Sighting:
 
 
 def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draws: int, seed: int) -> dict[str, Draws]:
-    """Draw the strokes of each view ``draws`` times, and measure those in each area (H, W): its `Draws` by its name."""
+    """Draw the strokes of each view ``draws`` times, and measure those in each area (H, W): `Draws` by area."""
     random = np.random.default_rng(seed)
     of_views: dict[str, list[Draws]] = {name: [] for name in areas}
     for sighting in sightings:  # one at a time: those of a large photograph fill the memory

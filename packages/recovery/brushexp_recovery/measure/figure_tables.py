@@ -19,7 +19,7 @@ APART = "The first painting less the second: a figure is apart if the interval o
 
 
 def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:
-    """List figures with their intervals and spreads, a row each, under the name of what they are ``of``."""
+    """List the figures of all areas with their intervals and spreads, a row each; ``of`` names the area."""
     return [{"of": of, **row} for of, intervals in figures.items() for row in interval_rows(intervals, mm)]
 
 

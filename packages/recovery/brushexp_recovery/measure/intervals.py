@@ -1,4 +1,4 @@
-"""Brushwork of a photograph of a painting, each figure with an interval.
+"""Intervals of the figures of a painting's brushwork.
 
 Strokes are recovered from the photograph and from small changes of it (`views`); from each, strokes are drawn by their
 confidence, many times (`draws`). A figure is the median of the draws, its interval holds 95 % of them: what the doubt

@@ -1,4 +1,4 @@
-"""Every recovered stroke as a row of figures, with the outline of what is seen of it."""
+"""Recovered strokes as rows of figures, with the outlines of their visible parts."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,8 +14,8 @@ from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
 
-NARROW = 6.0  # pixels: width below which strokes are hard to find
-FEW = 0.3  # share of a photograph that strokes cover, below which little is said of the whole
+NARROW = 6.0  # pixels: narrower strokes are hard to find
+LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
 UNITS = {
     "x": "px",
     "y": "px",
@@ -71,7 +71,7 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
 
 
 def remark_on(table: StrokeTable) -> str | None:
-    """Say what is doubtful about recovered strokes and what to do about it; None if they are many and wide enough."""
+    """Say why recovered strokes may mislead and what to do about it; None if they are many and wide enough."""
     if len(table) == 0:
         return (
             "no strokes were found: the photograph may be too small, blurred, or of no painting; give a sharper or "
@@ -83,7 +83,7 @@ def remark_on(table: StrokeTable) -> str | None:
             "ones are missed; give a larger photograph, or scale=1 to look at it as it is"
         )
     covered = float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
-    if covered < FEW:
+    if covered < LEAST_COVERED:
         return (
             f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest could not be read, so "
             "figures speak of those found, not of the whole painting; look at strokes.html"

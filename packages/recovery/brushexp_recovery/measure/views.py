@@ -1,4 +1,4 @@
-"""A photograph as it might have been taken too: a little larger or smaller, turned, recompressed, darker or lighter."""
+"""Small changes of a photograph: a little larger or smaller, turned, recompressed, darker or lighter."""
 
 import math
 from dataclasses import dataclass

@@ -15,20 +15,20 @@ CENTRE_UNIT = 32.0  # pixels: unit of the offset from a pixel to the centre of i
 
 
 class StrokeAttribute(IntEnum):
-    """What is said of a stroke: channels of maps and columns of tables."""
+    """What is predicted of a stroke: channels of maps and columns of tables."""
 
-    CENTRE_X = 0  # in maps the offset from the pixel to it, in `CENTRE_UNIT`; in tables its place, pixels
+    CENTRE_X = 0  # in maps the offset from the pixel, in `CENTRE_UNIT`; in tables the place, in pixels
     CENTRE_Y = 1
     COSINE = 2  # of twice the direction
     SINE = 3
     LOG_WIDTH = 4  # of pixels
     LOG_LENGTH = 5
-    VISIBLE = 6  # share of the stroke that is seen; the network says its log-odds
+    VISIBLE = 6  # share of the stroke that is visible; the network predicts its log-odds
 
 
 CENTRE = slice(StrokeAttribute.CENTRE_X, StrokeAttribute.CENTRE_Y + 1)
 DIRECTION = slice(StrokeAttribute.COSINE, StrokeAttribute.SINE + 1)
-SIZE = slice(StrokeAttribute.LOG_WIDTH, StrokeAttribute.LOG_LENGTH + 1)
+LOG_SIZE = slice(StrokeAttribute.LOG_WIDTH, StrokeAttribute.LOG_LENGTH + 1)
 
 PAINT = len(AFFINITY_OFFSETS)
 AFFINITY = slice(0, PAINT)

@@ -22,14 +22,14 @@ CHECKPOINTS = CheckpointFormat(
 
 
 class Classifiers(NamedTuple):
-    """What judges regions while they are merged."""
+    """The perceptrons that judge pairs of regions and regions."""
 
     pairs: PerceptronWeights  # chance that two regions are of one stroke
     nodes: PerceptronWeights  # `NodeScore`s of a region
 
 
 class RecoveryModel(nn.Module):
-    """The network, and what judges the regions that its maps lead to."""
+    """The network, and the models that judge the regions that follow from its maps."""
 
     def __init__(self) -> None:
         super().__init__()

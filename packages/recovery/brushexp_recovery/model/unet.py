@@ -1,4 +1,4 @@
-"""The network: a U-Net that says, of each pixel, which neighbours are of its stroke, and what that stroke is like."""
+"""The network: a U-Net that predicts, for each pixel, which neighbours share its stroke, and the attributes of it."""
 
 from itertools import pairwise
 

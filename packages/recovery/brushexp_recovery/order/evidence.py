@@ -1,4 +1,4 @@
-"""What speaks, where two strokes meet, for one of them lying above the other."""
+"""Evidence, where two strokes meet, about which of them lies above the other."""
 
 from typing import Any, NamedTuple
 
@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp_recovery.curves.coverage import cover_strokes
-from brushexp_recovery.curves.fit import FittedStrokes
+from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.find.regions import OCCLUSION_STEPS, Regions
-from brushexp_recovery.model.channels import OCCLUSION_OFFSETS, SIZE, StrokeAttribute
+from brushexp_recovery.model.channels import LOG_SIZE, OCCLUSION_OFFSETS, StrokeAttribute
 from brushexp_recovery.model.features import OrderFeature
 from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.offsets import pair_slices
@@ -22,7 +22,7 @@ class Meetings(NamedTuple):
     """Pairs of regions that meet."""
 
     pairs: Array  # (P, 2) the lower number first
-    features: Array  # (P, len(OrderFeature)) what speaks for the second lying above the first
+    features: Array  # (P, len(OrderFeature)) evidence that the second lies above the first
 
 
 class Contacts(NamedTuple):
@@ -30,27 +30,27 @@ class Contacts(NamedTuple):
 
     pairs: Array  # (P, 2) regions that meet, the lower number first
     pair: Array  # (M,) the pair that each contact is of
-    log_odds: Array  # (M,) that the second region of the pair lies above the first, as the network says
+    log_odds: Array  # (M,) predicted, that the second region of the pair lies above the first
 
 
-def find_meetings(regions: Regions, fitted: FittedStrokes) -> Meetings:
-    """Describe pairs of regions that meet by what speaks for the second lying above the first.
+def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
+    """Find the pairs of regions that meet, and the evidence that the second lies above the first.
 
-    That is what the network says where they meet; by how much more of the second is seen; whose pixels lie where the
-    whole strokes would overlap, since an outline that goes on belongs to the upper one (Kanizsa, 1979); and how much
-    wider, larger and surer the second is, since painters go from broad to fine.
+    The evidence is what the network predicts where they meet; by how much more of the second is visible; whose pixels
+    lie where the whole strokes would overlap, since an unbroken outline belongs to the upper one (Kanizsa, 1979); and
+    by how much the second is wider, larger and surer, since painters go from broad to fine.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)
     number = np.bincount(contacts.pair, minlength=count)
     mean = np.bincount(contacts.pair, contacts.log_odds, count) / np.maximum(number, 1)
     votes = np.bincount(contacts.pair, np.tanh(contacts.log_odds / 2), count) / np.maximum(number, 1)
-    crossing, pixels = _compare_crossings(regions.labels, pairs, fitted)
+    crossing, pixels = _compare_crossings(regions.labels, pairs, strokes)
     log_area = np.log(np.maximum(count_pixels(regions.labels, len(regions.chance)), 1))
     attributes = regions.attributes
     of_region = {
         OrderFeature.VISIBLE: attributes[:, StrokeAttribute.VISIBLE],
-        OrderFeature.LOG_FILL: log_area - attributes[:, SIZE].sum(1),
+        OrderFeature.LOG_FILL: log_area - attributes[:, LOG_SIZE].sum(1),
         OrderFeature.LOG_WIDTH: attributes[:, StrokeAttribute.LOG_WIDTH],
         OrderFeature.LOG_AREA: log_area,
         OrderFeature.CHANCE: regions.chance,
@@ -67,7 +67,7 @@ def find_meetings(regions: Regions, fitted: FittedStrokes) -> Meetings:
 
 
 def find_contacts(regions: Regions) -> Contacts:
-    """List pairs of regions that meet, and what the network says at each place where they do."""
+    """Find the pairs of regions that meet, and the predicted occlusion wherever they do."""
     labels, count = regions.labels, len(regions.chance)
     keys, values = [np.empty(0, np.int64)], [np.empty(0)]
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
@@ -82,13 +82,13 @@ def find_contacts(regions: Regions) -> Contacts:
     return Contacts(np.stack([key // max(count, 1), key % max(count, 1)], 1), pair, np.concatenate(values))
 
 
-def _compare_crossings(labels: Array, pairs: Array, fitted: FittedStrokes) -> tuple[Array, Array]:
-    """Compare, where two whole strokes (P,) overlap, the pixels of either: share of the second less that of the first.
+def _compare_crossings(labels: Array, pairs: Array, strokes: StrokeCurves) -> tuple[Array, Array]:
+    """Compare the pixels of both strokes of each pair (P,) where the whole strokes overlap.
 
     Returns:
-        The difference (P,), -1 to 1, and the number of pixels (P,).
+        The share of the second less that of the first (P,), -1 to 1, and the number of pixels (P,).
     """
-    covers = cover_strokes(fitted.curve, fitted.width, (labels.shape[0], labels.shape[1]))
+    covers = cover_strokes(strokes.curve, strokes.width, (labels.shape[0], labels.shape[1]))
     difference, pixels = np.zeros(len(pairs)), np.zeros(len(pairs))
     for number, (first, second) in enumerate(pairs.tolist()):
         one, two = covers[first], covers[second]

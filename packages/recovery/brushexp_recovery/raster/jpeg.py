@@ -1,4 +1,4 @@
-"""JPEG compression, as cameras and web pages do it to a photograph."""
+"""JPEG compression."""
 
 import io
 from typing import Any

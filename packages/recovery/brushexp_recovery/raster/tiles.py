@@ -1,4 +1,4 @@
-"""Tiles of a picture that overlap, so that a picture of any size can be worked on part by part."""
+"""Overlapping tiles of a picture, so that a picture of any size can be worked on part by part."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -9,7 +9,7 @@ MARGIN = 64  # pixels by which a tile reaches beyond its core
 
 
 class Tile(NamedTuple):
-    """A part of a picture, and the core of it that belongs to no other tile."""
+    """A part of a picture, and its core, which belongs to no other tile."""
 
     box: Box
     core: Box

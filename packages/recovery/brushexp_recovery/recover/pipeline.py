@@ -13,7 +13,7 @@ from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.saved import Saved
 from brushexp.system.progress import showing
 from brushexp_recovery.confidence.features import confidence_features
-from brushexp_recovery.curves.fit import FittedStrokes, fit_curves
+from brushexp_recovery.curves.fit import StrokeCurves, fit_curves
 from brushexp_recovery.curves.refine import refine_curves
 from brushexp_recovery.find.regions import find_regions
 from brushexp_recovery.model.logistic import log_odds_of, sigmoid
@@ -21,7 +21,7 @@ from brushexp_recovery.model.recovery_model import SHIPPED_WEIGHTS, RecoveryMode
 from brushexp_recovery.order.evidence import find_meetings
 from brushexp_recovery.order.ranking import rank_strokes
 from brushexp_recovery.raster.threads import Progress, return_freed_memory
-from brushexp_recovery.recover.recovered import Recovered
+from brushexp_recovery.recover.storage import Recovered
 
 Array = NDArray[Any]
 
@@ -61,27 +61,27 @@ def recover(
 def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Progress) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
     regions = find_regions(model, image, scale, copies, lambda share, state: show(REGION_TIME * share, state))
-    fitted = fit_curves(regions, image)
-    meetings = find_meetings(regions, fitted)
+    strokes = fit_curves(regions, image)
+    meetings = find_meetings(regions, strokes)
     order = rank_strokes(len(regions.chance), meetings.pairs, log_odds_of(model.order, meetings.features))
     confidence = sigmoid(log_odds_of(model.confidence, confidence_features(regions)))
     labels = regions.labels
     del regions  # with its maps of occlusion, which fill the memory
-    fitted = refine_curves(
-        fitted,
+    strokes = refine_curves(
+        strokes,
         labels,
         order,
         show=lambda share, state: show(REGION_TIME + (1 - REGION_TIME) * share, state),
     )
-    return catalogue_of(labels, fitted, confidence, order, image)
+    return catalogue_of(labels, strokes, confidence, order, image)
 
 
-def catalogue_of(labels: Array, fitted: FittedStrokes, confidence: Array, order: Array, image: Array) -> Recovered:
+def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:
     """Make a catalogue of strokes fitted to regions (H, W) of an image, bottom to top by ``order`` (N,)."""
     rank = np.full(len(order) + 1, -1, np.int32)  # the last is that of -1
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = rank[labels]
-    curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in fitted)
+    curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in strokes)
     saved = Saved(
         strokes=strokes_along(curve, width, color, 1.0),
         depth=torch.arange(len(order), dtype=torch.int32),

@@ -46,7 +46,7 @@ COPIES = (
 
 @dataclass(frozen=True)
 class StrokeMaps:
-    """What the network says of a picture (H, W); see `unet.StrokeNetwork`."""
+    """The network's prediction for a picture (H, W); see `unet.StrokeNetwork`."""
 
     affinity: Array  # (len(AFFINITY_OFFSETS), H, W) float32 in [0, 1]
     paint: Array  # (H, W) float32, log-odds
@@ -105,7 +105,7 @@ def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
 
 
 def _add_by_offset(total: Tensor, values: Tensor, offsets: tuple[Offset, ...], copy: Copy, sign: float) -> None:
-    """Add what a copy says of its offsets to those of the picture, times ``sign`` if seen from the other end."""
+    """Add the maps of a copy's offsets to those of the picture, times ``sign`` if the offset is reversed."""
     for channel, (dy, dx) in enumerate(offsets):
         row, column = dy, -dx if copy.mirrored else dx
         for _ in range(copy.quarters):

@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class Moment(IntEnum):
-    """What is summed up; divided by the area, these are means."""
+    """Sums over the pixels of a region; divided by the area, they are means."""
 
     AREA = 0  # pixels
     X = 1  # pixels from the left
@@ -28,15 +28,15 @@ class Moment(IntEnum):
     LIGHTNESS_SQUARED = 9
     A_SQUARED = 10
     B_SQUARED = 11
-    CENTRE_X = 12  # of the stroke, as the network says; pixels
+    CENTRE_X = 12  # predicted, of the stroke; pixels
     CENTRE_Y = 13
     CENTRE_SQUARED = 14  # squared distance of the centre from the picture's corner
-    COSINE = 15  # of twice the direction, as the network says
+    COSINE = 15  # of twice the predicted direction
     SINE = 16
-    LOG_WIDTH = 17  # as the network says, of pixels
+    LOG_WIDTH = 17  # predicted, of pixels
     LOG_LENGTH = 18
-    VISIBLE = 19  # share of the stroke that is seen, as the network says
-    PAINT = 20  # chance that the pixel is paint
+    VISIBLE = 19  # predicted share of the stroke that is visible
+    PAINT = 20  # predicted chance that the pixel is paint
     LOG_WIDTH_SQUARED = 21
     LOG_LENGTH_SQUARED = 22
 
@@ -44,8 +44,8 @@ class Moment(IntEnum):
 LAB = slice(Moment.LIGHTNESS, Moment.B + 1)
 LAB_SQUARED = slice(Moment.LIGHTNESS_SQUARED, Moment.B_SQUARED + 1)
 MIDDLE = slice(Moment.X, Moment.Y + 1)
-STATED_CENTRE = slice(Moment.CENTRE_X, Moment.CENTRE_Y + 1)
-STATED_DIRECTION = slice(Moment.COSINE, Moment.SINE + 1)
+PREDICTED_CENTRE = slice(Moment.CENTRE_X, Moment.CENTRE_Y + 1)
+PREDICTED_DIRECTION = slice(Moment.COSINE, Moment.SINE + 1)
 
 
 def sum_moments(labels: Array, image: Array, maps: StrokeMaps) -> Array:

@@ -1,4 +1,4 @@
-"""Superpixels: small regions of a picture without a border through them, and what is known of each."""
+"""Superpixels: small regions of a picture without a border through them, with their moments and affinities."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Superpixels:
-    """S small regions of a picture, and P pairs of them that the network says something of."""
+    """S small regions of a picture, and P pairs of them with affinities."""
 
     labels: Array  # (H, W) int32, 0 to S - 1
     moments: Array  # (S, len(Moment))

@@ -1,4 +1,4 @@
-"""Drawn strokes are laid over each other on a canvas, and the truth of what is seen where is kept."""
+"""Strokes composited on a canvas, with the truth about which stroke is visible where."""
 # mypy: allow-untyped-defs
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from brushexp.compat.compiled import function, inline
 from brushexp.strokes.bezier import length_of
 from brushexp_recovery.curves.bezier import chords_of
 from brushexp_recovery.curves.round_line import width_of_line
-from brushexp_recovery.synthesis.laying import LaidStrokes
+from brushexp_recovery.synthesis.layout import StrokeLayout
 from brushexp_recovery.synthesis.windows import StrokeWindows, Texel
 
 Array = NDArray[Any]
@@ -54,7 +54,7 @@ class Extent(IntEnum):
 
 
 class StrokeGeometry(IntEnum):
-    """What the network is to say of a stroke, as columns of a painting's table."""
+    """The true attributes of a stroke, as columns of a painting's table."""
 
     CENTRE_X = 0  # pixels
     CENTRE_Y = 1
@@ -78,7 +78,7 @@ class Placement(IntEnum):
 
 
 @dataclass(frozen=True)
-class Composed:
+class Canvas:
     """A canvas with strokes."""
 
     image: Array  # (H, W, 3)
@@ -87,17 +87,17 @@ class Composed:
     extent: Array  # (N, len(Extent))
 
 
-def compose(windows: StrokeWindows, laid: LaidStrokes, mixing: Mixing, ground: Array) -> Composed:
-    """Lay strokes over a ``ground`` (H, W, 3), the first lowest."""
-    places = _placements(windows, laid)
+def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground: Array) -> Canvas:
+    """Composite strokes over a ``ground`` (H, W, 3), the first lowest."""
+    places = _placements(windows, layout)
     image, height = ground.astype(F), np.zeros(ground.shape[:2], F)
     coats, opacity, wet = F(mixing.coats), mixing.opacity.astype(F), mixing.wet.astype(F)
     _paint(windows.texels, windows.first, windows.side, places, coats, opacity, wet, image, height)
     labels, extent = _see(windows.texels, windows.first, windows.side, places, coats, opacity, height.shape)
-    return Composed(np.clip(image, 0, 1), height, labels, extent)
+    return Canvas(np.clip(image, 0, 1), height, labels, extent)
 
 
-def _placements(windows: StrokeWindows, laid: LaidStrokes) -> Array:
+def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
     """Place each window: (N, len(Placement)) float32."""
     chord = chords_of(windows.curve)
     length = np.maximum(np.linalg.norm(chord, axis=1), 1e-3)
@@ -106,8 +106,8 @@ def _placements(windows: StrokeWindows, laid: LaidStrokes) -> Array:
     places[:, Placement.SIDE] = windows.scale
     places[:, [Placement.COSINE, Placement.SINE]] = chord / length[:, None]
     places[:, Placement.HALF_CHORD] = 0.5 * length
-    places[:, Placement.SWAY] = laid.sway
-    places[:, Placement.TAPER] = laid.taper
+    places[:, Placement.SWAY] = layout.sway
+    places[:, Placement.TAPER] = layout.taper
     return places
 
 
@@ -185,7 +185,7 @@ def _paint(texels, first, side, places, coats, opacity, wet, image, height):
 
 @function
 def _see(texels, first, side, places, coats, opacity, shape):
-    """Say which stroke is seen at each pixel (that which adds most to it), and how far each extends."""
+    """Find the visible stroke at each pixel, which is the one that adds most to it, and how far each stroke extends."""
     rows, columns = shape
     light, best = np.ones((rows, columns), F), np.zeros((rows, columns), F)
     labels = np.full((rows, columns), -1, np.int32)
@@ -242,14 +242,14 @@ def _quantile(bins, count):
     return 0.0
 
 
-def geometry_of(windows: StrokeWindows, composed: Composed) -> Array:
-    """Describe N strokes as the network is to: (N, len(StrokeGeometry)) float32.
+def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
+    """Compute the true attributes of N strokes: (N, len(StrokeGeometry)) float32.
 
     Width and length are those of a round-ended line with as much paint as the stroke.
     """
     import torch  # noqa: PLC0415
 
-    area, x, y, first, last, visible = composed.extent.T
+    area, x, y, first, last, visible = canvas.extent.T
     chord_x, chord_y = chords_of(windows.curve).T
     arc = length_of(torch.as_tensor(windows.curve)).numpy()
     length = np.maximum(0.5 * (last - first) * arc, 1.0) / (LAST_PAINT - FIRST_PAINT)

@@ -1,4 +1,4 @@
-"""Random choices of how a painting is made: looks and hands, mixing of paint, grounds."""
+"""Random choices of looks, hands, mixtures of paint and grounds."""
 
 from typing import Any
 
@@ -24,14 +24,14 @@ LOOKS = {"textured": 0.32, "bristles": 0.2, "fluid": 0.06, "disc": 0.12, "wash":
 
 
 def choose_plain_look(random: Random) -> BrushLook:
-    """Choose bristles of textures, or of the simulator."""
+    """Choose bristles: those of the textured renderer, or those of the simulator."""
     if random.random() < 0.65:
         return BrushLook("renderer", "textured", {})
     return BrushLook("engine", "fluid", {"brushes": 8, "supersample": int(random.integers(1, 3))})
 
 
 def choose_look(random: Random) -> BrushLook:
-    """Choose any engine or renderer that takes little time, with any of its options that matter here."""
+    """Choose one of the fast engines and renderers, with random options."""
     coats = float(np.exp(random.uniform(np.log(1.5), np.log(6))))
     kind = random.choice(list(LOOKS), p=list(LOOKS.values()))
     if kind == "textured":

@@ -1,4 +1,4 @@
-"""Marks of paint are drawn by a formula with many random parts, so that a network learns from more than our brushes."""
+"""Marks of paint by a formula with many random parts, so that the network learns from more than our own brushes."""
 # mypy: allow-untyped-defs
 
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from brushexp.compat.compiled import function, inline
 from brushexp_recovery.curves.bezier import points_on
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis.hand import Random
-from brushexp_recovery.synthesis.laying import LaidStrokes
+from brushexp_recovery.synthesis.layout import StrokeLayout
 from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
 
 Array = NDArray[Any]
@@ -67,16 +67,16 @@ def choose_marks(random: Random) -> Marks:
     )
 
 
-def draw_marks(laid: LaidStrokes, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
+def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
     """Draw strokes on a canvas (H, W) in windows as large as they are, a texel a pixel."""
-    reach = 0.5 * laid.width[:, None] * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
-    low, high = laid.curve.min(1) - reach, laid.curve.max(1) + reach
+    reach = 0.5 * layout.width[:, None] * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
+    low, high = layout.curve.min(1) - reach, layout.curve.max(1) + reach
     side = np.ceil((high - low).max(1)).astype(int)
     corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
     grain = _standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
-    points = points_on(laid.curve - corner[:, None], POINTS)
+    points = points_on(layout.curve - corner[:, None], POINTS)
     windows = [
-        _draw_mark(points[k], laid.width[k], laid.color[k], int(side[k]), corner[k], grain, marks, random)
+        _draw_mark(points[k], layout.width[k], layout.color[k], int(side[k]), corner[k], grain, marks, random)
         for k in range(len(side))
     ]
     return StrokeWindows(
@@ -85,8 +85,8 @@ def draw_marks(laid: LaidStrokes, marks: Marks, size: tuple[int, int], random: R
         side=side,
         position=corner + 0.5 * side[:, None],
         scale=side.astype(float),
-        curve=laid.curve,
-        width=laid.width,
+        curve=layout.curve,
+        width=layout.width,
     )
 
 

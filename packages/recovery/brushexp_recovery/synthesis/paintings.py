@@ -1,4 +1,4 @@
-"""Paintings with known strokes, as many and as different as wanted: each is decided by a seed and its number."""
+"""Paintings with known strokes, any number of them; each depends on a seed and its number alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from brushexp_recovery.synthesis.choices import (
     choose_plain_look,
 )
 from brushexp_recovery.synthesis.hand import Hand, Random
-from brushexp_recovery.synthesis.laying import lay_strokes
+from brushexp_recovery.synthesis.layout import lay_strokes
 from brushexp_recovery.synthesis.marks import choose_marks, draw_marks
 from brushexp_recovery.synthesis.windows import draw_strokes
 
@@ -48,7 +48,7 @@ PICTURES = (  # that come with scikit-image and matplotlib
 
 
 @dataclass(frozen=True)
-class Painted:
+class KnownPainting:
     """A painting whose N strokes are known."""
 
     image: Array  # (H, W, 3) uint8
@@ -56,7 +56,7 @@ class Painted:
     geometry: Array  # (N, len(StrokeGeometry)) float32
 
 
-def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
+def paint(seed: int, number: int, pictures: Sequence[str]) -> KnownPainting:
     """Make painting ``number``: most as a plain hand paints, others of many kinds; from `FIRST_PLAIN` on all plain."""
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
@@ -67,32 +67,32 @@ def paint(seed: int, number: int, pictures: Sequence[str]) -> Painted:
     look = choose_plain_look(random) if is_plain else choose_look(random)
     if look.name == "fluid":
         n = min(n, MOST_FLUID) if random.random() < 0.85 else n
-    laid = lay_strokes(picture, n, Hand() if is_plain else choose_hand(random), random)
+    layout = lay_strokes(picture, n, Hand() if is_plain else choose_hand(random), random)
     if not is_plain and random.random() < MARKS_SHARE:
         coats = float(random.uniform(1, 3))
-        windows = draw_marks(laid, choose_marks(random), (SIDE, SIDE), random)
+        windows = draw_marks(layout, choose_marks(random), (SIDE, SIDE), random)
     else:
         coats = look.coats
-        windows = draw_strokes(laid, look, int(random.integers(2**32)))
+        windows = draw_strokes(layout, look, int(random.integers(2**32)))
     mixing = choose_mixing(n, coats, is_plain, random)
-    composed = compose(windows, laid, mixing, choose_ground(picture, is_plain, random))
-    image = composed.image if is_plain else age(composed.image, composed.height, random)
-    return Painted(as_bytes(image), composed.labels.astype(np.int16), geometry_of(windows, composed))
+    canvas = compose(windows, layout, mixing, choose_ground(picture, is_plain, random))
+    image = canvas.image if is_plain else age(canvas.image, canvas.height, random)
+    return KnownPainting(as_bytes(image), canvas.labels.astype(np.int16), geometry_of(windows, canvas))
 
 
 def age(image: Array, height: Array, random: Random) -> Array:
-    """Smudge, light or crack a painting, or none of it."""
+    """Smudge, light and crack a painting, each at random."""
     image = smudge(image, random) if random.random() < 0.35 else image
     image = shine(image, height, random) if random.random() < 0.45 else image
     return crack(image, random) if random.random() < 0.12 else image
 
 
-def make_bare(picture: Array, random: Random) -> Painted:
-    """Make what is no stroke: a photograph, or bare ground, with cracks at times."""
+def make_bare(picture: Array, random: Random) -> KnownPainting:
+    """Make a picture without strokes: a photograph or bare ground, sometimes cracked."""
     image = picture if random.random() < 0.6 else choose_ground(picture, False, random)
     image = crack(image, random) if random.random() < 0.3 else image
     labels = np.full(picture.shape[:2], -1, np.int16)
-    return Painted(as_bytes(image), labels, np.zeros((0, len(StrokeGeometry)), np.float32))
+    return KnownPainting(as_bytes(image), labels, np.zeros((0, len(StrokeGeometry)), np.float32))
 
 
 def as_bytes(image: Array) -> Array:

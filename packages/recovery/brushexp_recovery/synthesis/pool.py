@@ -1,4 +1,4 @@
-"""A pool of paintings on disk, which a process of its own fills and renews while a network learns from it."""
+"""A pool of paintings on disk, which a process of its own fills while a network learns from it."""
 
 import os
 import sys
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from brushexp_recovery.raster.npz import write_npz
-from brushexp_recovery.synthesis.paintings import Painted, paint
+from brushexp_recovery.synthesis.paintings import KnownPainting, paint
 
 NICENESS = 10  # the pool leaves the processor to the training
 
@@ -24,15 +24,15 @@ def fill_pool(parent: int, folder: Path, seed: int, numbers: Sequence[int], pict
             save_painting(path, paint(seed, number, pictures))
 
 
-def save_painting(path: Path, painted: Painted) -> None:
+def save_painting(path: Path, painting: KnownPainting) -> None:
     """Write a painting whole or not at all."""
-    write_npz(path, image=painted.image, labels=painted.labels, geometry=painted.geometry)
+    write_npz(path, image=painting.image, labels=painting.labels, geometry=painting.geometry)
 
 
-def load_painting(path: Path) -> Painted:
+def load_painting(path: Path) -> KnownPainting:
     """Read a painting of the pool."""
     with np.load(path) as file:
-        return Painted(file["image"], file["labels"], file["geometry"])
+        return KnownPainting(file["image"], file["labels"], file["geometry"])
 
 
 def main(parent: str, folder: str, seed: str, first: str, end: str, step: str, *pictures: str) -> None:

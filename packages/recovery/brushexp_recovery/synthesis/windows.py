@@ -1,4 +1,4 @@
-"""Strokes are drawn alone in windows of their own, by any engine or renderer of the program."""
+"""Strokes drawn one by one in windows of their own, by any engine or renderer of the program."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import curve_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow
-from brushexp_recovery.synthesis.laying import LaidStrokes
+from brushexp_recovery.synthesis.layout import StrokeLayout
 
 Array = NDArray[Any]
 
@@ -63,12 +63,13 @@ def first_texels(side: Array) -> Array:
     return np.concatenate([[0], np.cumsum(side**2)[:-1]])
 
 
-def draw_strokes(laid: LaidStrokes, look: BrushLook, seed: int) -> StrokeWindows:
+def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
     """Draw strokes in windows; one that an engine cannot draw becomes the nearest that it can."""
-    curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in (laid.curve, laid.width, laid.color))
+    parts = (layout.curve, layout.width, layout.color)
+    curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
     strokes = rewindow(strokes_along(curve, width, color, 1.0, window=window))
-    if look.family == "engine" or getattr(plugin_named(look).cls, "strokes", "all") != "all":
+    if look.family == "engine" or getattr(find_plugin(look).cls, "strokes", "all") != "all":
         strokes = clamp_to_prior(strokes)
     pictures = engine_pictures(strokes, look, seed) if look.family == "engine" else renderer_pictures(strokes, look)
     side = np.array([picture.shape[-1] for picture in pictures])
@@ -83,7 +84,7 @@ def draw_strokes(laid: LaidStrokes, look: BrushLook, seed: int) -> StrokeWindows
     )
 
 
-def plugin_named(look: BrushLook) -> Any:
+def find_plugin(look: BrushLook) -> Any:
     """Find the plugin of a look."""
     return next(plugin for plugin in plugins(look.family) if plugin.name == look.name)
 
@@ -110,7 +111,7 @@ def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
 
 
 def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
-    """Draw strokes (n, 4, side, side) on a sheet, each in its square, on black and on white: this gives their alpha."""
+    """Draw strokes (n, 4, side, side) on a sheet, each in its square, on black and on white to find their alpha."""
     n, across = len(strokes), int(np.ceil(np.sqrt(len(strokes))))
     place = torch.stack([torch.arange(n) % across, torch.arange(n) // across], 1)
     layers = renderer(replace(strokes, position=(place + 0.5) * side, scale=torch.full_like(strokes.scale, side)))

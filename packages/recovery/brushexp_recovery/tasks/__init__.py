@@ -1,1 +1,1 @@
-"""What the command line starts: a module for each task, and the keys of all of them."""
+"""What the command line starts: one module per task, and the keys of all tasks."""

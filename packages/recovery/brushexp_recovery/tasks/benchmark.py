@@ -59,7 +59,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
                 prediction, seconds = time_method(method, case)
                 rows.append(score_case(case, name, prediction, seconds, folder / PAINTINGS))
             if cfg.add is not None:
-                prediction = read_added(Path(cfg.add), case)
+                prediction = read_strokes_of_others(Path(cfg.add), case)
                 rows.append(score_case(case, "add", prediction, float("nan"), folder / PAINTINGS))
             write_figures(folder, rows)  # now: the next painting may take minutes
         log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
@@ -75,11 +75,11 @@ def choose_methods(cfg: DictConfig) -> dict[str, Method]:
 
 def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
     """Paint a scene, write its picture and its truth, and yield what is to be looked at."""
-    painted = paint_scene(scene, cfg.side, cfg.seed)
-    write_truth(folder / f"{scene.name}.npz", painted.truth)
-    images = {"clean": painted.clean, "hard": painted.hard} if cfg.hard else {"clean": painted.clean}
+    painting = paint_scene(scene, cfg.side, cfg.seed)
+    write_truth(folder / f"{scene.name}.npz", painting.truth)
+    images = {"clean": painting.clean, "hard": painting.hard} if cfg.hard else {"clean": painting.clean}
     for look, image in images.items():
-        case = Case(scene, look, image, painted.truth)
+        case = Case(scene, look, image, painting.truth)
         write_picture(folder / f"{case.name}.png", (255 * image).round().astype(np.uint8))
         yield case
 
@@ -92,7 +92,7 @@ def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
     return prediction, time.perf_counter() - begin
 
 
-def read_added(folder: Path, case: Case) -> Prediction:
+def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
     """Read the strokes that somebody else found in a painting (UserError)."""
     for suffix in SUFFIXES:
         if (path := folder / f"{case.name}{suffix}").is_file():

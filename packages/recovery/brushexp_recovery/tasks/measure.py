@@ -29,7 +29,7 @@ from brushexp_recovery.model.recovery_model import load_model
 from brushexp_recovery.page.stroke_page import write_page
 from brushexp_recovery.raster.threads import Progress
 from brushexp_recovery.recover.pipeline import COPIES, recover_with
-from brushexp_recovery.recover.recovered import Recovered, read_recovered, write_recovered
+from brushexp_recovery.recover.storage import Recovered, read_recovered, write_recovered
 
 log = logging.getLogger(__name__)
 

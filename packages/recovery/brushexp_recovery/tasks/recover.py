@@ -22,7 +22,7 @@ from brushexp_recovery.page.stroke_page import write_page
 from brushexp_recovery.raster.labels import color_labels
 from brushexp_recovery.raster.threads import return_freed_memory
 from brushexp_recovery.recover.pipeline import recover_with
-from brushexp_recovery.recover.recovered import Recovered, write_recovered
+from brushexp_recovery.recover.storage import Recovered, write_recovered
 
 Array = NDArray[Any]
 log = logging.getLogger(__name__)

@@ -25,7 +25,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings that are made meanwhile, and then what judges the regions that it leads to."""
+    """Train a network on paintings that are made meanwhile, then fit the models that judge regions."""
 
     module: RecoveryModule
     data: RecoveryData

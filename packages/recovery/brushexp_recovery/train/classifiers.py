@@ -1,4 +1,4 @@
-"""The perceptrons of pairs and of nodes learn from paintings that the network has not seen."""
+"""Fit of the perceptrons of pairs and of nodes to paintings that the network has not seen."""
 
 from collections.abc import Iterable
 
@@ -8,7 +8,7 @@ from brushexp_recovery.join.merge_tree import grow_tree
 from brushexp_recovery.model.perceptron import Perceptron, fit_perceptron
 from brushexp_recovery.model.recovery_model import RecoveryModel
 from brushexp_recovery.raster.threads import Progress
-from brushexp_recovery.synthesis.paintings import Painted
+from brushexp_recovery.synthesis.paintings import KnownPainting
 from brushexp_recovery.train.merge_examples import (
     STAGES,
     Examples,
@@ -24,12 +24,14 @@ PAIR_STEPS = 3000  # by pairs that merging by the first perceptron leads to, too
 NODE_STEPS = 5000
 
 
-def fit_classifiers(model: RecoveryModel, paintings: Iterable[Painted], seed: int, show: Progress) -> dict[str, float]:
+def fit_classifiers(
+    model: RecoveryModel, paintings: Iterable[KnownPainting], seed: int, show: Progress
+) -> dict[str, float]:
     """Fit the perceptrons of a model to paintings, clean and weathered; returns the losses."""
     random = np.random.default_rng(seed)
     parts = [
-        segment_part(model.network, cut_part(painted, is_weathered, random))
-        for painted in paintings
+        segment_part(model.network, cut_part(painting, is_weathered, random))
+        for painting in paintings
         for is_weathered in (False, True)
     ]
     show(0.4, "pairs")

@@ -1,4 +1,4 @@
-"""Crops of paintings, zoomed, turned, lit and weathered, with what the network is to say of each pixel."""
+"""Crops of paintings, zoomed, turned, recoloured and weathered, with the true attributes at each pixel."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from brushexp_recovery.model.unet import TRAINED_WIDTH
 from brushexp_recovery.synthesis.ageing import weather
 from brushexp_recovery.synthesis.canvas import StrokeGeometry
 from brushexp_recovery.synthesis.hand import Random
-from brushexp_recovery.synthesis.paintings import Painted
+from brushexp_recovery.synthesis.paintings import KnownPainting
 
 Array = NDArray[Any]
 
@@ -24,7 +24,7 @@ WIDE_SHARE = 0.25  # share of the crops whose widths are spread evenly over a wi
 WIDE_RANGE = (-1.4, 1.0)  # of the logarithm of their widths
 WEATHERED_SHARE = 0.6  # of the crops: half of them as the painting is photographed, half as the network sees it
 STRENGTH = (0.6, 1.5)  # of weathering
-VISIBLE = 0.3  # share of a stroke that is seen, below which its width is not counted as typical
+LEAST_VISIBLE = 0.3  # visible share of a stroke, above which its width counts
 CENTRE_COLUMNS = [StrokeGeometry.CENTRE_X, StrokeGeometry.CENTRE_Y]
 SIZE_COLUMNS = [StrokeGeometry.LOG_WIDTH, StrokeGeometry.LOG_LENGTH]
 
@@ -45,29 +45,29 @@ class Crops(NamedTuple):
     attributes: Tensor  # (B, len(StrokeAttribute), S, S)
 
 
-def typical_width(painted: Painted) -> float:
-    """Find the width in pixels of the stroke in the middle of all that are seen."""
-    log_width, visible = painted.geometry[:, StrokeGeometry.LOG_WIDTH], painted.geometry[:, StrokeGeometry.VISIBLE]
-    seen = log_width[visible > VISIBLE]
+def typical_width(painting: KnownPainting) -> float:
+    """Find the median width in pixels of the strokes that are visible enough."""
+    log_width, visible = painting.geometry[:, StrokeGeometry.LOG_WIDTH], painting.geometry[:, StrokeGeometry.VISIBLE]
+    seen = log_width[visible > LEAST_VISIBLE]
     return float(np.exp(np.median(seen))) if len(seen) else TRAINED_WIDTH
 
 
-def cut_crop(painted: Painted, random: Random, side: int = CROP_SIDE) -> Crop:
+def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> Crop:
     """Cut a crop out of a painting, at about the scale at which pictures are shown to the network."""
-    height, width = painted.labels.shape
-    part = min(round(side / _choose_zoom(painted, random)), height, width)
+    height, width = painting.labels.shape
+    part = min(round(side / _choose_zoom(painting, random)), height, width)
     zoom = side / part
     top, left = random.integers(height - part + 1), random.integers(width - part + 1)
     place = slice(top, top + part), slice(left, left + part)
-    image = recolor(painted.image[place].astype(np.float32) / 255, random)
+    image = recolor(painting.image[place].astype(np.float32) / 255, random)
     is_weathered = random.random() < WEATHERED_SHARE
     is_photographed = is_weathered and random.random() < 0.5
     image = weather(image, random, random.uniform(*STRENGTH)) if is_photographed else image
     picture = Image.fromarray((image * 255).round().astype(np.uint8))
     picture = picture.resize((side, side), Image.Resampling.BICUBIC if zoom > 1 else Image.Resampling.LANCZOS)
     nearest = ((np.arange(side) + 0.5) / zoom).astype(int).clip(0, part - 1)
-    labels = painted.labels[place][np.ix_(nearest, nearest)].astype(np.int64)
-    geometry = painted.geometry.copy()
+    labels = painting.labels[place][np.ix_(nearest, nearest)].astype(np.int64)
+    geometry = painting.geometry.copy()
     geometry[:, CENTRE_COLUMNS] = (geometry[:, CENTRE_COLUMNS] - [left, top]) * zoom
     geometry[:, SIZE_COLUMNS] += np.log(zoom)
     image = np.asarray(picture, np.float32) / 255
@@ -76,11 +76,11 @@ def cut_crop(painted: Painted, random: Random, side: int = CROP_SIDE) -> Crop:
     return turn_and_mirror(image, labels, geometry, random)
 
 
-def _choose_zoom(painted: Painted, random: Random) -> float:
+def _choose_zoom(painting: KnownPainting, random: Random) -> float:
     """Choose the scale of a crop: that of training, more or less."""
     is_wide = random.random() < WIDE_SHARE
     spread = random.uniform(*WIDE_RANGE) if is_wide else random.normal(0, WIDTH_SPREAD)
-    return float(np.clip(TRAINED_WIDTH * np.exp(spread) / typical_width(painted), *ZOOMS))
+    return float(np.clip(TRAINED_WIDTH * np.exp(spread) / typical_width(painting), *ZOOMS))
 
 
 def recolor(image: Array, random: Random) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from brushexp_training.datamodule import EPOCH_STEPS, StrokeLoader
 
 from brushexp.errors import UserError
-from brushexp_recovery.synthesis.paintings import Painted
+from brushexp_recovery.synthesis.paintings import KnownPainting
 from brushexp_recovery.synthesis.pool import load_painting
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
 
@@ -43,7 +43,7 @@ class RecoveryData(L.LightningDataModule):
         self.folder, self.pictures, self.seed = folder, list(pictures), seed
         self.batch_size, self.paintings, self.painters = batch_size, paintings, painters
         self.processes: list[subprocess.Popen[bytes]] = []
-        self.loaded: dict[Path, Painted] = {}
+        self.loaded: dict[Path, KnownPainting] = {}
 
     def setup(self, stage: str) -> None:
         if stage == "fit":
@@ -71,7 +71,7 @@ class RecoveryData(L.LightningDataModule):
     def val_dataloader(self) -> StrokeLoader:
         return StrokeLoader(lambda _epoch, _first: self._validation_batches(), VALIDATED)
 
-    def held_out(self, end: int, first: int = 0) -> list[Painted]:
+    def held_out(self, end: int, first: int = 0) -> list[KnownPainting]:
         """Return paintings ``first`` to ``end - 1`` of those that the network does not learn from."""
         self._wait(self._held_out_paths, end)
         return [load_painting(path) for path in self._held_out_paths()[first:end]]
@@ -87,8 +87,8 @@ class RecoveryData(L.LightningDataModule):
 
     def _validation_batches(self) -> Iterator[Crops]:
         random = np.random.default_rng(self.seed)
-        for painted in self.held_out(VALIDATED):
-            yield batch_of([cut_crop(painted, random) for _ in range(VALIDATION_CROPS)])
+        for painting in self.held_out(VALIDATED):
+            yield batch_of([cut_crop(painting, random) for _ in range(VALIDATION_CROPS)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
         """Cut each batch in a thread of its own while the network learns from the one before."""

@@ -1,4 +1,4 @@
-"""How far the maps of the network are from what is known of paintings."""
+"""Losses between the network's maps and the truth about paintings."""
 
 import torch
 from torch import Tensor
@@ -10,10 +10,10 @@ from brushexp_recovery.model.channels import (
     ATTRIBUTES,
     CENTRE,
     DIRECTION,
+    LOG_SIZE,
     OCCLUSION,
     OCCLUSION_OFFSETS,
     PAINT,
-    SIZE,
     StrokeAttribute,
 )
 from brushexp_recovery.raster.offsets import pair_slices
@@ -28,7 +28,7 @@ def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Ten
     own = maps[:, ATTRIBUTES]
     centre = (own[:, CENTRE] - attributes[:, CENTRE]).abs().sum(1)
     turn = (own[:, DIRECTION] - attributes[:, DIRECTION]).square().sum(1)
-    size = (own[:, SIZE] - attributes[:, SIZE]).abs().sum(1)
+    size = (own[:, LOG_SIZE] - attributes[:, LOG_SIZE]).abs().sum(1)
     visible = StrokeAttribute.VISIBLE
     share = logistic_loss(own[:, visible], attributes[:, visible], reduction="none")
     return {

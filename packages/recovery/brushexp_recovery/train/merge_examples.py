@@ -1,4 +1,4 @@
-"""Examples of pairs of regions and of nodes of merge trees, with what is known of them."""
+"""Training examples for the perceptrons: pairs of regions and nodes of merge trees, with their goals."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -49,8 +49,8 @@ class Examples(NamedTuple):
     weights: Array  # (N,)
 
 
-class Merged(NamedTuple):
-    """Superpixels merged to N regions, and P pairs of these that the network says something of."""
+class RegionGraph(NamedTuple):
+    """Superpixels merged to N regions, and P pairs of these with affinities."""
 
     region: Array  # (S,) of each superpixel
     moments: Array  # (N, len(Moment))
@@ -78,18 +78,18 @@ def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random) -> Examp
 
 
 def _pairs_at(part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random) -> Examples:
-    """Make examples of pairs of regions that merges with a chance of ``least_chance`` or more lead to."""
-    merged = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
-    stroke, share = majority(merged.region[part.superpixels.labels], part.labels, len(merged.moments))
-    first, second = merged.pairs.T
-    near = merged.between[:, [AffinityColumn.PAIRS_ADJACENT, AffinityColumn.PAIRS_3]].sum(1)
-    far = merged.between[:, [AffinityColumn.PAIRS_8, AffinityColumn.PAIRS_20]].sum(1)
+    """Make examples of the pairs that are left after all merges with a chance of ``least_chance`` or more."""
+    graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
+    stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
+    first, second = graph.pairs.T
+    near = graph.between[:, [AffinityColumn.PAIRS_ADJACENT, AffinityColumn.PAIRS_3]].sum(1)
+    far = graph.between[:, [AffinityColumn.PAIRS_8, AffinityColumn.PAIRS_20]].sum(1)
     is_clear = (share[first] > CLEAR_SHARE) & (share[second] > CLEAR_SHARE)
     rows = np.flatnonzero(is_clear & (near + FAR_WEIGHT * far > LEAST_CONTACT))
     rows = random.choice(rows, MOST_PAIRS, replace=False) if len(rows) > MOST_PAIRS else rows
     first, second = first[rows], second[rows]
-    features = pair_features(merged.moments, merged.pairs[rows], merged.between[rows])
-    area = merged.moments[:, Moment.AREA]
+    features = pair_features(graph.moments, graph.pairs[rows], graph.between[rows])
+    area = graph.moments[:, Moment.AREA]
     weights = np.minimum(area[first], area[second]) ** AREA_POWER
     return Examples(features, (stroke[first] == stroke[second])[:, None], weights)
 
@@ -104,7 +104,7 @@ def roots_at(tree: MergeTree, least_chance: float) -> Array:
     return roots[: tree.leaves]
 
 
-def merge_superpixels(superpixels: Superpixels, roots: Array) -> Merged:
+def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
     """Merge the superpixels that have the same root (S,)."""
     regions, region = np.unique(roots, return_inverse=True)
     count = len(regions)
@@ -115,11 +115,11 @@ def merge_superpixels(superpixels: Superpixels, roots: Array) -> Merged:
     key, pair = np.unique(keys, return_inverse=True)
     columns = superpixels.between[apart].T
     between = np.stack([np.bincount(pair, column, minlength=len(key)) for column in columns], 1)
-    return Merged(region, moments, np.stack([key // count, key % count], 1), between)
+    return RegionGraph(region, moments, np.stack([key // count, key % count], 1), between)
 
 
 def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
-    """Find the stroke (``count``,) that most of each region belongs to, and its share of it; -1 is the ground."""
+    """Find the stroke that covers most of each of ``count`` regions, and its share; -1 is the ground."""
     base = int(labels.max()) + 2
     key, number = np.unique(regions.ravel().astype(np.int64) * base + labels.ravel() + 1, return_counts=True)
     region, stroke = key // base, key % base - 1
@@ -132,7 +132,7 @@ def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
-    """Make examples of nodes: is it a stroke, and what is its intersection over union with the nearest one."""
+    """Make examples of nodes: whether each is a stroke, and its intersection over union with the nearest stroke."""
     chosen = tree.moments[:, Moment.AREA] >= SMALLEST_REGION
     overlaps = node_overlaps(tree, part.superpixels.labels, part.labels, int(part.labels.max()) + 1)
     iou = overlaps.max(1, initial=0)[chosen]

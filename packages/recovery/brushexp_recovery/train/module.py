@@ -1,4 +1,4 @@
-"""The network learns: its weights move until its maps agree with what is known of the paintings."""
+"""Training of the network on crops of paintings."""
 
 import torch
 from brushexp_training.network_module import NetworkModule
@@ -18,7 +18,7 @@ SETTLED = 0.4  # share of a training after which normalisations keep their stati
 
 
 class RecoveryModule(NetworkModule):
-    """Moves the weights of the network until its maps agree with what is known of the paintings."""
+    """Trains the network until its maps agree with the truth about the paintings."""
 
     title = "learning strokes"
     clip_norm = 2.0

@@ -1,4 +1,4 @@
-"""The logistic models of order and of confidence learn from held-out paintings that nothing else has learned from."""
+"""Fit of the logistic models of order and confidence to held-out paintings that nothing else has learned from."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,14 +17,14 @@ from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
 from brushexp_recovery.recover.pipeline import COPIES
 from brushexp_recovery.synthesis.hand import Random
-from brushexp_recovery.synthesis.paintings import Painted
+from brushexp_recovery.synthesis.paintings import KnownPainting
 from brushexp_recovery.train.parts import cut_part
 
 Array = NDArray[Any]
 
 
-class FoundRegions(NamedTuple):
-    """N regions that were found in a painting, P meetings of them, and what is known of both."""
+class LabelledRegions(NamedTuple):
+    """N regions found in a painting and P meetings of them, with the truth about both."""
 
     confidence: Array  # (N, len(ConfidenceFeature))
     is_stroke: Array  # (N,)
@@ -33,26 +33,27 @@ class FoundRegions(NamedTuple):
     strokes: int  # that there are
 
 
-def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[Painted], seed: int) -> dict[str, float]:
-    """Learn which of two regions lies above, and how likely regions are strokes; returns F1 and precision.
+def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[KnownPainting], seed: int) -> dict[str, float]:
+    """Fit the order and the confidence of a model to paintings; returns F1 and precision.
 
     They are found as `recover` finds them, in paintings clean and weathered.
     """
     random = np.random.default_rng(seed)
-    found = [find_in(model, painted, is_weathered, random) for painted in paintings for is_weathered in (False, True)]
-    is_stroke = np.concatenate([one.is_stroke for one in found])
-    fit_logistic(model.confidence, np.concatenate([one.confidence for one in found]), is_stroke)
-    is_above = np.concatenate([one.is_above for one in found])
-    fit_logistic(model.order, np.concatenate([one.order for one in found]), is_above)
-    f1 = 2 * is_stroke.sum() / max(len(is_stroke) + sum(one.strokes for one in found), 1)
+    looks = [(painting, is_weathered) for painting in paintings for is_weathered in (False, True)]
+    results = [find_in(model, painting, is_weathered, random) for painting, is_weathered in looks]
+    is_stroke = np.concatenate([one.is_stroke for one in results])
+    fit_logistic(model.confidence, np.concatenate([one.confidence for one in results]), is_stroke)
+    is_above = np.concatenate([one.is_above for one in results])
+    fit_logistic(model.order, np.concatenate([one.order for one in results]), is_above)
+    f1 = 2 * is_stroke.sum() / max(len(is_stroke) + sum(one.strokes for one in results), 1)
     return {"f1": float(f1), "precision": float(is_stroke.sum() / max(len(is_stroke), 1))}
 
 
-def find_in(model: RecoveryModel, painted: Painted, is_weathered: bool, random: Random) -> FoundRegions:
+def find_in(model: RecoveryModel, painting: KnownPainting, is_weathered: bool, random: Random) -> LabelledRegions:
     """Find regions in a part of a painting, and compare them with its strokes."""
-    part = cut_part(painted, is_weathered, random)
+    part = cut_part(painting, is_weathered, random)
     regions = find_regions(model, part.image, None, COPIES, lambda *_: None)
-    visible = count_pixels(part.labels, len(painted.geometry))
+    visible = count_pixels(part.labels, len(painting.geometry))
     overlaps = overlaps_between(part.labels, regions.labels, len(visible), len(regions.chance))
     matches = overlaps.iou >= MATCH_IOU
     stroke = np.full(len(regions.chance), -1)
@@ -60,7 +61,7 @@ def find_in(model: RecoveryModel, painted: Painted, is_weathered: bool, random: 
     meetings = find_meetings(regions, fit_curves(regions, part.image))
     first, second = stroke[meetings.pairs].T
     known = (first >= 0) & (second >= 0) & (first != second)
-    return FoundRegions(
+    return LabelledRegions(
         confidence=confidence_features(regions),
         is_stroke=stroke >= 0,
         order=meetings.features[known],

@@ -1,4 +1,4 @@
-"""While the network learns, regions merged by its affinities alone are compared with the known strokes."""
+"""Validation during training: regions merged by affinity alone are compared with the known strokes."""
 
 from typing import Any, NamedTuple
 

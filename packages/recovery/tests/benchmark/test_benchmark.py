@@ -66,10 +66,10 @@ def test_the_longest_path_of_a_skeleton_is_counted_in_steps():
 
 @pytest.mark.parametrize("brush", BRUSHES)
 def test_a_painting_is_decided_by_its_seed_and_its_truth_is_that_of_its_strokes(brush):
-    painted, again = (paint_scene(Scene(brush, 10), 64, seed=3) for _ in range(2))
-    np.testing.assert_array_equal(painted.clean, again.clean)
-    np.testing.assert_array_equal(painted.hard, again.hard)
-    truth = painted.truth
+    painting, again = (paint_scene(Scene(brush, 10), 64, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(painting.clean, again.clean)
+    np.testing.assert_array_equal(painting.hard, again.hard)
+    truth = painting.truth
     assert 3 < truth.counts.sum() <= 10
     assert truth.share.max() <= 1
     lower, upper = truth.pairs.T
@@ -77,7 +77,7 @@ def test_a_painting_is_decided_by_its_seed_and_its_truth_is_that_of_its_strokes(
     largest = truth.counts & (truth.share > 0.8)
     near = np.abs(truth.seen - truth.color)[largest].mean()
     assert near < 0.2  # what is seen of a stroke has the colour of its paint
-    assert 0 < np.abs(painted.hard - painted.clean).mean() < 0.28
+    assert 0 < np.abs(painting.hard - painting.clean).mean() < 0.28
 
 
 def test_subjects_have_colours_and_scenes_have_names():

@@ -5,10 +5,10 @@ import pytest
 from brushexp_recovery.curves import refine
 from brushexp_recovery.curves.bezier import arc_lengths, part_of
 from brushexp_recovery.curves.coverage import NO_COVER, cover_strokes, overlapping_pairs, visible_labels
-from brushexp_recovery.curves.fit import FittedStrokes, fit_curve
+from brushexp_recovery.curves.fit import StrokeCurves, fit_curve
 from brushexp_recovery.curves.refine import refine_curves
 from brushexp_recovery.curves.round_line import trim_to_paint
-from brushexp_recovery.model.channels import CENTRE, DIRECTION, SIZE, StrokeAttribute
+from brushexp_recovery.model.channels import CENTRE, DIRECTION, LOG_SIZE, StrokeAttribute
 from recovery_scenes import bars, silent, straight
 
 ROUGH = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])  # curves near those of `bars`
@@ -21,7 +21,7 @@ def test_a_straight_region_becomes_its_stroke():
     points = np.stack([columns[inside], rows[inside]], 1)
     angle = 2 * np.arctan2(0.6, 0.8)
     attributes = np.ones(len(StrokeAttribute))
-    attributes[CENTRE], attributes[DIRECTION], attributes[SIZE] = (
+    attributes[CENTRE], attributes[DIRECTION], attributes[LOG_SIZE] = (
         (40, 30),
         (np.cos(angle), np.sin(angle)),
         np.log((10, 50)),
@@ -36,14 +36,14 @@ def test_a_straight_region_becomes_its_stroke():
 
 def test_refining_moves_strokes_onto_their_regions():
     labels = bars().labels.astype(np.int32)
-    rough = FittedStrokes(ROUGH, np.array([12.0, 28.0]), np.zeros((2, 3)))
+    rough = StrokeCurves(ROUGH, np.array([12.0, 28.0]), np.zeros((2, 3)))
     before = mean_iou(rough, labels)
     after = mean_iou(refine_curves(rough, labels, np.arange(2), show=silent), labels)
     assert after > before + 0.1
     assert after > 0.9
 
 
-def mean_iou(fitted: FittedStrokes, labels: np.ndarray) -> float:
+def mean_iou(fitted: StrokeCurves, labels: np.ndarray) -> float:
     """Mean IoU of what is seen of two strokes with their regions."""
     drawn, _ = visible_labels(cover_strokes(fitted.curve, fitted.width, labels.shape), np.ones(2), labels.shape)
     return float(np.mean([((drawn == k) & (labels == k)).sum() / ((drawn == k) | (labels == k)).sum() for k in (0, 1)]))
@@ -53,7 +53,7 @@ def test_a_large_picture_is_refined_as_a_small_one(monkeypatch):
     labels = np.tile(bars().labels.astype(np.int32), (1, 3))
     labels[labels >= 0] += 2 * (np.arange(384) // 128)[None].repeat(96, 0)[labels >= 0]
     curve = np.concatenate([ROUGH + np.array([128.0 * k, 0]) for k in range(3)])
-    rough = FittedStrokes(curve, np.tile([12.0, 28.0], 3), np.zeros((6, 3)))
+    rough = StrokeCurves(curve, np.tile([12.0, 28.0], 3), np.zeros((6, 3)))
     whole = refine_curves(rough, labels, np.arange(6), show=silent)
     monkeypatch.setattr(refine, "TILE_SIDE", 200)
     tiled = refine_curves(rough, labels, np.arange(6), show=silent)

@@ -7,11 +7,11 @@ import pytest
 from brushexp_recovery.find import regions, scale
 from brushexp_recovery.find.scale import weighted_median
 from brushexp_recovery.raster.tiles import split_into_tiles
-from recovery_scenes import Painted, bristles, f1_of, picture_of, shipped, silent
+from recovery_scenes import KnownPainting, bristles, f1_of, picture_of, shipped, silent
 
 
 @pytest.fixture(scope="module")
-def painted() -> Painted:
+def painting() -> KnownPainting:
     return bristles((176, 208), 5)
 
 
@@ -25,10 +25,10 @@ def test_a_scale_that_explains_clearly_more_is_taken_instead_of_the_guessed_one(
     assert scale.find_zoom(None, None, np.zeros((300, 400, 3), np.float32)) == pytest.approx(zoom)
 
 
-def test_a_part_is_explained_by_the_regions_that_were_painted(painted):
+def test_a_part_is_explained_by_the_regions_that_were_painted(painting):
     explained = partial(scale.explained_share, shipped(), shipped().classifiers())
     noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
-    assert 0.4 < explained([picture_of(painted)], 1.0) <= 1
+    assert 0.4 < explained([picture_of(painting)], 1.0) <= 1
     assert explained([noise], 1.0) < 0.2
 
 
@@ -39,8 +39,8 @@ def test_half_of_the_weight_lies_on_either_side_of_a_median():
     assert weighted_median(np.array([4.0]), np.array([0.1])) == 4
 
 
-def test_tiles_find_what_the_whole_picture_shows(monkeypatch, painted):
-    image = picture_of(painted)
+def test_tiles_find_what_the_whole_picture_shows(monkeypatch, painting):
+    image = picture_of(painting)
     whole = regions.find_regions(shipped(), image, 0.8, 1, silent).labels
     monkeypatch.setattr(regions, "TILE_SIDE", 128)
     monkeypatch.setattr(regions, "split_into_tiles", partial(split_into_tiles, margin=32))

@@ -5,8 +5,8 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 import torch
+from brushexp_recovery.join.merge_loop import LARGEST_REGION
 from brushexp_recovery.join.merge_tree import MergeTree, grow_tree
-from brushexp_recovery.join.merging import LARGEST_REGION
 from brushexp_recovery.join.node_features import node_features
 from brushexp_recovery.join.pair_features import pair_features
 from brushexp_recovery.join.shape import shapes_of
@@ -166,7 +166,7 @@ def test_features_of_a_pair_say_what_their_names_say():
         PairFeature.LOG_LENGTH_GAIN: np.log(shapes.length[2] / shapes.length[1]),
         PairFeature.LOG_COMPACTNESS_LARGE: np.log(large[Moment.AREA] / (shapes.length[1] * shapes.width[1])),
         PairFeature.PAINT_SMALL: a[Moment.PAINT],
-        PairFeature.LOG_STATED_WIDTH: both[Moment.LOG_WIDTH],
+        PairFeature.LOG_PREDICTED_WIDTH: both[Moment.LOG_WIDTH],
     }
     for feature, value in expected.items():
         assert row[feature] == pytest.approx(value, rel=1e-5), feature.name
@@ -187,7 +187,7 @@ def test_features_of_a_node_say_what_their_names_say():
         NodeFeature.LOG_B_SPREAD: 0.5 * np.log(mean[Moment.B_SQUARED] - mean[Moment.B] ** 2),
         NodeFeature.ALIGNMENT: shapes.alignment[0],
         NodeFeature.LOG_ELONGATION: np.log(shapes.length[0] / shapes.width[0]),
-        NodeFeature.LOG_STATED_LENGTH: mean[Moment.LOG_LENGTH],
+        NodeFeature.LOG_PREDICTED_LENGTH: mean[Moment.LOG_LENGTH],
         NodeFeature.PAINT: mean[Moment.PAINT],
         NodeFeature.LOG_CONTACT_20: np.log((around[AffinityColumn.PAIRS_20] + 1) / area),
     }

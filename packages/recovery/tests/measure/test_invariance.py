@@ -7,7 +7,7 @@ from brushexp_recovery.measure.draws import Draws, draw_figures, sight
 from brushexp_recovery.measure.intervals import difference_of, intervals_of, is_apart
 from brushexp_recovery.measure.views import View, choose_views
 from brushexp_recovery.recover.pipeline import recover_with
-from brushexp_recovery.recover.recovered import Recovered
+from brushexp_recovery.recover.storage import Recovered
 from recovery_scenes import bristles, picture_of, shipped, silent
 
 VIEWS, SMALLER, TURN = 3, 0.8, 2.0

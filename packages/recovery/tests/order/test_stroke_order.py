@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from brushexp_recovery.curves.fit import FittedStrokes
+from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.find.regions import OCCLUSION_STEPS, Regions
 from brushexp_recovery.model.channels import OCCLUSION_OFFSETS
 from brushexp_recovery.model.features import OrderFeature
@@ -16,10 +16,10 @@ from recovery_scenes import straight
 
 
 @pytest.fixture
-def crossed() -> tuple[Regions, FittedStrokes]:
+def crossed() -> tuple[Regions, StrokeCurves]:
     """A level stroke below one that falls, and one apart; the network says nothing of order."""
     curve = straight(((16, 30), (64, 30)), ((40, 11), (40, 49)), ((6, 54), (16, 54)))
-    return crossed_regions(), FittedStrokes(curve, np.array([12.0, 12, 8]), np.zeros((3, 3)))
+    return crossed_regions(), StrokeCurves(curve, np.array([12.0, 12, 8]), np.zeros((3, 3)))
 
 
 def test_evidence_is_that_of_a_slow_loop(crossed):
@@ -50,7 +50,7 @@ def test_what_speaks_for_one_of_two_speaks_against_the_other(crossed):
     labels = np.where(regions.labels >= 0, turned[regions.labels], -1).astype(np.int32)
     other = replace(regions, labels=labels, chance=regions.chance[turned], attributes=regions.attributes[turned])
     one = find_meetings(regions, fitted)
-    two = find_meetings(other, FittedStrokes(*(part[turned] for part in fitted)))
+    two = find_meetings(other, StrokeCurves(*(part[turned] for part in fitted)))
     np.testing.assert_array_equal(one.pairs, two.pairs)
     np.testing.assert_allclose(one.features, -two.features, atol=1e-9)
 

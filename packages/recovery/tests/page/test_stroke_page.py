@@ -15,7 +15,7 @@ from brushexp_recovery.measure.intervals import intervals_of
 from brushexp_recovery.measure.stroke_table import StrokeTable, columns_with_units, remark_on, tabulate_strokes
 from brushexp_recovery.measure.views import View
 from brushexp_recovery.page.stroke_page import page_of, write_page
-from brushexp_recovery.recover.recovered import Recovered
+from brushexp_recovery.recover.storage import Recovered
 from recovery_scenes import saved_strokes
 
 SIZE = (60, 80)

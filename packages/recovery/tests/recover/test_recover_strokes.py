@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_recovery.curves.fit import FittedStrokes
+from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.recover.pipeline import catalogue_of, recover, recover_with
-from brushexp_recovery.recover.recovered import Recovered, read_recovered, write_recovered
+from brushexp_recovery.recover.storage import Recovered, read_recovered, write_recovered
 from recovery_scenes import bristles, f1_of, shipped, silent
 
 from brushexp.errors import UserError
@@ -25,15 +25,15 @@ def test_any_picture_can_be_looked_at(size, kind):
 
 
 def test_most_strokes_of_a_small_painting_are_found_again():
-    painted = bristles((176, 208), 5)
-    recovered = recover(painted.image, copies=1)
-    assert f1_of(recovered.labels, painted.labels.astype(int)) > 0.5
+    painting = bristles((176, 208), 5)
+    recovered = recover(painting.image, copies=1)
+    assert f1_of(recovered.labels, painting.labels.astype(int)) > 0.5
 
 
 def some_strokes(n: int, random: np.random.Generator) -> Recovered:
     """Strokes that nobody has painted."""
     labels = random.integers(-1, n, (20, 30)).astype(np.int32)
-    fitted = FittedStrokes(random.random((n, 3, 2)) * 30, random.random(n) * 5 + 1, random.random((n, 3)))
+    fitted = StrokeCurves(random.random((n, 3, 2)) * 30, random.random(n) * 5 + 1, random.random((n, 3)))
     image = random.random((20, 30, 3)).astype(np.float32)
     return catalogue_of(labels, fitted, random.random(n), random.permutation(n), image)
 

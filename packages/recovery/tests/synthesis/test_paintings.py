@@ -12,8 +12,8 @@ from recovery_scenes import bars
 
 
 def test_the_truth_of_a_painting_is_that_of_its_strokes():
-    painted = bars()
-    geometry = painted.geometry
+    painting = bars()
+    geometry = painting.geometry
     middle = geometry[:, [StrokeGeometry.CENTRE_X, StrokeGeometry.CENTRE_Y]]
     np.testing.assert_allclose(middle, [[60, 48], [60, 48]], atol=0.5)
     np.testing.assert_allclose(np.exp(geometry[:, StrokeGeometry.LOG_WIDTH]), 20, rtol=0.05)
@@ -22,7 +22,7 @@ def test_the_truth_of_a_painting_is_that_of_its_strokes():
     assert upper == 1
     assert lower == pytest.approx(1 - 20 * 20 / (70 * 20 + np.pi * 100), abs=0.02)
     assert np.cos(2 * (geometry[0, StrokeGeometry.ANGLE] - 0.4)) == pytest.approx(1, abs=1e-3)
-    assert painted.labels[48, 60] == 1
+    assert painting.labels[48, 60] == 1
 
 
 @pytest.mark.parametrize("number", [1, 2, 4, paintings.FIRST_PLAIN])
@@ -45,8 +45,8 @@ def test_a_painting_is_decided_by_its_seed_and_number(number, monkeypatch):
 @pytest.mark.parametrize("seed", range(4))
 def test_what_has_no_strokes_is_all_ground_in_every_crop(seed):
     random = np.random.default_rng(seed)
-    painted = make_bare(random.random((96, 96, 3)).astype(np.float32), random)
-    crop = cut_crop(painted, random, 64)
+    painting = make_bare(random.random((96, 96, 3)).astype(np.float32), random)
+    crop = cut_crop(painting, random, 64)
     assert crop.image.shape == (3, 64, 64)
     assert (crop.labels == -1).all()
     assert not crop.attributes[2:].any()

@@ -8,7 +8,7 @@ import pytest
 from brushexp_recovery.benchmark.prediction_files import read_prediction
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import Truth, draw_truth
-from brushexp_recovery.recover.recovered import read_recovered, write_recovered
+from brushexp_recovery.recover.storage import read_recovered, write_recovered
 from brushexp_recovery.tasks import measure
 from PIL import Image
 from recovery_scenes import recover_dark, straight

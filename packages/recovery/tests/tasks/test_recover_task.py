@@ -2,7 +2,7 @@
 
 import json
 
-from brushexp_recovery.recover.recovered import read_recovered
+from brushexp_recovery.recover.storage import read_recovered
 from brushexp_recovery.tasks import recover
 from PIL import Image
 from recovery_scenes import bars

@@ -37,13 +37,13 @@ def test_superpixels_are_merged_down_to_a_chance():
     assert roots_at(tree, 1.1).tolist() == list(range(tree.leaves))
     roots = roots_at(tree, 0.0)
     assert len(np.unique(roots)) == tree.leaves - len(tree.children)
-    merged = merge_superpixels(superpixels, roots)
+    graph = merge_superpixels(superpixels, roots)
     for number, root in enumerate(np.unique(roots)):
-        np.testing.assert_allclose(merged.moments[number], superpixels.moments[roots == root].sum(0))
+        np.testing.assert_allclose(graph.moments[number], superpixels.moments[roots == root].sum(0))
     first, second = roots[superpixels.pairs].T
     apart = superpixels.between[first != second]
-    assert merged.between[:, PAIRS].sum() == apart[:, PAIRS].sum()
-    assert (merged.pairs[:, 0] < merged.pairs[:, 1]).all()
+    assert graph.between[:, PAIRS].sum() == apart[:, PAIRS].sum()
+    assert (graph.pairs[:, 0] < graph.pairs[:, 1]).all()
 
 
 def test_the_stroke_that_most_of_a_region_belongs_to_is_found_with_its_share():

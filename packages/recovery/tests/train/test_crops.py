@@ -12,10 +12,10 @@ from recovery_scenes import bars
 
 @pytest.mark.parametrize("seed", range(6))
 def test_turned_crops_point_to_the_centre_of_their_stroke(seed):
-    painted = bars(0.7)
-    labels = painted.labels[:, 12:108].astype(np.int64)
+    painting = bars(0.7)
+    labels = painting.labels[:, 12:108].astype(np.int64)
     labels[labels == 0] = -1  # the upper one is seen whole
-    geometry = painted.geometry.copy()
+    geometry = painting.geometry.copy()
     geometry[:, StrokeGeometry.CENTRE_X] -= 12
     crop = turn_and_mirror(np.zeros((96, 96, 3), np.float32), labels, geometry, np.random.default_rng(seed))
     rows, columns = np.nonzero(crop.labels == 1)

@@ -1,6 +1,6 @@
-"""Methods that recovery is compared with: a picture (H, W, 3) in [0, 1], and a number of strokes, become strokes.
+"""Methods that recovery is compared with; each turns a picture (H, W, 3) in [0, 1] into strokes.
 
-Those that take the number are told the true one, which is more than recovery is told.
+Some are told the true number of strokes, which is more than recovery is told.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from brushexp_recovery.benchmark.prediction import (
 from brushexp_recovery.model.recovery_model import SHIPPED_WEIGHTS
 
 Array = NDArray[Any]
-Method = Callable[..., Prediction]  # of a picture and a number of strokes, and those that are trained of weights
+Method = Callable[..., Prediction]  # of a picture, a number of strokes and, if it is trained, weights
 
 COMPACTNESS = 10.0  # of superpixels, as Achanta et al. (2012)
 DESCENT_STEPS = 150
@@ -60,7 +60,7 @@ def growing(image: Array, count: int) -> Prediction:
 
 
 def gradient(image: Array, count: int) -> Prediction:
-    """Paint the picture with ``count`` plain strokes by gradient descent, and take them."""
+    """Paint the picture with ``count`` plain strokes by gradient descent, and return these."""
     import brushexp  # noqa: PLC0415
 
     strokes = max(count, 1)
@@ -69,7 +69,7 @@ def gradient(image: Array, count: int) -> Prediction:
     return prediction_from_catalogue(painting.finished.job.saved, image.shape[:2])
 
 
-TRAINED = {"recovery", "recovered_curves"}  # which take weights
+TRAINED = {"recovery", "recovered_curves"}  # methods that take weights
 METHODS: dict[str, Method] = {
     "recovery": recovery,
     "recovered_curves": recovered_curves,

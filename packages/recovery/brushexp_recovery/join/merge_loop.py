@@ -1,4 +1,4 @@
-"""Regions are merged one pair after another, the likeliest first: the loop behind `merge_tree.grow_tree`."""
+"""The loop behind `merge_tree.grow_tree`, which merges one pair of regions after another, the likeliest first."""
 # mypy: allow-untyped-defs
 
 from heapq import heapify, heappop, heappush
@@ -13,7 +13,7 @@ from brushexp_recovery.model.perceptron import CLIP
 from brushexp_recovery.segment.moments import Moment
 from brushexp_recovery.segment.region_adjacency import DISTANCE_GROUPS
 
-LARGEST_REGION = 8.0  # areas of the stroke that the network says is there, beyond which a region is merged no further
+LARGEST_REGION = 8.0  # predicted areas of its stroke, above which a region is merged no further
 
 
 @function
@@ -59,11 +59,10 @@ def merge(
     ``neighbour_chance`` are of the S regions; those of merged ones follow. Of the first S rows moments and within are
     given; all others are written. ``ends`` (P, 2) are the pairs at first and ``between`` (P, len(AffinityColumn)) their
     affinities; both are used up. ``children`` (S, 2) get the two regions of each merge.
-
-    The pairs of a region are linked: ``first`` of a region, then ``after`` of a pair at either end.
     """
     count = len(moments) // 2
-    first, after, is_open = np.full(2 * count, -1), np.full(ends.shape, -1), np.ones(len(ends), np.bool_)
+    first, after = _link_pairs(ends, 2 * count)
+    is_open = np.ones(len(ends), np.bool_)
     pair_with, seen_by = np.full(2 * count, -1), np.full(2 * count, -1)  # the pair of a region with a new one
     gone = np.zeros(2 * count, np.bool_)
     row, scratch = np.empty(len(PairFeature), np.float32), np.empty((SCRATCH_ROWS, DESCRIPTION))
@@ -74,9 +73,7 @@ def merge(
         value = float(chance(row, mean, scale, layers, layer_scratch))
         if value > least_chance:
             heap.append((-value, ends[pair, 0], ends[pair, 1], pair))
-        for side in range(2):
-            region = ends[pair, side]
-            after[pair, side], first[region] = first[region], pair
+        for region in ends[pair]:
             neighbour_chance[region] = max(neighbour_chance[region], value)
             around[region] += between[pair]
     heapify(heap)
@@ -110,6 +107,17 @@ def merge(
             pair = after[pair, side]
         new += 1
     return new - count
+
+
+@function
+def _link_pairs(ends, count):
+    """Link the pairs (P, 2) of each of ``count`` regions: its first pair, and the one after each pair, by end."""
+    first, after = np.full(count, -1), np.full(ends.shape, -1)
+    for pair in range(len(ends)):
+        for side in range(2):
+            region = ends[pair, side]
+            after[pair, side], first[region] = first[region], pair
+    return first, after
 
 
 @inline

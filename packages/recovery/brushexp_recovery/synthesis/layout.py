@@ -1,4 +1,4 @@
-"""Strokes are laid as one would paint a picture: where, along what, how wide, in what colour, bottom to top."""
+"""Layouts of strokes that paint a picture: their curves, widths and colours, bottom to top."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +20,7 @@ MOST_TAPER = 0.6  # share of the width
 
 
 @dataclass(frozen=True)
-class LaidStrokes:
+class StrokeLayout:
     """N strokes on a canvas, bottom to top."""
 
     curve: Array  # (N, 3, 2) control points, pixels, x to the right, y down
@@ -33,7 +33,7 @@ class LaidStrokes:
         return len(self.width)
 
 
-def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> LaidStrokes:
+def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLayout:
     """Lay ``n`` strokes of ``hand`` to paint a ``picture`` (H, W, 3) in [0, 1]."""
     size = picture.shape[:2]
     area = size[0] * size[1]
@@ -50,11 +50,11 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> LaidStrok
     color = pick_colors(picture, places, width, hand, random)
     sway = hand.sway * width * random.normal(size=n)
     taper = np.clip(hand.taper * random.normal(size=n), -MOST_TAPER, MOST_TAPER)
-    return LaidStrokes(curve, width, color, sway, taper)
+    return StrokeLayout(curve, width, color, sway, taper)
 
 
 def _place_layers(picture: Array, counts: Array, pitch: float, hand: Hand, random: Random) -> Array:
-    """Place the strokes of each layer, (n, 2): the finer ones rather where there is detail."""
+    """Place the strokes of each layer, (n, 2): the finer ones mostly where there is detail."""
     size = picture.shape[:2]
     if hand.even:
         return np.concatenate([on_grid(count, size, random) for count in counts])

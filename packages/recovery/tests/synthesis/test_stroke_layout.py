@@ -5,7 +5,7 @@ import pytest
 from brushexp_recovery.curves.bezier import chords_of
 from brushexp_recovery.synthesis.direction_field import add_hatching, edge_directions
 from brushexp_recovery.synthesis.hand import TRACE_STEPS, Hand
-from brushexp_recovery.synthesis.laying import lay_strokes
+from brushexp_recovery.synthesis.layout import lay_strokes
 from brushexp_recovery.synthesis.placement import on_grid, scatter
 from brushexp_recovery.synthesis.streamlines import SURE_STEPS, curves_along
 
@@ -47,9 +47,9 @@ def test_places_on_a_grid_keep_apart(n):
 @pytest.mark.parametrize("n", [7, 300])
 def test_strokes_on_a_grid_have_a_length(n):
     picture = np.random.default_rng(1).random((64, 96, 3)).astype(np.float32)
-    laid = lay_strokes(picture, n, Hand(even=True, clip=0.1), np.random.default_rng(2))
-    assert len(laid) == n
-    assert (np.hypot(*chords_of(laid.curve).T) > 0.5).all()
+    layout = lay_strokes(picture, n, Hand(even=True, clip=0.1), np.random.default_rng(2))
+    assert len(layout) == n
+    assert (np.hypot(*chords_of(layout.curve).T) > 0.5).all()
 
 
 def test_scattered_places_are_denser_where_they_weigh_more():

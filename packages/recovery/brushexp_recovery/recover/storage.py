@@ -1,4 +1,4 @@
-"""Recovered strokes, and their file: a catalogue.h5 like any other, with what is known beyond it in it."""
+"""Recovered strokes and their file: a catalogue.h5 with a group for confidences and visible regions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Recovered:
-    """N strokes that were found in a picture (H, W), as a catalogue and beside it."""
+    """N strokes recovered from a picture (H, W): a catalogue, confidences and visible regions."""
 
     saved: Saved
     confidence: Array  # (N,) float32 in [0, 1], of each row of the catalogue
