@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
@@ -243,6 +244,26 @@ def test_parts_make_kernels_of_their_own_which_other_processes_find_again_and_lo
         exec(text, scope)
     names = {function(scope["listed"]).dispatcher.py_func.__qualname__ for scope in scopes}
     assert len(names) == 1, "its code lies elsewhere in memory each time"
+
+
+class Column(IntEnum):
+    LENGTH = 0
+    WIDTH = 2
+
+
+@function
+def area(table):
+    return table[1, Column.LENGTH] * table[1, Column.WIDTH] * len(Column)
+
+
+def test_columns_named_by_an_enumeration_are_numbers_whose_change_is_noticed(monkeypatch):
+    table = np.arange(1.0, 7.0).reshape(2, 3)
+    before = Compiled(area.function, {})
+    assert before(table) == 4 * 6 * 2
+    monkeypatch.setitem(globals(), "Column", IntEnum("Column", {"LENGTH": 1, "WIDTH": 2}))
+    after = Compiled(area.function, {})
+    assert after(table) == 5 * 6 * 2
+    assert before.dispatcher.py_func.__qualname__ != after.dispatcher.py_func.__qualname__
 
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits

@@ -2,7 +2,8 @@
 
 A compiled function may have **parts**: functions that it calls by name and that are chosen for it (`Compiled.having`),
 so that one loop serves many formulas. A part is typed once for all functions that have it. Machine code is stored under
-a name made from the code of the function and of everything that it calls, so a change in any file is noticed.
+a name made from the code of the function and of everything that it calls, so a change in any file is noticed. Columns
+of an array may be named by an `IntEnum`, whose members stand for their numbers.
 
 Code uses one thread and does not hold Python's lock: a loop whose rounds do not meet takes its first round and the one
 after the last as arguments, and `system.runtime.share` deals it out to threads. Numba's own parallel loops would take
@@ -11,7 +12,9 @@ three times as long to compile, since it optimises them twice, and their threads
 Arrays that one function is given must not share numbers that it writes: the compiler relies on it.
 """
 
+from collections import namedtuple
 from collections.abc import Iterator, Mapping
+from enum import IntEnum
 from functools import cache, cached_property
 from hashlib import sha256
 from types import CodeType, FunctionType
@@ -62,6 +65,8 @@ class Compiled:
         scope, code, callees = dict(function.__globals__), function.__code__, []
         for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
             value = self.parts.get(name, scope.get(name))
+            if isinstance(value, type) and issubclass(value, IntEnum):
+                value = _numbers_of(value)
             if isinstance(value, FunctionType) and getattr(value, "is_inline", False):
                 linked, digest = self._linked(value)
                 value = _inlined.setdefault(
@@ -79,6 +84,14 @@ class Compiled:
         copy = FunctionType(code, scope, function.__name__, function.__defaults__)
         copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
         return copy, sha256(repr((*_parts(code), callees)).encode()).hexdigest()
+
+
+def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
+    """Return an enumeration as a named tuple of numbers: Numba before 0.62 takes no member of it as an index."""
+    names = [column.name for column in columns]
+    tuple_of: Any = namedtuple(columns.__name__, names)  # type: ignore[misc]
+    numbers: tuple[int, ...] = tuple_of(*map(int, columns))
+    return numbers
 
 
 @cache

@@ -1,0 +1,1 @@
+"""Methods that recovery is compared with: a picture goes in; strokes come out."""

@@ -1,0 +1,58 @@
+"""Matching of predicted strokes with known ones.
+
+A known and a predicted stroke match if the intersection over union of their visible regions is at least `MATCH_IOU`;
+each has at most one partner. A known stroke counts if at least 30 % of its area and 12 pixels are visible
+(`Truth.counts`), a predicted one likewise. A predicted stroke that lies mostly on bare ground, or whose partner does
+not count, is neither right nor wrong.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.benchmark.prediction import Prediction
+from brushexp_recovery.benchmark.truth import Truth
+from brushexp_recovery.raster.labels import count_pixels
+from brushexp_recovery.raster.overlap import Overlaps
+
+Array = NDArray[Any]
+
+BARE_SHARE = 0.5  # share of a predicted stroke on bare ground, above which it is not judged
+
+
+@dataclass(frozen=True)
+class Matches:
+    """M pairs of known and predicted strokes, and which of the N predicted ones are judged."""
+
+    truth: Array  # (M,) known strokes that count
+    prediction: Array  # (M,) their partners
+    iou: Array  # (M,) of their regions
+    judged: Array  # (N,) whether a predicted stroke is right or wrong, and not neutral
+
+
+def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: float) -> Matches:
+    """Pair strokes one to one, the best first, with at least the intersection over union ``least_iou``."""
+    with_partner: tuple[set[int], set[int]] = (set(), set())
+    pairs = []
+    for known, partner, iou in sorted(zip(*overlaps, strict=True), key=lambda one: -one[2]):
+        if iou >= least_iou and known not in with_partner[0] and partner not in with_partner[1]:
+            with_partner[0].add(known)
+            with_partner[1].add(partner)
+            pairs.append((known, partner, iou))
+    first, second, ious = np.array(pairs).reshape(-1, 3).T
+    known, partner = first.astype(int), second.astype(int)
+    counts = truth.counts[known]
+    neutral, hit = np.zeros(len(prediction), bool), np.zeros(len(prediction), bool)
+    neutral[partner[~counts]] = True
+    hit[partner[counts]] = True
+    judged = prediction.counts & (hit | ~(neutral | on_ground(truth, prediction)))
+    return Matches(known[counts], partner[counts], ious[counts], judged)
+
+
+def on_ground(truth: Truth, prediction: Prediction) -> Array:
+    """Tell which predicted strokes (N,) lie mostly where the truth has no stroke."""
+    bare = count_pixels(np.where(truth.labels < 0, prediction.labels, -1), len(prediction))
+    mostly: Array = bare > BARE_SHARE * count_pixels(prediction.labels, len(prediction))
+    return mostly

@@ -1,0 +1,59 @@
+"""The report of the benchmark: tables, plots and examples in files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from brushexp.reporting.tables import csv_table, latex_table, markdown_table
+from brushexp.system.files import write_json, write_text
+from brushexp_recovery.benchmark.plots import draw_examples, plot_reliability, plot_scores
+from brushexp_recovery.benchmark.report_tables import (
+    Row,
+    confidence_table,
+    error_table,
+    f1_table,
+    kind_table,
+    reliability_of,
+)
+
+PAINTINGS = "paintings"  # folder of the pictures, their truth and the regions that were found
+ABOUT_F1 = (
+    "Mean F1 at an intersection over union of 0.5. Seen: kinds of which training has some, from other subjects and "
+    "seeds; unseen: other brushes, other painters' strokes. Clean: the painting; hard: a photograph of it."
+)
+ABOUT_KINDS = "Mean F1 by kind and number of strokes, clean."
+ABOUT_ERRORS = (
+    "Means over clean paintings; errors are medians over matched strokes, length and width as shares of the true "
+    "ones; order is the share of found pairs that overlap whose upper one was told; fields are those of "
+    "neighbourhoods, matched or not."
+)
+ABOUT_CONFIDENCE = (
+    "Confidence of recovery, over the strokes of all paintings of a group together: the expected calibration "
+    "error (ECE) of few strokes is large even where the confidence is right."
+)
+
+
+def write_figures(folder: Path, rows: Sequence[Row]) -> None:
+    """Write ``figures.csv``, a line per picture and method."""
+    plain = [{key: value for key, value in row.items() if key != "reliability"} for row in rows]
+    write_text(folder / "figures.csv", csv_table(plain, significant=4))
+
+
+def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
+    """Write ``summary.md``, ``summary.tex``, ``reliability.json``, plots; of no rows nothing."""
+    if not rows:
+        return []
+    by_group, errors, reliability = f1_table(rows), error_table(rows), reliability_of(rows)
+    parts = [ABOUT_F1, markdown_table(by_group)]
+    parts += [ABOUT_KINDS, markdown_table(kind_table(rows))]
+    parts += [ABOUT_ERRORS, markdown_table(errors)]
+    if reliability:
+        parts += [ABOUT_CONFIDENCE, markdown_table(confidence_table(reliability))]
+    write_text(folder / "summary.md", "\n\n".join(parts) + "\n")
+    write_text(folder / "summary.tex", latex_table(by_group) + "\n" + latex_table(errors))
+    paths = [folder / name for name in ("summary.md", "summary.tex")]
+    paths.append(plot_scores(folder / "benchmark.png", rows))
+    if reliability:
+        write_json(folder / "reliability.json", reliability)
+        paths += [folder / "reliability.json", plot_reliability(folder / "reliability.png", reliability)]
+    paths.append(draw_examples(folder / "examples.png", folder / PAINTINGS, rows))
+    return paths

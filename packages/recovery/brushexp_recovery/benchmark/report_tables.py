@@ -1,0 +1,120 @@
+"""Tables of the scores of many pictures and methods."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from brushexp_recovery.confidence.calibration import ReliabilityBin, ece_of, join_reliability
+
+Row: TypeAlias = dict[str, Any]  # of one picture and method: place, figures, seconds
+Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # by group of paintings
+
+
+class Column(NamedTuple):
+    """A column of the table of errors."""
+
+    heading: str
+    digits: int
+
+
+GROUPS = {
+    "seen, clean": (True, "clean"),
+    "seen, hard": (True, "hard"),
+    "unseen, clean": (False, "clean"),
+    "unseen, hard": (False, "hard"),
+}  # whether training has seen the kind, and how the picture looks
+ERRORS = {
+    "recall": Column("recall", 2),
+    "precision": Column("precision", 2),
+    "direction_deg": Column("direction, °", 1),
+    "length_rel": Column("length", 2),
+    "width_rel": Column("width", 2),
+    "color_de00": Column("colour, ΔE00", 1),
+    "order_agreement": Column("order", 2),
+    "order_tau": Column("order, τ", 2),
+    "field_direction_deg": Column("field of direction, °", 1),
+    "field_length_rel": Column("field of length", 2),
+    "field_width_rel": Column("field of width", 2),
+    "auc": Column("AUC", 2),
+    "seconds": Column("seconds", 1),
+}
+
+
+def mean_text(rows: Iterable[Row], figure: str, digits: int) -> str | None:
+    """Average a figure over the rows where it is defined, as text."""
+    values = [row[figure] for row in rows if figure in row and np.isfinite(row[figure])]
+    return f"{np.mean(values):.{digits}f}" if values else None
+
+
+def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """Group rows by method, in their order."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row["method"], []).append(row)
+    return groups
+
+
+def clean_rows(rows: Iterable[Row]) -> list[Row]:
+    """Keep the rows of clean paintings."""
+    return [row for row in rows if row["look"] == "clean"]
+
+
+def f1_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Average F1 by method, over kinds that training has seen and others, clean and hard."""
+    table = []
+    for name, own in by_method(rows).items():
+        line: dict[str, Any] = {"method": name}
+        for group, (seen, look) in GROUPS.items():
+            line[group] = mean_text((row for row in own if row["seen"] == seen and row["look"] == look), "f1", 3)
+        table.append(line)
+    return table
+
+
+def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Average F1 of clean paintings by kind and number of strokes, a column per method."""
+    clean = clean_rows(rows)
+    methods = by_method(clean)
+    table = []
+    for kind, count in dict.fromkeys((row["kind"], row["count"]) for row in clean):
+        line: dict[str, Any] = {"kind": kind, "strokes": count}
+        for name, own in methods.items():
+            line[name] = mean_text((row for row in own if (row["kind"], row["count"]) == (kind, count)), "f1", 2)
+        table.append(line)
+    return table
+
+
+def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Average the errors of each method over clean paintings."""
+    return [
+        {"method": name} | {column.heading: mean_text(own, figure, column.digits) for figure, column in ERRORS.items()}
+        for name, own in by_method(clean_rows(rows)).items()
+    ]
+
+
+def reliability_of(rows: Sequence[Row]) -> Reliability:
+    """Join the reliability of recovery over the paintings of each group."""
+    groups: dict[str, list[Sequence[ReliabilityBin]]] = {}
+    for row in rows:
+        if row["method"] == "recovery" and row.get("reliability"):
+            seen = "seen" if row["seen"] else "unseen"
+            groups.setdefault(f"{seen}, {row['look']}", []).append(row["reliability"])
+    return {name: join_reliability(group) for name, group in groups.items()}
+
+
+def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
+    """Compare the mean confidence of each group, of all clean and of all hard pictures with the share that is right."""
+    groups = dict(reliability)
+    for look in ("clean", "hard"):
+        alike = [bins for name, bins in reliability.items() if name.endswith(look)]
+        if len(alike) > 1:
+            groups[f"all, {look}"] = join_reliability(alike)
+    table = []
+    for name, bins in groups.items():
+        strokes = [one.strokes for one in bins]
+        confidence = np.average([one.confidence for one in bins], weights=strokes)
+        right = np.average([one.right for one in bins], weights=strokes)
+        line: dict[str, Any] = {"group": name, "strokes": sum(strokes)}
+        line |= {"confidence": f"{confidence:.2f}", "right": f"{right:.2f}", "ECE": f"{ece_of(bins):.2f}"}
+        table.append(line)
+    return table

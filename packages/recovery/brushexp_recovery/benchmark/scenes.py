@@ -1,0 +1,110 @@
+"""The paintings of the benchmark: subjects, brushes and densities, each made from a seed, with its truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.saved import Saved
+from brushexp_recovery.benchmark.brushes import BRUSHES, draw_with
+from brushexp_recovery.benchmark.subjects import make_subject, prime_canvas
+from brushexp_recovery.benchmark.truth import Truth, truth_from
+from brushexp_recovery.curves.round_line import trim_to_paint
+from brushexp_recovery.raster.jpeg import compress_as_jpeg
+from brushexp_recovery.synthesis.ageing import weather
+from brushexp_recovery.synthesis.canvas import Canvas, compose, opaque_mixing
+from brushexp_recovery.synthesis.hand import Hand
+from brushexp_recovery.synthesis.layout import StrokeLayout, lay_strokes
+from brushexp_recovery.synthesis.windows import BrushLook, StrokeWindows, draw_strokes
+
+Array = NDArray[Any]
+
+SEED = 20_251_125  # no training has this one
+COATS = 4.0
+MOST_FLUID = 600  # strokes of the simulator of bristles, which take a minute
+HARD_QUALITY = 75  # of JPEG
+LOOKS = {
+    "textured": BrushLook("renderer", "textured", {}),
+    "fluid": BrushLook("engine", "fluid", {"brushes": 8}),
+}
+PAINTERS = ("hertzmann", "litwinowicz")  # whose strokes are drawn with the bristles of ``textured``
+SEEN = tuple(LOOKS)  # of which training has some, from other subjects and seeds
+UNSEEN = (*BRUSHES, *PAINTERS)
+KINDS = (*SEEN, *UNSEEN)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A painting of the benchmark."""
+
+    kind: str
+    count: int  # strokes that were asked for
+    number: int = 0  # of several that are alike
+
+    @property
+    def name(self) -> str:
+        """Name it for files."""
+        return f"{self.kind}-{self.count}" + f"-{self.number}" * (self.number > 0)
+
+
+@dataclass(frozen=True)
+class ScenePainting:
+    """A painting with its truth, clean and as a hard photograph of it; pictures (H, W, 3) in [0, 1]."""
+
+    truth: Truth
+    clean: Array
+    hard: Array
+
+
+def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> list[Scene]:
+    """List scenes: each kind at each density, ``repeats`` times; the simulator gets no densities that take too long."""
+    pairs = [(kind, count) for kind in kinds for count in counts if kind != "fluid" or count <= MOST_FLUID]
+    return [Scene(kind, count, number) for kind, count in pairs for number in range(repeats)]
+
+
+def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
+    """Paint a scene of ``side`` x ``side`` pixels; the same for the same scene, side and seed."""
+    random = np.random.default_rng([seed, KINDS.index(scene.kind), scene.count, scene.number])
+    subject = make_subject(side, random)
+    layout = lay_scene(scene.kind, subject, scene.count, random)
+    if scene.kind in BRUSHES:
+        coats = 1.0
+        windows = draw_with(scene.kind, layout, random)
+    else:
+        coats = COATS
+        windows = draw_strokes(layout, LOOKS.get(scene.kind, LOOKS["textured"]), int(random.integers(2**31)))
+    ground = prime_canvas(subject, random).astype(np.float32)
+    canvas = compose(windows, layout, opaque_mixing(len(layout), coats), ground)
+    clean = np.round(255 * canvas.image.astype(float)) / 255
+    hard = compress_as_jpeg(np.clip(weather(canvas.image, random), 0, 1), HARD_QUALITY)
+    return ScenePainting(truth_of(windows, canvas, layout, clean), clean, hard)
+
+
+def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:
+    """Lay about ``count`` strokes: in layers along the edges, or as a painter of the program does."""
+    if kind not in PAINTERS:
+        return lay_strokes(subject.astype(np.float32), count, Hand(), random)
+    import brushexp  # noqa: PLC0415
+
+    words: dict[str, Any] = {"painter": kind, "frames": 0, "max_strokes": count, "seed": int(random.integers(2**31))}
+    painting = brushexp.paint(subject.astype(np.float32), look="even", strokes=count, report=False, **words)
+    return layout_of(painting.finished.job.saved)
+
+
+def layout_of(saved: Saved) -> StrokeLayout:
+    """Lay the strokes of a catalogue, bottom to top."""
+    strokes = saved.strokes[saved.depth.argsort()].map(torch.Tensor.double)
+    curve, width = curve_of(strokes).numpy(), (strokes.width * strokes.scale).numpy()
+    unbent = np.zeros(len(width))
+    return StrokeLayout(curve, width, strokes.color.numpy(), sway=unbent, taper=unbent)
+
+
+def truth_of(windows: StrokeWindows, canvas: Canvas, layout: StrokeLayout, image: Array) -> Truth:
+    """Compute the truth about strokes on a canvas."""
+    area, _, _, first, last, _ = canvas.extent.T
+    curve, width = trim_to_paint(windows.curve.astype(float), 0.5 * (first + 1), 0.5 * (last + 1), np.maximum(area, 1))
+    return truth_from(canvas.labels, area, curve, width, layout.color, image)

@@ -1,0 +1,30 @@
+"""Score strokes from Python: ``brushexp.score_strokes``."""
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from brushexp.pictures.load import load_picture
+from brushexp_recovery.benchmark.prediction_files import read_prediction
+from brushexp_recovery.benchmark.score import score
+from brushexp_recovery.benchmark.truth import read_truth
+
+
+def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> dict[str, Any]:
+    """Score anybody's strokes against the known ones of a painting, as ``task=score`` does.
+
+    Args:
+        truth: NAME.npz of task=benchmark; the painting, NAME.png beside it, gives labels without curves their colours.
+        strokes: labels (.png, .npy or .npz with ``labels``), curves (.npz with ``curve`` (N, 3, 2) and ``width`` (N,)
+            in pixels, bottom to top) or a catalogue, in which recovered strokes keep labels and confidence.
+
+    Returns:
+        Figures as `brushexp_recovery.benchmark.score.score` defines them.
+
+    Raises:
+        UserError: what is wrong with a file.
+    """
+    known, picture = read_truth(Path(truth)), Path(truth).with_suffix(".png")
+    height, width = known.labels.shape
+    image = load_picture(str(picture), None).permute(1, 2, 0).numpy() if picture.is_file() else None
+    return score(known, read_prediction(Path(strokes), (height, width), image))

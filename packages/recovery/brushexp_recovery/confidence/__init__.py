@@ -1,0 +1,1 @@
+"""Regions go in; features come out, from which a confidence is computed. Calibration tells how right it is."""

@@ -1,0 +1,111 @@
+"""Refinement of curves by gradient descent until, drawn over each other, they show the regions."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp import create
+from brushexp.strokes.bezier import strokes_along
+from brushexp_recovery.curves.fit import StrokeCurves
+from brushexp_recovery.raster.boxes import Box
+from brushexp_recovery.raster.threads import Progress, map_on_threads
+from brushexp_recovery.raster.tiles import Tile, split_into_tiles
+
+Array = NDArray[Any]
+
+STEPS = 60
+TILE_SIDE = 1200  # pixels
+EDGE = 1.5  # pixels over which the edge of a stroke rises
+RATE = 0.04  # learning rate, in widths of a stroke
+FINAL_RATE = 0.1  # share of the rate that is left at the end
+ANCHOR = 0.02  # how strongly a stroke is held to where it began: what is hidden has no other reason to stay
+EMPTY_WEIGHT = 0.35  # of a pixel without a region: there may be a stroke that was not found
+AREA_POWER = 0.5  # of the area by which a pixel of a large region counts less
+FARTHEST_MOVE = 4.0  # widths, of a point
+UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes that lie elsewhere, and of pixels without a stroke
+
+
+def refine_curves(
+    strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = STEPS
+) -> StrokeCurves:
+    """Refine strokes, which lie bottom to top by ``order`` (N,), to fit their regions (H, W) of the same numbers.
+
+    A large picture is fitted tile by tile; a stroke belongs to the tile in whose core its middle lies.
+    """
+    curve, width = strokes.curve.copy(), strokes.width.copy()
+    middle = strokes.curve.mean(1)
+    tiles = list(split_into_tiles(labels.shape[0], labels.shape[1], 1.0, TILE_SIDE, TILE_SIDE // 8))
+
+    def fit(tile: Tile) -> None:
+        near = order[_lies_in(middle[order], tile.box, labels.shape)]
+        own = _lies_in(middle[near], tile.core, labels.shape)
+        if not own.any():
+            return
+        number = np.full(len(order) + 1, UNKNOWN)  # the last is that of a pixel without a stroke
+        number[near] = np.arange(len(near))
+        number[-1] = EMPTY
+        corner = np.array([tile.box.left, tile.box.top])
+        part = number[labels[tile.box.slices]]
+        new_curve, new_width = _fit_to_regions(strokes.curve[near] - corner, strokes.width[near], part, steps)
+        curve[near[own]] = new_curve[own] + corner
+        width[near[own]] = new_width[own]
+
+    for done, _ in enumerate(map_on_threads(fit, tiles), start=1):
+        show(done / len(tiles), f"fitting {len(order)} curves")
+    return StrokeCurves(curve, width, strokes.color)
+
+
+def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
+    """Tell which places (N, 2) are in a box; those off the picture count as at its border."""
+    x, y = places.T
+    x, y = x.clip(0, size[1] - 1e-3), y.clip(0, size[0] - 1e-3)
+    return (y >= box.top) & (y < box.bottom) & (x >= box.left) & (x < box.right)
+
+
+def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tuple[Array, Array]:
+    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to their regions; `EMPTY` and `UNKNOWN` are none.
+
+    The loss is the squared difference, over pixels and strokes, of what is seen of a stroke and its region. It is
+    estimated, without bias, by drawing the strokes in codes, colours of 0 or 1 that are drawn anew at every step.
+    """
+    generator, count = torch.Generator().manual_seed(0), len(curve)
+    start_curve, start_width = (torch.as_tensor(value, dtype=torch.float32) for value in (curve, width))
+    move = torch.zeros_like(start_curve, requires_grad=True)  # in widths
+    log_gain = torch.zeros_like(start_width, requires_grad=True)  # of the width
+    regions = torch.as_tensor(labels.astype(np.int64)) - UNKNOWN
+    weight, top_first = _pixel_weights(regions, count), torch.arange(count).flip(0)
+    renderer, blend = create("renderer", "analytic", soft=EDGE), create("blend", "tiled")
+    optimizer = torch.optim.Adam([move, log_gain], RATE, betas=(0.8, 0.98))
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, RATE * FINAL_RATE)
+    for _ in range(steps):
+        codes = torch.randint(2, (count + 2, 3), generator=generator).float()
+        codes[:2] = 0.5  # without a stroke
+        curves, widths = _move(start_curve, start_width, move, log_gain)
+        image = blend(renderer(strokes_along(curves, widths, codes[2:], 1.0)), top_first, labels.shape, codes[0]).image
+        error = ((image - codes[regions].movedim(-1, 0)).square().sum(0) * weight).sum() / weight.sum()
+        optimizer.zero_grad()
+        (4 * error + ANCHOR * (move.square().mean() + log_gain.square().mean())).backward()
+        optimizer.step()
+        schedule.step()
+        with torch.no_grad():
+            move.clamp_(-FARTHEST_MOVE, FARTHEST_MOVE)
+            log_gain.clamp_(-1, 1)
+    with torch.no_grad():
+        curves, widths = _move(start_curve, start_width, move, log_gain)
+    return curves.double().numpy(), widths.double().numpy()
+
+
+def _move(curve: Tensor, width: Tensor, move: Tensor, log_gain: Tensor) -> tuple[Tensor, Tensor]:
+    """Move control points by widths of their stroke, and change widths by the exponential of their gain."""
+    return curve + width[:, None, None] * move, width * log_gain.exp()
+
+
+def _pixel_weights(regions: Tensor, count: int) -> Tensor:
+    """Weight each pixel (H, W) by its region; region 0 is unknown and weighs nothing, 1 is empty, stroke k is k + 2."""
+    area = torch.bincount(regions.flatten(), minlength=count + 2).clamp_min(1).float()
+    weight = (area[2:].mean() / area) ** AREA_POWER
+    weight[:2] = torch.tensor([0.0, EMPTY_WEIGHT])
+    return weight[regions]

@@ -1,0 +1,53 @@
+"""One look at a part of a picture: its regions, merged in a tree, and the nodes of the tree that are strokes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.join.merge_tree import MergeTree, grow_tree
+from brushexp_recovery.join.node_features import node_features
+from brushexp_recovery.join.tree_cut import best_cut
+from brushexp_recovery.model.features import NodeScore
+from brushexp_recovery.model.recovery_model import Classifiers
+from brushexp_recovery.raster.resampling import nearest_pixels
+from brushexp_recovery.segment.affinity_maps import StrokeMaps
+from brushexp_recovery.segment.moments import Moment
+from brushexp_recovery.segment.superpixels import superpixels_of
+
+Array = NDArray[Any]
+
+SMALLEST_REGION = 12  # pixels
+PAINTED = 0.5  # share of a region that is paint, below which it is ground
+MATCH_WEIGHT = 0.85  # of the chance of a match in what a node is worth to the cut; the rest is of the expected IoU
+NODE_PRICE = 0.42  # a node is taken if it is worth more
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one look at a part of a picture shows."""
+
+    superpixels: Array  # (h, w) int32, the leaf of the tree at each pixel of what was looked at
+    tree: MergeTree
+    worth: Array  # (nodes,) mean of the chance of a match and the expected IoU; 0 of what is no stroke
+    nodes: Array  # (N,) of the best cut
+    regions: Array  # (h, w) int32, which of them is at each pixel; -1 where there is none
+
+    def pixels_for(self, size: tuple[int, ...]) -> tuple[Array, ...]:
+        """Return the rows and columns that show it as a picture of another size (H, W)."""
+        return np.ix_(*(nearest_pixels(side, own) for side, own in zip(size, self.superpixels.shape, strict=True)))
+
+
+def look_at(maps: StrokeMaps, image: Array, classifiers: Classifiers) -> Look:
+    """Split a picture (h, w, 3) into superpixels, merge them, and choose the nodes that are strokes."""
+    superpixels = superpixels_of(maps, image)
+    tree = grow_tree(superpixels, classifiers.pairs)
+    score = classifiers.nodes(node_features(tree))
+    area, paint = tree.moments[:, Moment.AREA], tree.moments[:, Moment.PAINT]
+    no_stroke = (paint < PAINTED * area) | (area < SMALLEST_REGION)
+    gain = MATCH_WEIGHT * score[:, NodeScore.MATCH] + (1 - MATCH_WEIGHT) * score[:, NodeScore.IOU] - NODE_PRICE
+    cut = best_cut(tree, np.where(no_stroke, -1.0, gain))
+    nodes, place = np.unique(np.append(-1, cut), return_inverse=True)
+    regions = (place[1:] - 1).astype(np.int32)[superpixels.labels]
+    return Look(superpixels.labels, tree, np.where(no_stroke, 0, score.mean(1)), nodes[1:], regions)

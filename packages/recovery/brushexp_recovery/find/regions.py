@@ -1,0 +1,102 @@
+"""The regions of the strokes of a picture of any size: found tile by tile, the surest kept first."""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.find.agreement import find_candidates
+from brushexp_recovery.find.look import Look, look_at
+from brushexp_recovery.find.scale import find_zoom
+from brushexp_recovery.find.suppression import Candidate, keep_surest
+from brushexp_recovery.model.channels import OCCLUSION_OFFSETS, StrokeAttribute
+from brushexp_recovery.model.recovery_model import RecoveryModel
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.raster.resampling import nearest_pixels, resample
+from brushexp_recovery.raster.threads import Progress, map_on_threads
+from brushexp_recovery.raster.tiles import Tile, split_into_tiles
+from brushexp_recovery.segment.affinity_maps import StrokeMaps, predict_maps
+
+Array = NDArray[Any]
+
+TILE_SIDE = 512  # pixels, zoomed
+KEPT_SHARE = 0.5  # of the mean chance of the regions that are kept: no region below is kept
+OCCLUSION_STEPS = 16  # 8-bit steps of a unit of log-odds
+
+
+class Change(NamedTuple):
+    """How a tile is changed before it is looked at."""
+
+    zoom: float  # times the scale of the picture
+    blur: float  # pixels of sigma
+
+
+CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one for each look at a tile
+
+
+@dataclass(frozen=True)
+class Regions:
+    """N regions of a picture, each the visible part of one stroke."""
+
+    labels: Array  # (H, W) int32, 0 to N - 1, -1 where there is none
+    chance: Array  # (N,) how far all looks agree with it, 0 to 1
+    attributes: Array  # (N, len(StrokeAttribute)) as the network says, in pixels of the picture
+    occlusion: Array  # (len(OCCLUSION_OFFSETS), H, W) int8, log-odds in 1 / OCCLUSION_STEPS that the stroke at an
+    # offset, divided by the zoom, lies above the one here
+    zoom: float  # at which the picture was looked at
+
+
+def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
+    """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
+
+    Without a ``zoom`` they are sought at the scale that suits the strokes. Each look is at ``copies`` turned and
+    mirrored copies. A region is kept if its chance is at least half the mean chance of those that are kept: if there
+    are as many strokes as kept regions, and each region is a stroke with its chance, no other share has a higher
+    expected F1.
+    """
+    height, width = image.shape[:2]
+    classifiers = model.classifiers()
+    zoom = find_zoom(model, classifiers, image) if zoom is None else zoom
+    occlusion = np.zeros((len(OCCLUSION_OFFSETS), height, width), np.int8)
+
+    def look(number: int, tile: Tile) -> Look:  # the maps of a look are freed before the next one
+        change = CHANGES[number]
+        shown = resample(image[tile.box.slices], zoom * change.zoom)
+        shown = gaussian_blur(shown, (change.blur, change.blur, 0)) if change.blur else shown
+        maps = predict_maps(model.network, shown, copies, number)
+        if number == 0:
+            _keep_occlusion(occlusion, maps, tile)
+        return look_at(maps, shown, classifiers)
+
+    def search(tile: Tile) -> list[Candidate]:
+        looks = [look(number, tile) for number in range(len(CHANGES))]
+        return [_move_to_picture(candidate, tile, width) for candidate in find_candidates(looks, tile)]
+
+    tiles = list(split_into_tiles(height, width, zoom, TILE_SIDE))
+    candidates = list[Candidate]()
+    for done, of_tile in enumerate(map_on_threads(search, tiles), start=1):
+        candidates += of_tile
+        show(done / len(tiles), f"{len(candidates)} strokes")
+    labels = np.full(height * width, -1, np.int32)
+    surest = keep_surest(candidates, labels, KEPT_SHARE)
+    chance = np.array([one.chance for one in surest])
+    attributes = np.array([one.attributes for one in surest]).reshape(-1, len(StrokeAttribute))
+    return Regions(labels.reshape(height, width), chance, attributes, occlusion, zoom)
+
+
+def _move_to_picture(candidate: Candidate, tile: Tile, width: int) -> Candidate:
+    """Turn indices of pixels of a tile into those of the picture, which is ``width`` pixels wide."""
+    y, x = np.divmod(candidate.pixels, tile.box.size[1])
+    return replace(candidate, pixels=(y + tile.box.top) * width + x + tile.box.left)
+
+
+def _keep_occlusion(occlusion: Array, maps: StrokeMaps, tile: Tile) -> None:
+    """Keep the occlusions in the core of a tile, in 8 bits."""
+    height, width = tile.box.size
+    rows, columns = tile.core.within(tile.box).slices
+    zoomed_rows = nearest_pixels(height, maps.occlusion.shape[1])[rows]
+    zoomed_columns = nearest_pixels(width, maps.occlusion.shape[2])[columns]
+    levels = np.clip(maps.occlusion * OCCLUSION_STEPS, -127, 127).astype(np.int8)
+    for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
+        occlusion[channel][tile.core.slices] = level[zoomed_rows[:, None], zoomed_columns]

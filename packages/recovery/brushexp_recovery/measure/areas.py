@@ -1,0 +1,50 @@
+"""The areas of a photograph that are measured."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.pictures.load import load_picture
+from brushexp_recovery.measure.scale import SIDES_APART
+
+Array = NDArray[Any]
+
+WHOLE = "whole"  # name of the whole photograph
+BRIGHT = 0.5  # from which on a pixel of a mask belongs to the area
+
+
+def areas_of(texts: list[str] | None, size: tuple[int, int]) -> dict[str, Array]:
+    """Make masks (H, W) of the areas of a photograph by name: the ``whole``, and each of ``texts``.
+
+    A text is a rectangle, left,top,width,height in pixels, or a picture that is bright where the area is.
+    """
+    areas = {WHOLE: np.ones(size, bool)}
+    for text in texts or []:
+        areas[text] = _rectangle(text, size) if re.fullmatch(r"[\d., -]+", text) else _mask(text, size)
+        if not areas[text].any():
+            raise UserError(f"region={text} has no pixel of the photograph, {size[1]} x {size[0]}; give another one")
+    return areas
+
+
+def _rectangle(text: str, size: tuple[int, int]) -> Array:
+    try:
+        left, top, width, height = (round(float(number)) for number in text.split(","))
+    except ValueError:
+        raise UserError(f"region={text} is no rectangle; try 'region=[\"0,0,{size[1] // 2},{size[0]}\"]'") from None
+    mask = np.zeros(size, bool)
+    mask[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)] = True
+    return mask
+
+
+def _mask(text: str, size: tuple[int, int]) -> Array:
+    from skimage.transform import resize  # noqa: PLC0415  (slow to import)
+
+    picture = load_picture(text, None, "region").mean(0).numpy()
+    shape, wanted = picture.shape[1] / picture.shape[0], size[1] / size[0]
+    if abs(shape / wanted - 1) > SIDES_APART:
+        raise UserError(f"region={Path(text)} has not the shape of the photograph; draw the mask on a copy of it")
+    return np.asarray(resize(picture, size, order=0) >= BRIGHT)

@@ -1,0 +1,75 @@
+"""Figures and differences as rows of tables, and as plain data."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from brushexp_recovery.measure.intervals import Interval, is_apart
+from brushexp_recovery.measure.measures import MEASURES
+
+Figures = Mapping[str, Mapping[str, Interval]]  # of each area or painting, by `MEASURES`
+
+DIRECTIONS = "Directions run clockwise from level: 45° falls to the right."
+MEANING = (
+    "Each figure is the median over the photograph and small changes of it (scale, turn, compression, tone), in each "
+    "of which strokes are drawn by their confidence; 95 % of these draws lie between low and high. Errors that "
+    "recovery makes in every view are not in the interval."
+)
+APART = "The first painting less the second: a figure is apart if the interval of its difference leaves out 0."
+
+
+def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:
+    """List the figures of all areas with their intervals and spreads, a row each; ``of`` names the area."""
+    return [{"of": of, **row} for of, intervals in figures.items() for row in interval_rows(intervals, mm)]
+
+
+def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
+    """List the figures of one area with their intervals and spreads, a row each."""
+    return [
+        {
+            "measure": MEASURES[name].name,
+            "unit": MEASURES[name].unit_in(mm),
+            "value": format_number(one.value),
+            "low": format_number(one.low),
+            "high": format_number(one.high),
+            "sd over strokes": format_number(one.over_strokes),
+            "sd over views": format_number(one.over_views),
+        }
+        for name, one in intervals.items()
+    ]
+
+
+def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
+    """List differences of two paintings, and whether their intervals leave out 0."""
+    return [
+        {
+            "measure": MEASURES[name].name,
+            "unit": MEASURES[name].unit_in(mm),
+            "apart": "yes" if is_apart(one) else "no",
+            "difference": format_number(one.value),
+            "low": format_number(one.low),
+            "high": format_number(one.high),
+        }
+        for name, one in differences.items()
+    ]
+
+
+def format_number(value: float) -> str | None:
+    """Write a number with three digits, and with five decimals at most; None for one that is not defined."""
+    if not math.isfinite(value):
+        return None
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.5f}" if 0 < abs(value) < 0.001 else f"{value:.3g}"
+
+
+def plain_data(figures: Figures, differences: Mapping[str, Interval] | None, mm: float | None) -> dict[str, Any]:
+    """Collect figures as plain data, for JSON."""
+    data: dict[str, Any] = {"mm_per_px": mm, "directions": DIRECTIONS, "interval": 0.95}
+    for of, intervals in figures.items():
+        data.setdefault("measures", {})[of] = {
+            name: {"unit": MEASURES[name].unit_in(mm), **vars(one)} for name, one in intervals.items()
+        }
+    if differences is not None:
+        data["differences"] = {name: {**vars(one), "apart": is_apart(one)} for name, one in differences.items()}
+    return data

@@ -1,0 +1,75 @@
+"""Intervals of the figures of a painting's brushwork.
+
+Strokes are recovered from the photograph and from small changes of it (`views`); from each, strokes are drawn by their
+confidence, many times (`draws`). A figure is the median of the draws, its interval holds 95 % of them: what the doubt
+about strokes and the photograph leave open. Errors that recovery makes in every view are not in it; docs/recovery.md
+has measured those.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.measure.draws import Draws
+from brushexp_recovery.measure.measures import MEASURES
+
+Array = NDArray[Any]
+
+QUANTILES = (0.025, 0.5, 0.975)  # of the bounds of an interval and its middle
+PAIRS = 4000  # of draws of two paintings whose differences are taken
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure: the median of its draws and the bounds of 95 % of them; NaN where it is not defined."""
+
+    value: float
+    low: float
+    high: float
+    over_strokes: float  # standard deviation within a view, strokes drawn by their confidence
+    over_views: float  # standard deviation of the means of the views
+
+
+UNDEFINED = Interval(np.nan, np.nan, np.nan, np.nan, np.nan)
+
+
+def intervals_of(draws: Draws, mm: float | None = None) -> dict[str, Interval]:
+    """Compute the interval of each measure, in pixels, or in millimetres if ``mm`` are those of a pixel."""
+    return {name: interval_of(draws[name] * measure.factor(mm), measure.axial) for name, measure in MEASURES.items()}
+
+
+def interval_of(values: Array, axial: bool) -> Interval:
+    """Compute the interval of draws (views, draws); axial ones are degrees, in which 180 is 0."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return UNDEFINED
+    centre = np.degrees(0.5 * np.angle(np.exp(2j * np.radians(finite)).mean())) if axial else 0.0
+    values = (values - centre + 90) % 180 - 90 if axial else values
+    low, middle, high = np.nanquantile(values, QUANTILES)
+    defined = values[np.isfinite(values).all(1)]
+    over_strokes = defined.std(1).mean() if len(defined) else np.nan
+    over_views = defined.mean(1).std() if len(defined) else np.nan
+    value = (middle + centre) % 180 if axial else middle
+    return Interval(
+        float(value), float(value + low - middle), float(value + high - middle), float(over_strokes), float(over_views)
+    )
+
+
+def difference_of(one: Draws, other: Draws, mm: tuple[float | None, float | None], seed: int) -> dict[str, Interval]:
+    """Compute the differences (first less second) of two paintings, in millimetres if both scales are known."""
+    random, differences = np.random.default_rng(seed), {}
+    mm = (None, None) if None in mm else mm
+    for name, measure in MEASURES.items():
+        a = one[name].ravel() * measure.factor(mm[0])
+        b = other[name].ravel() * measure.factor(mm[1])
+        gap = random.choice(a, PAIRS) - random.choice(b, PAIRS)
+        gap = (gap + 90) % 180 - 90 if measure.axial else gap
+        differences[name] = interval_of(gap[None], axial=False)
+    return differences
+
+
+def is_apart(difference: Interval) -> bool:
+    """Tell whether an interval of a difference leaves out 0."""
+    return difference.low > 0 or difference.high < 0

@@ -1,0 +1,98 @@
+"""What is measured of strokes: their names, units and scales, and how each is computed."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.strokes import measures as ruler
+from brushexp.strokes.bezier import length_of
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A figure of the strokes of a painting."""
+
+    name: str
+    unit: str = ""
+    power: int = 0  # of pixels in it
+    mm_unit: str = ""  # with a scale
+    times: tuple[float, float] = (1.0, 1.0)  # pixels^power, or mm^power, in those units
+    axial: bool = False  # whether it is a direction
+
+    def factor(self, mm: float | None) -> float:
+        """Return what a number in pixels is multiplied by; ``mm`` are millimetres of a pixel."""
+        return self.times[0] if mm is None else self.times[1] * mm**self.power
+
+    def unit_in(self, mm: float | None) -> str:
+        """Return the unit that `factor` leads to."""
+        return self.unit if mm is None else self.mm_unit or self.unit
+
+
+MEASURES = {
+    "strokes": Measure("strokes"),
+    "density": Measure("strokes per area", "per 1000 px^2", -2, "per cm^2", (1000.0, 100.0)),
+    "covered": Measure("share covered by strokes"),
+    "length": Measure("length, median", "px", 1, "mm"),
+    "length_q25": Measure("length, 25 %", "px", 1, "mm"),
+    "length_q75": Measure("length, 75 %", "px", 1, "mm"),
+    "width": Measure("width, median", "px", 1, "mm"),
+    "width_q25": Measure("width, 25 %", "px", 1, "mm"),
+    "width_q75": Measure("width, 75 %", "px", 1, "mm"),
+    "area": Measure("area, median", "px^2", 2, "mm^2"),
+    "elongatedness": Measure("elongatedness, median"),
+    "straightness": Measure("straightness, median"),
+    "curvature": Measure("curvature, median", "°"),
+    "direction": Measure("prevailing direction", "°", axial=True),
+    "agreement": Measure("agreement of directions"),
+    "coherence": Measure("local coherence, mean"),
+    "homogeneity": Measure("homogeneity of breadth, mean"),
+}
+MEDIANS = ("length", "width", "area", "elongatedness", "straightness", "curvature")  # columns of strokes
+QUARTILES = ("length", "width")
+
+
+def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
+    """Measure each of N strokes by `brushexp.strokes.measures`: pixels, and degrees in [0, 180) clockwise."""
+    length, broad = length_of(curve), torch.from_numpy(width)
+    direction = ruler.direction_of(curve)
+    values = {
+        "length": length,
+        "width": broad,
+        "area": ruler.area_of(length, broad),
+        "elongatedness": length / broad.clamp_min(1e-6),
+        "straightness": ruler.straightness_of(curve, length),
+        "curvature": ruler.curvature_of(curve).rad2deg(),
+        "direction": (0.5 * torch.atan2(direction[:, 1], direction[:, 0])).rad2deg() % 180,
+    }
+    return {name: value.numpy() for name, value in values.items()}
+
+
+def summarise(strokes: dict[str, Array], pixels: int, covered: float) -> dict[str, float]:
+    """Compute the figures of strokes that need no neighbours, from columns (N,) of `measure_strokes`.
+
+    ``pixels`` is the area that they lie in, ``covered`` the share of it that they cover.
+    """
+    count = len(strokes["length"])
+    figures = {"strokes": count, "density": count / pixels, "covered": covered}
+    for name in MEDIANS:
+        figures[name] = np.median(strokes[name]) if count else np.nan
+    for name in QUARTILES:
+        for percent in (25, 75):
+            figures[f"{name}_q{percent}"] = np.quantile(strokes[name], percent / 100) if count else np.nan
+    mean = np.exp(2j * np.radians(strokes["direction"])).mean() if count else np.nan
+    return figures | {"direction": np.degrees(0.5 * np.angle(mean)) % 180, "agreement": abs(mean)}
+
+
+def summarise_neighbours(centre: torch.Tensor, direction: torch.Tensor, width: torch.Tensor) -> dict[str, float]:
+    """Compute how alike the nearest strokes are: centres (N, 2), doubled directions (N, 2) and widths (N,)."""
+    if len(centre) < 2:
+        return {"coherence": np.nan, "homogeneity": np.nan}
+    near = ruler.nearest_strokes(centre, centre, exclude_self=True)
+    coherence = ruler.coherence_of(direction, near)
+    homogeneity = ruler.homogeneity_of(width, near)
+    return {"coherence": float(coherence.mean()), "homogeneity": float(homogeneity.mean())}

@@ -1,0 +1,33 @@
+"""Millimetres of a painting in its photograph."""
+
+import re
+
+from brushexp.errors import UserError
+
+SIDES_APART = 0.03  # by which width and height may give different scales, as a share
+
+
+def millimetres_per_pixel(
+    size: tuple[int, int], width_cm: float | None, size_cm: str | None, prefix: str = ""
+) -> float | None:
+    """Compute millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
+
+    ``width_cm`` is that of the painting from edge to edge of the photograph, ``size_cm`` its width and height, 92x73.
+    UserError if both are given, or if they do not have the shape of the photograph. Keys begin with ``prefix``.
+    """
+    if width_cm is not None and size_cm is not None:
+        raise UserError(f"{prefix}width_cm and {prefix}size_cm say the same; give one of them")
+    if size_cm is None:
+        return None if width_cm is None else 10 * width_cm / size[1]
+    if not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", size_cm):
+        raise UserError(f"{prefix}size_cm={size_cm} is no width and height; try {prefix}size_cm=92x73")
+    width, height = (10 * float(side) for side in size_cm.split("x"))
+    if min(width, height) <= 0:
+        raise UserError(f"{prefix}size_cm={size_cm} has no area; try {prefix}size_cm=92x73")
+    across, down = width / size[1], height / size[0]
+    if abs(across / down - 1) > SIDES_APART:
+        raise UserError(
+            f"{prefix}size_cm={size_cm} has not the shape of the photograph, {size[1]} x {size[0]} pixels: cut it to "
+            f"the painting's edges, or give {prefix}width_cm=... of what it shows"
+        )
+    return 0.5 * (across + down)

@@ -1,0 +1,102 @@
+"""Recovered strokes as rows of figures, with the outlines of their visible parts."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.strokes import measures as ruler
+from brushexp.strokes.bezier import curve_of
+from brushexp_recovery.measure.contours import outlines_of
+from brushexp_recovery.measure.measures import measure_strokes
+from brushexp_recovery.raster.labels import count_pixels
+
+Array = NDArray[Any]
+
+NARROW = 6.0  # pixels: narrower strokes are hard to find
+LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
+UNITS = {
+    "x": "px",
+    "y": "px",
+    "length": "px",
+    "width": "px",
+    "area": "px^2",
+    "curvature": "deg",
+    "direction": "deg clockwise",
+    "seen": "px",
+}
+PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # of columns that have millimetres too
+COLORS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True)
+class StrokeTable:
+    """N strokes of a photograph, bottom to top."""
+
+    columns: dict[str, Array]  # (N,) each: see `tabulate_strokes`
+    color: Array  # (N, 3) sRGB in [0, 1]
+    outlines: list[Array]  # (P, 2) places x, y of each, pixels
+    size: tuple[int, int]  # height and width of the photograph
+    mm: float | None  # millimetres of a pixel
+
+    def __len__(self) -> int:
+        return len(self.color)
+
+
+def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
+    """Measure what was recovered from a photograph.
+
+    Columns: ``stroke`` its number in the catalogue and in the labels, ``order`` 0 for the bottom one, ``confidence``
+    0 to 1, ``x`` and ``y`` of the middle, pixels from the left and the top, ``length`` (of the curve, without round
+    ends), ``width``, ``area`` in pixels, ``elongatedness``, ``straightness``, ``curvature`` and ``direction`` in
+    degrees, 0 to 180, clockwise from level: 45 falls to the right; ``seen``, its pixels that are seen.
+    """
+    saved, labels = recovered.saved, np.asarray(recovered.labels)
+    bottom_up = saved.depth.argsort()
+    strokes = saved.strokes[bottom_up]
+    curve = curve_of(strokes).double()
+    centre, number = ruler.centre_of(curve).numpy(), bottom_up.numpy()
+    columns = {
+        "stroke": number,
+        "order": np.arange(len(number)),
+        "confidence": np.asarray(recovered.confidence, float)[number],
+        "x": centre[:, 0],
+        "y": centre[:, 1],
+        **measure_strokes(curve, (strokes.width * strokes.scale).double().numpy()),
+        "seen": count_pixels(labels, len(number))[number],
+    }
+    outlines = outlines_of(labels, len(number))
+    return StrokeTable(columns, strokes.color.numpy(), [outlines[k] for k in number], labels.shape, mm)
+
+
+def remark_on(table: StrokeTable) -> str | None:
+    """Say why recovered strokes may mislead and what to do about it; None if they are many and wide enough."""
+    if len(table) == 0:
+        return (
+            "no strokes were found: the photograph may be too small, blurred, or of no painting; give a sharper or "
+            "larger one in which strokes are 6 pixels wide or wider"
+        )
+    if (width := float(np.median(table.columns["width"]))) < NARROW:
+        return (
+            f"half of the strokes found are narrower than {width:.1f} pixels: they may be canvas or grain, and finer "
+            "ones are missed; give a larger photograph, or scale=1 to look at it as it is"
+        )
+    covered = float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
+    if covered < LEAST_COVERED:
+        return (
+            f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest could not be read, so "
+            "figures speak of those found, not of the whole painting; look at strokes.html"
+        )
+    return None
+
+
+def columns_with_units(table: StrokeTable) -> dict[str, Array]:
+    """Name columns with their units; lengths, widths and areas in millimetres too, if there is a scale."""
+    named = {}
+    for name, column in table.columns.items():
+        unit = UNITS.get(name)
+        named[f"{name} [{unit}]" if unit else name] = column
+        if table.mm is not None and name in PIXEL_POWERS:
+            named[f"{name} [{UNITS[name].replace('px', 'mm')}]"] = column * table.mm ** PIXEL_POWERS[name]
+    return named | dict(zip(COLORS, table.color.T, strict=True))

@@ -1,0 +1,126 @@
+"""Features of the perceptrons and logistic models; their order is that of the learned weights.
+
+In names, ``LOG`` is a natural logarithm, an affinity is a mean over pairs of pixels, and lengths and widths are divided
+by the predicted ones of the stroke, unless they are ``PREDICTED``.
+"""
+
+from enum import IntEnum
+
+
+class PairFeature(IntEnum):
+    """Features of two neighbouring regions; ``SMALL`` and ``LARGE`` are the two by area, ``BOTH`` is their union."""
+
+    AFFINITY_ADJACENT = 0  # between the regions, of the offsets of 1 pixel
+    AFFINITY_3 = 1  # of 3 pixels
+    AFFINITY_8 = 2
+    AFFINITY_20 = 3
+    LOG_PAIRS_ADJACENT = 4  # how many pairs of pixels there are
+    LOG_PAIRS_3 = 5
+    LOG_PAIRS_8 = 6
+    LOG_PAIRS_20 = 7
+    AFFINITY = 8  # of all offsets
+    LOG_AREA_SMALL = 9
+    LOG_AREA_LARGE = 10
+    LIGHTNESS_GAP = 11  # of the mean colours, in CIELAB
+    A_GAP = 12
+    B_GAP = 13
+    COLOR_GAP = 14
+    COLOR_SPREAD_SMALL = 15  # standard deviation of the colour, in CIELAB
+    COLOR_SPREAD_LARGE = 16
+    LOG_CENTRE_GAP = 17  # distance of the predicted centres, in widths
+    CENTRE_GAP_BY_SPREAD = 18
+    LOG_SPREAD_SMALL = 19  # standard deviation of the predicted centre, in widths
+    LOG_SPREAD_LARGE = 20
+    COHERENCE_SMALL = 21  # of the predicted directions, 0 to 1
+    COHERENCE_LARGE = 22
+    DIRECTION_AGREEMENT = 23  # of the predicted directions of both, -1 to 1
+    ALIGNMENT_BOTH = 24  # of the shape with the predicted direction, -1 to 1
+    WIDTH_GAP = 25  # of the logarithms of the predicted widths
+    LENGTH_GAP = 26
+    LOG_FILL = 27  # area, of a rectangle with the predicted sides
+    VISIBLE = 28  # predicted share of the stroke that is visible
+    LOG_FILL_BY_VISIBLE = 29
+    LOG_LENGTH_BOTH = 30
+    LOG_WIDTH_BOTH = 31
+    LOG_LENGTH_SMALL = 32
+    LOG_LENGTH_LARGE = 33
+    LOG_WIDTH_SMALL = 34
+    LOG_WIDTH_LARGE = 35
+    LOG_LENGTH_GAIN = 36  # of the union over the larger region
+    LOG_WIDTH_GAIN = 37
+    LOG_COMPACTNESS_BOTH = 38  # area, of the rectangle with the same moments
+    LOG_COMPACTNESS_LARGE = 39
+    LOG_DISTANCE = 40  # of the middles, in widths
+    LOG_CONTACT = 41  # adjacent pairs of pixels, by the root of the smaller area
+    PAINT_SMALL = 42  # share of pixels that are paint
+    PAINT_LARGE = 43
+    LOG_PREDICTED_WIDTH = 44
+
+
+class NodeFeature(IntEnum):
+    """Features of a node of a merge tree: of the region, of how it was made, and of what is around it."""
+
+    LOG_AREA = 0
+    AFFINITY_INSIDE_ADJACENT = 1
+    AFFINITY_INSIDE_3 = 2
+    AFFINITY_INSIDE_8 = 3
+    AFFINITY_INSIDE_20 = 4
+    AFFINITY_OUTSIDE_ADJACENT = 5  # to other regions
+    AFFINITY_OUTSIDE_3 = 6
+    AFFINITY_OUTSIDE_8 = 7
+    AFFINITY_OUTSIDE_20 = 8
+    MERGE_CHANCE = 9  # at which its two parts were merged
+    NEIGHBOUR_CHANCE = 10  # best chance of being merged with a neighbour
+    CHANCE_GAP = 11
+    LOG_LIGHTNESS_SPREAD = 12  # standard deviation, in CIELAB
+    LOG_A_SPREAD = 13
+    LOG_B_SPREAD = 14
+    LOG_SPREAD = 15  # standard deviation of the predicted centre, in widths
+    COHERENCE = 16  # of the predicted directions, 0 to 1
+    ALIGNMENT = 17  # of the shape with the predicted direction, -1 to 1
+    LOG_CENTRE_GAP = 18  # distance of the middle from the predicted centre, in widths
+    CENTRE_GAP_BY_LENGTH = 19
+    LOG_FILL = 20  # area, of a rectangle with the predicted sides
+    VISIBLE = 21  # predicted share of the stroke that is visible
+    LOG_FILL_BY_VISIBLE = 22
+    LOG_LENGTH = 23
+    LOG_WIDTH = 24
+    LOG_COMPACTNESS = 25  # area, of the rectangle with the same moments
+    LOG_ELONGATION = 26
+    LOG_PREDICTED_WIDTH = 27
+    LOG_PREDICTED_LENGTH = 28
+    PREDICTED_WIDTH_SPREAD = 29  # standard deviation of the logarithm
+    PREDICTED_LENGTH_SPREAD = 30
+    PAINT = 31  # share of pixels that are paint
+    LOG_CONTACT_ADJACENT = 32  # pairs of pixels with other regions, by the root of the area
+    LOG_CONTACT_3 = 33
+    LOG_CONTACT_20 = 34  # by the area
+
+
+class NodeScore(IntEnum):
+    """Outputs of the perceptron of nodes."""
+
+    MATCH = 0  # chance of an intersection over union of 0.5 or more with a stroke
+    IOU = 1  # expected intersection over union with the nearest stroke
+
+
+class OrderFeature(IntEnum):
+    """Evidence that the second of two regions that meet lies above the first; swapped, all features change sign."""
+
+    OCCLUSION = 0  # mean log-odds of the network, times the root of the number of pixels
+    OCCLUSION_VOTES = 1  # the same, softly counted, -1 to 1
+    CROSSING = 2  # whose pixels lie where the whole strokes overlap, as a share, -1 to 1
+    CROSSING_PIXELS = 3  # the same, times the root of their number
+    VISIBLE = 4  # by how much more of the second is visible, as predicted
+    LOG_FILL = 5  # the same, by the area that the predicted sides lead to expect
+    LOG_WIDTH = 6  # by how much the second is wider
+    LOG_AREA = 7  # larger
+    CHANCE = 8  # surer
+
+
+class ConfidenceFeature(IntEnum):
+    """Features that tell how likely a region is a stroke."""
+
+    LOG_ODDS = 0  # of the chance that all looks give it
+    VISIBLE = 1  # predicted share of the stroke that is visible
+    LOG_FILL = 2  # area, of a rectangle with the predicted sides

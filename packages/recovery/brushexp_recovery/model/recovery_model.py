@@ -1,0 +1,54 @@
+"""All that is learned for recovering strokes, in one file of weights."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from torch import nn
+
+from brushexp.system.checkpoint import CheckpointFormat
+from brushexp_recovery.model.features import ConfidenceFeature, NodeFeature, NodeScore, OrderFeature, PairFeature
+from brushexp_recovery.model.perceptron import Perceptron, PerceptronWeights
+from brushexp_recovery.model.unet import StrokeNetwork
+
+SHIPPED_WEIGHTS = "strokes"
+CHECKPOINTS = CheckpointFormat(
+    noun="recovery",
+    family="recovery",
+    key="weights",
+    task="task=train_recovery",
+    without="",
+    folders=lambda: [Path(__file__).parents[1] / "weights"],
+)
+
+
+class Classifiers(NamedTuple):
+    """The perceptrons that judge pairs of regions and regions."""
+
+    pairs: PerceptronWeights  # chance that two regions are of one stroke
+    nodes: PerceptronWeights  # `NodeScore`s of a region
+
+
+class RecoveryModel(nn.Module):
+    """The network, and the models that judge the regions that follow from its maps."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.network = StrokeNetwork()
+        self.pairs = Perceptron(len(PairFeature))  # log-odds that two regions are of one stroke
+        self.nodes = Perceptron(len(NodeFeature), len(NodeScore))
+        self.order = nn.Linear(len(OrderFeature), 1, bias=False)  # log-odds that the second of two lies above
+        self.confidence = nn.Linear(len(ConfidenceFeature), 1)  # log-odds that a region is a stroke
+        for linear in (self.order, self.confidence):  # untrained, they follow their first feature
+            linear.weight.data.zero_()[0, 0] = 1.0
+        self.confidence.bias.data.zero_()
+
+    def classifiers(self) -> Classifiers:
+        """Return the perceptrons without PyTorch."""
+        return Classifiers(self.pairs.weights(), self.nodes.weights())
+
+
+def load_model(checkpoint: str = SHIPPED_WEIGHTS) -> RecoveryModel:
+    """Load trained weights: a .safetensors file, or the name of those that come with the program."""
+    model = RecoveryModel()
+    CHECKPOINTS.restore(model, SHIPPED_WEIGHTS, checkpoint, {})
+    return model

@@ -1,0 +1,60 @@
+"""Ranking of all strokes from evidence about pairs of them."""
+
+import heapq
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+NOTHING = 1e-9  # evidence that is left over from rounding
+
+
+def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
+    """Order ``count`` strokes bottom to top, with as little evidence as possible against the order.
+
+    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. After Eades, Lin and
+    Smyth (1993): from the bottom up comes the stroke with least evidence of lying on one that is left.
+
+    Returns:
+        The numbers of the strokes (count,), the bottom one first.
+    """
+    above, below = _weigh(count, pairs, evidence)
+    need = np.array([sum(one.values()) for one in below])  # evidence of lying on strokes that are left
+    balance = need - np.array([sum(one.values()) for one in above])
+    heap = [(balance[k], k) for k in range(count)]
+    heapq.heapify(heap)
+    free = [k for k in range(count) if need[k] <= NOTHING]
+    done, order = np.zeros(count, bool), list[int]()
+    while len(order) < count:
+        if free:
+            k = free.pop()
+        else:
+            value, k = heapq.heappop(heap)
+            if value != balance[k]:
+                continue
+        if done[k]:
+            continue
+        done[k] = True
+        order.append(k)
+        for other, weight in above[k].items():
+            need[other] -= weight
+            balance[other] -= weight
+            if not done[other] and need[other] <= NOTHING:
+                free.append(other)
+            heapq.heappush(heap, (balance[other], other))
+        for other, weight in below[k].items():
+            balance[other] += weight
+            heapq.heappush(heap, (balance[other], other))
+    return np.array(order, int)
+
+
+def _weigh(count: int, pairs: Array, evidence: Array) -> tuple[list[dict[int, float]], list[dict[int, float]]]:
+    """List the strokes that seem to lie above and below each, with the evidence for it."""
+    above: list[dict[int, float]] = [{} for _ in range(count)]
+    below: list[dict[int, float]] = [{} for _ in range(count)]
+    for (i, j), value in zip(pairs.tolist(), evidence.tolist(), strict=True):
+        low, high = (i, j) if value >= 0 else (j, i)
+        above[low][high] = below[high][low] = abs(value)
+    return above, below

@@ -1,0 +1,106 @@
+"""The page of recovered strokes: the photograph with zoom, its strokes outlined, figures, exports."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from brushexp.pages.html import embed, page
+from brushexp.system.files import write_text
+from brushexp_recovery.measure.figure_tables import APART, DIRECTIONS, MEANING
+from brushexp_recovery.measure.stroke_table import StrokeTable
+
+TEMPLATES = Path(__file__).parent / "templates"
+PAGE_NAME = "strokes.html"
+JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
+TEXT_COLUMNS = ("measure", "unit", "apart")
+FILES = {
+    "catalogue.h5": "the strokes, for the other tasks",
+    "strokes.csv": "a line per stroke, with units",
+    "measures.csv": "figures with their intervals",
+    "measures.tex": "the same for LaTeX (booktabs)",
+    "measures.md": "the same for people",
+    "measures.json": "the same for programs",
+    "measures.pdf": "histograms and rose, vectors",
+    "measures.xlsx": "all tables as sheets",
+    "differences.csv": "the other painting, and what is apart",
+    "differences.tex": "the same for LaTeX",
+}
+Tables = Mapping[str, Sequence[Mapping[str, Any]]]  # rows by title
+
+
+def write_page(
+    folder: Path,
+    image: np.ndarray,
+    strokes: StrokeTable,
+    name: str,
+    *,
+    tables: Tables | None = None,
+    threshold: float = 0.5,
+) -> Path:
+    """Write ``strokes.html`` into a folder, one file that opens from disk, with links to the files there.
+
+    ``image`` (H, W, 3) uint8 is the photograph at its full size, and ``threshold`` is the confidence from which on
+    strokes are shown at first.
+    """
+    html = page_of(image, strokes, name, tables=tables, threshold=threshold, folder=folder)
+    write_text(folder / PAGE_NAME, html)
+    return folder / PAGE_NAME
+
+
+def page_of(
+    image: np.ndarray,
+    strokes: StrokeTable,
+    name: str,
+    *,
+    tables: Tables | None = None,
+    threshold: float = 0.5,
+    folder: Path | None = None,
+) -> str:
+    """Make the page; without a ``folder`` it links to no files."""
+    height, width = strokes.size
+    mm = strokes.mm
+    lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
+    lead += f", {width * mm / 10:.1f} × {height * mm / 10:.1f} cm" if mm else ""
+    files = [(file, about) for file, about in FILES.items() if folder is not None and (folder / file).is_file()]
+    raised = [(title, [_raise_squares(row) for row in table]) for title, table in (tables or {}).items() if table]
+    return page(
+        "recovered.html.j2",
+        TEMPLATES,
+        name=name,
+        lead=lead + ". " + DIRECTIONS,
+        width=width,
+        height=height,
+        mm=mm,
+        photograph=embed(Image.fromarray(image), max(strokes.size), **JPEG)["source"],
+        threshold=threshold,
+        data=data_of(strokes, name),
+        words=TEXT_COLUMNS,
+        directions=DIRECTIONS,
+        meaning=MEANING,
+        apart=APART,
+        files=files,
+        tables=raised,
+    )
+
+
+def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:
+    """Collect what the scripts of the page need: columns, outlines and colours of the strokes, bottom to top."""
+    height, width = strokes.size
+    return {
+        "name": name,
+        "width": width,
+        "height": height,
+        "mm": strokes.mm,
+        "names": list(strokes.columns),  # in their order, which JSON in a template has not
+        "columns": {key: [float(f"{value:.5g}") for value in column] for key, column in strokes.columns.items()},
+        "outlines": [outline.round(1).tolist() for outline in strokes.outlines],
+        "colors": ["#" + bytes((255 * color).round().astype(np.uint8)).hex() for color in strokes.color.clip(0, 1)],
+    }
+
+
+def _raise_squares(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write mm^2 as mm²."""
+    return {key: value.replace("^2", "²") if key == "unit" else value for key, value in row.items()}

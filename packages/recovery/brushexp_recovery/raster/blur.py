@@ -1,0 +1,19 @@
+"""Gaussian blur of pictures and maps."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+def gaussian_blur(values: Array, sigma: float | Sequence[float]) -> Array:
+    """Blur an array with a Gaussian of ``sigma`` pixels, one number for all axes or one for each.
+
+    The result has the type of ``values``.
+    """
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (runs hide SciPy while Lightning is imported)
+
+    return np.asarray(gaussian_filter(values, sigma))

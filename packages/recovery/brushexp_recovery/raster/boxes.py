@@ -1,0 +1,40 @@
+"""Rectangles of pixels."""
+
+from typing import NamedTuple
+
+
+class Box(NamedTuple):
+    """A rectangle of pixels; ``bottom`` and ``right`` lie beyond its last row and column."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.bottom - self.top, self.right - self.left
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns of a picture that it holds."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    @property
+    def is_empty(self) -> bool:
+        """Tell whether it holds no pixel."""
+        return self.top >= self.bottom or self.left >= self.right
+
+    def intersection(self, other: "Box") -> "Box":
+        """Return what both hold."""
+        return Box(
+            max(self.top, other.top),
+            min(self.bottom, other.bottom),
+            max(self.left, other.left),
+            min(self.right, other.right),
+        )
+
+    def within(self, other: "Box") -> "Box":
+        """Return the same rectangle, counted from the corner of another one."""
+        return Box(self.top - other.top, self.bottom - other.top, self.left - other.left, self.right - other.left)

@@ -1,0 +1,60 @@
+"""Label images: at each pixel the number of a region, -1 where there is none."""
+# mypy: allow-untyped-defs
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.compat.compiled import function
+
+Array = NDArray[Any]
+
+
+def count_pixels(labels: Array, count: int) -> Array:
+    """Count the pixels of each of ``count`` regions."""
+    return np.bincount(labels[labels >= 0], minlength=count)
+
+
+def mean_colors(labels: Array, image: Array, count: int) -> Array:
+    """Average an image (H, W, 3) over each of ``count`` regions: (count, 3), and 0 for a region without pixels."""
+    inside = labels >= 0
+    sums = [np.bincount(labels[inside], image[..., channel][inside], count) for channel in range(3)]
+    return np.stack(sums, 1) / np.maximum(count_pixels(labels, count), 1)[:, None]
+
+
+def group_pixels(labels: Array, count: int) -> list[Array]:
+    """List the flat indices, int32, of the pixels of each of ``count`` regions."""
+    flat = labels.ravel()
+    sizes = np.zeros(count + 1, np.int64)
+    _count_into(flat, sizes)
+    bounds = np.cumsum(sizes)
+    order = np.empty(bounds[-1], np.int32)
+    _group_into(flat, bounds[:-1].copy(), order)
+    return [order[begin:end] for begin, end in pairwise(bounds)]
+
+
+@function
+def _count_into(labels, sizes):
+    """Count the pixels of region k in ``sizes[k + 1]``."""
+    for k in labels:
+        if k >= 0:
+            sizes[k + 1] += 1
+
+
+@function
+def _group_into(labels, place, order):
+    """Write the indices of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
+    for pixel in range(len(labels)):
+        k = labels[pixel]
+        if k >= 0:
+            order[place[k]] = pixel
+            place[k] += 1
+
+
+def color_labels(labels: Array) -> Array:
+    """Draw each region in a random colour of its own, (H, W, 3) uint8, and pixels without a region in black."""
+    colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
+    colors[-1] = 0
+    return colors[labels]

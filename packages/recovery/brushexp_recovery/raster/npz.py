@@ -1,0 +1,31 @@
+"""Arrays in compressed npz files."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.system.files import write_bytes
+
+Array = NDArray[Any]
+
+
+def write_npz(path: Path, **arrays: Array) -> None:
+    """Write a compressed npz whole or not at all."""
+    memory = io.BytesIO()
+    np.savez_compressed(memory, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, memory.getvalue())
+
+
+def read_npz(path: Path) -> dict[str, Array]:
+    """Read the arrays of an npz; no code in it runs. UserError if there is none, or if it holds other things."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError as error:
+        raise UserError(f"there is no file {path}; give the path of an npz") from error
+    except Exception as error:
+        raise UserError(f"{path} is no npz of plain numbers: {error}") from error

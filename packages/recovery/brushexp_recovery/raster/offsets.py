@@ -1,0 +1,30 @@
+"""Pairs of pixels that lie at an offset from each other."""
+
+import torch
+from torch import Tensor
+
+Offset = tuple[int, int]  # rows, columns
+Slices = tuple[slice, slice]  # of rows and columns
+
+
+def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
+    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and the part of the partners.
+
+    The offset does not lead upwards. Both parts are empty if it leads out of the picture.
+    """
+    (height, width), (dy, dx) = size, offset
+    bottom = max(height - dy, 0)
+    left = max(0, -dx)
+    right = max(width - max(0, dx), left)
+    return (slice(0, bottom), slice(left, right)), (slice(dy, dy + bottom), slice(left + dx, right + dx))
+
+
+def shift(values: Tensor, dy: int, dx: int) -> Tensor:
+    """Shift the last two axes by any offset: out[p] = values[p + (dy, dx)], and 0 where that lies outside."""
+    out = torch.zeros_like(values)
+    height, width = values.shape[-2:]
+    top, bottom = max(0, -dy), height - max(0, dy)
+    left, right = max(0, -dx), width - max(0, dx)
+    if top < bottom and left < right:
+        out[..., top:bottom, left:right] = values[..., top + dy : bottom + dy, left + dx : right + dx]
+    return out

@@ -1,0 +1,30 @@
+"""Intersection over union of the regions of two label images."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.raster.labels import count_pixels
+
+Array = NDArray[Any]
+
+MATCH_IOU = 0.5  # intersection over union from which on two regions show the same stroke
+
+
+class Overlaps(NamedTuple):
+    """Pairs of regions of two label images that share pixels."""
+
+    first: Array  # (P,) regions of the first image
+    second: Array  # (P,) regions of the second one
+    iou: Array  # (P,) intersection over union
+
+
+def overlaps_between(first: Array, second: Array, first_count: int, second_count: int) -> Overlaps:
+    """Find the regions of two label images (H, W) that overlap, and how far."""
+    both = (first >= 0) & (second >= 0)
+    base = max(second_count, 1)
+    pair, shared = np.unique(first[both].astype(np.int64) * base + second[both], return_counts=True)
+    rows, columns = pair // base, pair % base
+    union = count_pixels(first, first_count)[rows] + count_pixels(second, second_count)[columns] - shared
+    return Overlaps(rows, columns, shared / union)

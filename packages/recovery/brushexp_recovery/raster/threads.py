@@ -1,0 +1,48 @@
+"""Threads that share the tiles of a picture, and the memory that they free."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+import torch
+
+from brushexp.system.runtime import give_memory_back, keep_memory
+
+Progress = Callable[[float, str], None]  # shows the share of the work that is done, and its state in words
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+KEPT_ARRAY = 2**23  # bytes: larger arrays go back to the system when they are freed; no others fit the holes they leave
+
+
+@contextmanager
+def return_freed_memory() -> Iterator[None]:
+    """Return the memory of large arrays to the system as soon as they are freed."""
+    keep_memory(KEPT_ARRAY)
+    give_memory_back()
+    try:
+        yield
+    finally:
+        keep_memory()
+
+
+def map_on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """Yield ``work`` of each item, in their order, computed on as many threads as PyTorch has.
+
+    Each item is computed by one thread: that is faster than to share one item, which waits for its slowest part.
+    """
+
+    def work_and_free(item: Item) -> Result:
+        result = work(item)
+        give_memory_back()
+        return result
+
+    before = torch.get_num_threads()
+    give_memory_back()
+    torch.set_num_threads(1)
+    try:
+        with ThreadPoolExecutor(max(min(before, len(items)), 1)) as pool:
+            yield from pool.map(work_and_free, items)
+    finally:
+        torch.set_num_threads(before)

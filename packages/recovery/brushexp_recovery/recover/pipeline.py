@@ -1,0 +1,100 @@
+"""The whole way from a picture to its strokes: ``brushexp.recover``."""
+
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.api.settings import settings_of, undisturbed
+from brushexp.pictures.load import load_picture
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.saved import Saved
+from brushexp.system.progress import showing
+from brushexp_recovery.confidence.features import confidence_features
+from brushexp_recovery.curves.fit import StrokeCurves, fit_curves
+from brushexp_recovery.curves.refine import refine_curves
+from brushexp_recovery.find.regions import find_regions
+from brushexp_recovery.model.logistic import log_odds_of, sigmoid
+from brushexp_recovery.model.recovery_model import SHIPPED_WEIGHTS, RecoveryModel, load_model
+from brushexp_recovery.order.evidence import find_meetings
+from brushexp_recovery.order.ranking import rank_strokes
+from brushexp_recovery.raster.threads import Progress, return_freed_memory
+from brushexp_recovery.recover.storage import Recovered
+
+Array = NDArray[Any]
+
+COPIES = 1  # turned and mirrored copies that each look shows
+GROUND_SAMPLE = 100_000  # pixels whose colours tell that of the ground
+LEAST_GROUND = 0.01  # share of pixels without a stroke, below which all pixels tell the colour of the ground
+REGION_TIME = 0.9  # share of the time in which regions are found; in the rest their curves are fitted
+RENDERER = "analytic"  # draws a stroke as it was fitted
+
+
+def recover(
+    image: Any, *, scale: float | None = None, copies: int = COPIES, weights: str | PathLike[str] = SHIPPED_WEIGHTS
+) -> Recovered:
+    """Recover the strokes of a painting from a picture of it, as ``task=recover`` does.
+
+    Args:
+        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
+        copies: 1 to 8 turned and mirrored copies of the picture in each of four looks; more are slower and surer.
+        weights: a .safetensors file of task=train_recovery, or the name of shipped ones.
+
+    Returns:
+        A catalogue of the strokes that were found, the chance of each to be one, and which is seen at each pixel. What
+        is no stroke is left empty.
+
+    Raises:
+        UserError: what is wrong with the picture, the weights or another argument.
+    """
+    options = {"image": image, "scale": scale, "copies": copies, "weights": str(weights)}
+    settings = settings_of("recover", options)  # which holds the picture
+    with undisturbed(), showing("finding strokes") as show:
+        picture = load_picture(settings.cfg.image, None)
+        return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
+
+
+@return_freed_memory()
+def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Progress) -> Recovered:
+    """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
+    regions = find_regions(model, image, scale, copies, lambda share, state: show(REGION_TIME * share, state))
+    strokes = fit_curves(regions, image)
+    meetings = find_meetings(regions, strokes)
+    order = rank_strokes(len(regions.chance), meetings.pairs, log_odds_of(model.order, meetings.features))
+    confidence = sigmoid(log_odds_of(model.confidence, confidence_features(regions)))
+    labels = regions.labels
+    del regions  # with its maps of occlusion, which fill the memory
+    strokes = refine_curves(
+        strokes,
+        labels,
+        order,
+        show=lambda share, state: show(REGION_TIME + (1 - REGION_TIME) * share, state),
+    )
+    return catalogue_of(labels, strokes, confidence, order, image)
+
+
+def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:
+    """Make a catalogue of strokes fitted to regions (H, W) of an image, bottom to top by ``order`` (N,)."""
+    rank = np.full(len(order) + 1, -1, np.int32)  # the last is that of -1
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    labels = rank[labels]
+    curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in strokes)
+    saved = Saved(
+        strokes=strokes_along(curve, width, color, 1.0),
+        depth=torch.arange(len(order), dtype=torch.int32),
+        size=(image.shape[0], image.shape[1]),
+        background=torch.as_tensor(ground_color(labels, image), dtype=torch.float32).clamp(0, 1),
+        renderer=RENDERER,
+    )
+    return Recovered(saved, confidence[order].astype(np.float32), labels)
+
+
+def ground_color(labels: Array, image: Array) -> Array:
+    """Guess the colour (3,) of the ground: the median of the pixels without a stroke, or of all if there are few."""
+    every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
+    sample = image[::every, ::every].reshape(-1, 3)
+    is_empty = labels[::every, ::every].ravel() < 0
+    return np.median(sample[is_empty] if is_empty.mean() > LEAST_GROUND else sample, 0)

@@ -1,0 +1,60 @@
+"""Recovered strokes and their file: a catalogue.h5 with a group for confidences and visible regions."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.strokes.storage import NAME, Saved, load_catalogue, save_catalogue
+from brushexp.system.files import replacing
+from brushexp.system.hdf5 import HDF5, dataset_of, fixed, numbers_of, opened
+from brushexp.system.reading import explaining
+
+Array = NDArray[Any]
+
+GROUP = "recovered"
+UNITS = {
+    "confidence": "chance that such a stroke was painted, 0 to 1",
+    "labels": "row of the stroke that is seen, -1 where none was recovered",
+}
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """N strokes recovered from a picture (H, W): a catalogue, confidences and visible regions."""
+
+    saved: Saved
+    confidence: Array  # (N,) float32 in [0, 1], of each row of the catalogue
+    labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 where there is ground or nothing readable
+
+
+def write_recovered(path: Path, recovered: Recovered) -> None:
+    """Write a catalogue with the group ``recovered``, whole or not at all."""
+    with replacing(path) as temporary:
+        save_catalogue(temporary, recovered.saved)
+        with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
+            group = file.create_group(GROUP)
+            values = recovered.confidence.astype(np.float32), recovered.labels.astype(np.int32)
+            for name, value in zip(UNITS, values, strict=True):
+                packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
+                group.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(UNITS[name])
+
+
+def read_recovered(path: Path) -> Recovered:
+    """Read what `write_recovered` wrote, by its path or folder; a UserError if it did not."""
+    saved = load_catalogue(path)
+    path, cure = path / NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
+    with opened(path, cure) as file, explaining(path, cure):
+        if GROUP not in file:
+            raise UserError(f"strokes that were painted, not recovered; {cure}")
+        confidence = numbers_of(dataset_of(file, f"{GROUP}/confidence", np.float32, (len(saved.strokes),)))
+        labels = numbers_of(dataset_of(file, f"{GROUP}/labels", np.int32, saved.size))
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        raise UserError(f"{path}: confidence is not within 0 and 1; {cure}")
+    if labels.min(initial=-1) < -1 or labels.max(initial=-1) >= len(saved.strokes):
+        raise UserError(f"{path}: labels name strokes that are not there; {cure}")
+    return Recovered(saved, confidence, labels)

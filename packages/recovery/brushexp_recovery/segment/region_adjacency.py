@@ -1,0 +1,92 @@
+"""The region adjacency graph: which regions are neighbours, and how strong their affinity is."""
+# mypy: allow-untyped-defs
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.compat.compiled import function
+from brushexp_recovery.model.channels import AFFINITY_OFFSETS
+
+Array = NDArray[Any]
+
+
+class AffinityColumn(IntEnum):
+    """Sums over pairs of pixels, by the distance of their offset in pixels."""
+
+    SUM_ADJACENT = 0  # of affinities
+    SUM_3 = 1
+    SUM_8 = 2
+    SUM_20 = 3
+    PAIRS_ADJACENT = 4  # how many pairs there are
+    PAIRS_3 = 5
+    PAIRS_8 = 6
+    PAIRS_20 = 7
+
+
+DISTANCE_GROUPS = 4  # 1, 3, 8 and 20 pixels
+GROUP_OF_OFFSET = np.array([0, 0, *np.repeat([1, 2, 3], 4)])
+SUMS = slice(AffinityColumn.SUM_ADJACENT, AffinityColumn.SUM_20 + 1)
+PAIRS = slice(AffinityColumn.PAIRS_ADJACENT, AffinityColumn.PAIRS_20 + 1)
+
+FIRST_ROOM = 32  # places for pairs of each region, at first
+HASH = 0x9E3779B97F4A7C1  # spreads numbers of pairs over a table (Knuth, 1973)
+
+
+class Adjacency(NamedTuple):
+    """Affinities in S regions, and between P pairs of them."""
+
+    within: Array  # (S, len(AffinityColumn))
+    pairs: Array  # (P, 2) regions, the lower number first
+    between: Array  # (P, len(AffinityColumn))
+
+
+def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
+    """Sum affinities (len(AFFINITY_OFFSETS), H, W) within regions (H, W), and between those pairs that have any."""
+    count = int(labels.max()) + 1
+    room = 2 ** (FIRST_ROOM * count).bit_length()
+    within = np.empty((count, len(AffinityColumn)))
+    while True:
+        keys, between = np.full(room, -1), np.zeros((room, len(AffinityColumn)))
+        if _sum_affinities(labels, affinity, np.array(AFFINITY_OFFSETS), GROUP_OF_OFFSET, within, keys, between):
+            break
+        room *= 2
+    used = np.flatnonzero(keys >= 0)
+    used = used[np.argsort(keys[used])]
+    return Adjacency(within, np.stack([keys[used] // count, keys[used] % count], 1), between[used])
+
+
+@function
+def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, between):
+    """Write sums and numbers of affinities; False if the pairs fill more than half of their table.
+
+    ``keys`` (R,) are -1 and get the pairs, smaller x S + larger, each near its hash; R is a power of 2.
+    """
+    height, width = labels.shape
+    count, room, filled, key, place = len(within), len(keys), 0, -1, 0
+    within[:] = 0
+    for channel in range(len(offsets)):
+        dy, dx = offsets[channel]
+        group = group_of_offset[channel]
+        for y in range(height - dy):
+            for x in range(max(0, -dx), width - max(0, dx)):
+                here, there, value = labels[y, x], labels[y + dy, x + dx], affinity[channel, y, x]
+                if here == there:
+                    within[here, AffinityColumn.SUM_ADJACENT + group] += value
+                    within[here, AffinityColumn.PAIRS_ADJACENT + group] += 1
+                    continue
+                pair = min(here, there) * count + max(here, there)
+                if pair != key:  # mostly it is that of the pixel before
+                    key, place = pair, (pair * HASH >> 20) & (room - 1)
+                    while keys[place] != key and keys[place] >= 0:
+                        place = (place + 1) & (room - 1)
+                    if keys[place] < 0:
+                        keys[place] = key
+                        filled += 1
+                        if 2 * filled > room:
+                            return False
+                between[place, AffinityColumn.SUM_ADJACENT + group] += value
+                between[place, AffinityColumn.PAIRS_ADJACENT + group] += 1
+    return True

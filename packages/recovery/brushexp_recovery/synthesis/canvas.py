@@ -1,0 +1,263 @@
+"""Strokes composited on a canvas, with the truth about which stroke is visible where."""
+# mypy: allow-untyped-defs
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.compat.compiled import function, inline
+from brushexp.strokes.bezier import length_of
+from brushexp_recovery.curves.bezier import chords_of
+from brushexp_recovery.curves.round_line import width_of_line
+from brushexp_recovery.synthesis.layout import StrokeLayout
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel
+
+Array = NDArray[Any]
+F = np.float32
+
+REACH = 1.6  # half chords to either side of the middle, within which the paint of a stroke is counted
+BINS = 64  # along them, to find where its paint begins and ends
+FIRST_PAINT, LAST_PAINT = 0.03, 0.97  # shares of the paint between which a stroke is said to extend
+DIAGONAL = 1.42  # sides of a square
+FAINT = F(1e-4)  # opacity that is left out
+RELIEF = F(1.2)  # height of full paint
+LEVELLING = F(0.7)  # share of the height below that paint fills
+NARROWEST = 0.5  # pixels
+
+
+@dataclass(frozen=True)
+class Mixing:
+    """How the paint of N strokes mixes with what lies below."""
+
+    coats: float
+    opacity: Array  # (N,)
+    wet: Array  # (N,) share of the colour below that a stroke takes up on its way
+
+
+def opaque_mixing(n: int, coats: float) -> Mixing:
+    """Mix nothing: ``n`` strokes cover what lies below."""
+    return Mixing(coats, np.ones(n), np.zeros(n))
+
+
+class Extent(IntEnum):
+    """Where the paint of a stroke lies, hidden or not; the last column is of what is seen."""
+
+    AREA = 0  # pixels
+    X = 1  # mean place, pixels
+    Y = 2
+    FIRST = 3  # parameter of the chord, -1 to 1 from start to end, at which paint begins
+    LAST = 4
+    VISIBLE = 5  # pixels
+
+
+class StrokeGeometry(IntEnum):
+    """The true attributes of a stroke, as columns of a painting's table."""
+
+    CENTRE_X = 0  # pixels
+    CENTRE_Y = 1
+    ANGLE = 2  # radians
+    LOG_WIDTH = 3  # of pixels
+    LOG_LENGTH = 4
+    VISIBLE = 5  # share of the stroke that is seen
+
+
+class Placement(IntEnum):
+    """Where the window of a stroke lies on the canvas, and how it is bent."""
+
+    X = 0  # centre, pixels
+    Y = 1
+    SIDE = 2  # pixels
+    COSINE = 3  # of the chord
+    SINE = 4
+    HALF_CHORD = 5  # pixels
+    SWAY = 6  # pixels
+    TAPER = 7
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """A canvas with strokes."""
+
+    image: Array  # (H, W, 3)
+    height: Array  # (H, W) of the paint
+    labels: Array  # (H, W) int32, stroke that is seen, -1 the ground
+    extent: Array  # (N, len(Extent))
+
+
+def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground: Array) -> Canvas:
+    """Composite strokes over a ``ground`` (H, W, 3), the first lowest."""
+    places = _placements(windows, layout)
+    image, height = ground.astype(F), np.zeros(ground.shape[:2], F)
+    coats, opacity, wet = F(mixing.coats), mixing.opacity.astype(F), mixing.wet.astype(F)
+    _paint(windows.texels, windows.first, windows.side, places, coats, opacity, wet, image, height)
+    labels, extent = _see(windows.texels, windows.first, windows.side, places, coats, opacity, height.shape)
+    return Canvas(np.clip(image, 0, 1), height, labels, extent)
+
+
+def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
+    """Place each window: (N, len(Placement)) float32."""
+    chord = chords_of(windows.curve)
+    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-3)
+    places = np.empty((len(length), len(Placement)), F)
+    places[:, [Placement.X, Placement.Y]] = windows.position
+    places[:, Placement.SIDE] = windows.scale
+    places[:, [Placement.COSINE, Placement.SINE]] = chord / length[:, None]
+    places[:, Placement.HALF_CHORD] = 0.5 * length
+    places[:, Placement.SWAY] = layout.sway
+    places[:, Placement.TAPER] = layout.taper
+    return places
+
+
+@inline
+def _box(place, height, width):
+    """First and last rows and columns that a window may touch."""
+    sway, taper = place[Placement.SWAY], place[Placement.TAPER]
+    reach = 0.5 * place[Placement.SIDE] * DIAGONAL * (1 + abs(taper)) + abs(sway) + 1
+    if sway == 0 and taper == 0:
+        reach = 0.5 * place[Placement.SIDE] + 1
+    top, bottom = max(int(place[Placement.Y] - reach), 0), min(int(place[Placement.Y] + reach) + 2, height)
+    left, right = max(int(place[Placement.X] - reach), 0), min(int(place[Placement.X] + reach) + 2, width)
+    return top, bottom, left, right
+
+
+@inline
+def _texel_place(x, y, place, side):
+    """Row and column in the window, and parameter along the chord, of a pixel centre; bends are undone."""
+    cosine, sine, sway = place[Placement.COSINE], place[Placement.SINE], place[Placement.SWAY]
+    dx, dy = x - place[Placement.X], y - place[Placement.Y]
+    along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
+    t = along / place[Placement.HALF_CHORD]
+    if sway != 0 or place[Placement.TAPER] != 0:
+        inner = min(max(t, F(-1)), F(1))
+        across = (across - sway * np.sin(F(np.pi) * inner)) / (1 + place[Placement.TAPER] * inner)
+        dx, dy = along * cosine - across * sine, along * sine + across * cosine
+    per_pixel = side / place[Placement.SIDE]
+    return dy * per_pixel + F(0.5) * side - F(0.5), dx * per_pixel + F(0.5) * side - F(0.5), t
+
+
+@inline
+def _look_up(texels, first, side, row, column, channel):
+    """Interpolate a channel of a window; it is 0 outside."""
+    top, left = int(np.floor(row)), int(np.floor(column))
+    total = F(0)
+    for i in range(2):
+        for j in range(2):
+            r, c = top + i, left + j
+            if 0 <= r < side and 0 <= c < side:
+                weight = (row - top if i else 1 - (row - top)) * (column - left if j else 1 - (column - left))
+                total += F(weight) * texels[first + r * side + c, channel]
+    return total
+
+
+@function
+def _paint(texels, first, side, places, coats, opacity, wet, image, height):
+    """Lay strokes over an image (H, W, 3), and raise the height (H, W) of the paint."""
+    rows, columns = height.shape
+    for n in range(len(first)):
+        place = places[n]
+        top, bottom, left, right = _box(place, rows, columns)
+        below, weight = np.zeros(3, F), F(1e-6)
+        if wet[n] > 0:
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    row, column, _ = _texel_place(x + F(0.5), y + F(0.5), place, side[n])
+                    alpha = _look_up(texels, first[n], side[n], row, column, Texel.ALPHA)
+                    weight += alpha
+                    for c in range(3):
+                        below[c] += alpha * image[y, x, c]
+        for y in range(top, bottom):
+            for x in range(left, right):
+                row, column, t = _texel_place(x + F(0.5), y + F(0.5), place, side[n])
+                raw = _look_up(texels, first[n], side[n], row, column, Texel.ALPHA)
+                if raw <= FAINT:
+                    continue
+                alpha = opacity[n] * (1 - (1 - min(raw, F(1))) ** coats)
+                taken = wet[n] * (F(0.5) + F(0.5) * min(max(t, F(-1)), F(1)))  # more towards the end
+                for c in range(3):
+                    own = _look_up(texels, first[n], side[n], row, column, c) / raw
+                    own = own + taken * (below[c] / weight - own)
+                    image[y, x, c] += alpha * (own - image[y, x, c])
+                height[y, x] += alpha * (raw * RELIEF - LEVELLING * height[y, x])
+
+
+@function
+def _see(texels, first, side, places, coats, opacity, shape):
+    """Find the visible stroke at each pixel, which is the one that adds most to it, and how far each stroke extends."""
+    rows, columns = shape
+    light, best = np.ones((rows, columns), F), np.zeros((rows, columns), F)
+    labels = np.full((rows, columns), -1, np.int32)
+    extent = np.zeros((len(first), len(Extent)))
+    for n in range(len(first) - 1, -1, -1):
+        place = places[n]
+        top, bottom, left, right = _box(place, rows, columns)
+        bins, count = np.zeros(BINS), 0
+        for y in range(top, bottom):
+            for x in range(left, right):
+                row, column, t = _texel_place(x + F(0.5), y + F(0.5), place, side[n])
+                closed = _look_up(texels, first[n], side[n], row, column, Texel.CLOSED)
+                cover = 1 - (1 - min(closed, F(1))) ** coats
+                if cover <= FAINT:
+                    continue
+                if cover >= F(0.5):
+                    count += 1
+                    extent[n, Extent.X] += x + 0.5
+                    extent[n, Extent.Y] += y + 0.5
+                    bins[min(max(int((t + REACH) / (2 * REACH) * BINS), 0), BINS - 1)] += 1
+                adds = opacity[n] * cover * light[y, x]
+                if adds > best[y, x]:
+                    best[y, x], labels[y, x] = adds, n
+                light[y, x] *= 1 - opacity[n] * cover
+        extent[n, Extent.AREA] = count
+        if count:
+            extent[n, Extent.X] /= count
+            extent[n, Extent.Y] /= count
+            extent[n, Extent.FIRST] = _quantile(bins, FIRST_PAINT * count)
+            extent[n, Extent.LAST] = _quantile(bins, LAST_PAINT * count)
+    _uncover_ground(light, best, labels, extent)
+    return labels, extent
+
+
+@inline
+def _uncover_ground(light, best, labels, extent):
+    """Label pixels to which the ground adds most, and count the visible pixels of strokes."""
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            if light[y, x] > best[y, x]:
+                labels[y, x] = -1
+            elif labels[y, x] >= 0:
+                extent[labels[y, x], Extent.VISIBLE] += 1
+
+
+@inline
+def _quantile(bins, count):
+    """Return the parameter of the chord before which ``count`` pixels of paint lie."""
+    total = 0.0
+    for i in range(BINS):
+        if total + bins[i] >= count and bins[i] > 0:
+            return (i + (count - total) / bins[i]) / BINS * (2 * REACH) - REACH
+        total += bins[i]
+    return 0.0
+
+
+def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
+    """Compute the true attributes of N strokes: (N, len(StrokeGeometry)) float32.
+
+    Width and length are those of a round-ended line with as much paint as the stroke.
+    """
+    import torch  # noqa: PLC0415
+
+    area, x, y, first, last, visible = canvas.extent.T
+    chord_x, chord_y = chords_of(windows.curve).T
+    arc = length_of(torch.as_tensor(windows.curve)).numpy()
+    length = np.maximum(0.5 * (last - first) * arc, 1.0) / (LAST_PAINT - FIRST_PAINT)
+    geometry = np.empty((len(area), len(StrokeGeometry)))
+    geometry[:, StrokeGeometry.CENTRE_X] = x
+    geometry[:, StrokeGeometry.CENTRE_Y] = y
+    geometry[:, StrokeGeometry.ANGLE] = np.arctan2(chord_y, chord_x)
+    geometry[:, StrokeGeometry.LOG_WIDTH] = np.log(np.clip(width_of_line(area, length), NARROWEST, None))
+    geometry[:, StrokeGeometry.LOG_LENGTH] = np.log(np.maximum(length, 1))
+    geometry[:, StrokeGeometry.VISIBLE] = (visible / np.maximum(area, 1)).clip(0, 1)
+    return geometry.astype(F)

@@ -1,0 +1,64 @@
+"""Layouts of strokes that paint a picture: their curves, widths and colours, bottom to top."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.synthesis.colors import pick_colors
+from brushexp_recovery.synthesis.direction_field import add_hatching, detail_of, edge_directions
+from brushexp_recovery.synthesis.hand import Hand, Random
+from brushexp_recovery.synthesis.placement import on_grid, scatter
+from brushexp_recovery.synthesis.streamlines import curves_along
+
+Array = NDArray[Any]
+
+ROUND_AREA = 0.8  # squared widths: area of the round ends of a stroke, about
+DETAIL_WEIGHT = 0.6  # by which each finer layer has more strokes where there is detail
+MOST_TAPER = 0.6  # share of the width
+
+
+@dataclass(frozen=True)
+class StrokeLayout:
+    """N strokes on a canvas, bottom to top."""
+
+    curve: Array  # (N, 3, 2) control points, pixels, x to the right, y down
+    width: Array  # (N,) pixels
+    color: Array  # (N, 3) sRGB
+    sway: Array  # (N,) pixels to which side, half-way to either end, an S bends
+    taper: Array  # (N,) change of width from the middle to an end, as a share
+
+    def __len__(self) -> int:
+        return len(self.width)
+
+
+def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLayout:
+    """Lay ``n`` strokes of ``hand`` to paint a ``picture`` (H, W, 3) in [0, 1]."""
+    size = picture.shape[:2]
+    area = size[0] * size[1]
+    ends = np.cumsum([0.0, *(layer.share for layer in hand.layers)]) * n
+    counts = np.diff(np.round(ends).astype(int))
+    relative = np.repeat([layer.width for layer in hand.layers], counts) * np.exp(hand.uneven * random.normal(size=n))
+    median, spread = hand.aspect
+    aspect = np.clip(np.exp(np.log(median) + spread * random.normal(size=n)), *hand.limits)
+    width = relative * np.sqrt(hand.cover * area / (relative**2 * (aspect + ROUND_AREA)).sum())
+    pitch = np.sqrt(area / n)
+    angles = add_hatching(edge_directions(picture, max(3.0, 0.45 * pitch)), hand.hatch, random)
+    places = _place_layers(picture, counts, pitch, hand, random)
+    curve = curves_along(angles, picture, places, 0.5 * aspect * width, hand, random)
+    color = pick_colors(picture, places, width, hand, random)
+    sway = hand.sway * width * random.normal(size=n)
+    taper = np.clip(hand.taper * random.normal(size=n), -MOST_TAPER, MOST_TAPER)
+    return StrokeLayout(curve, width, color, sway, taper)
+
+
+def _place_layers(picture: Array, counts: Array, pitch: float, hand: Hand, random: Random) -> Array:
+    """Place the strokes of each layer, (n, 2): the finer ones mostly where there is detail."""
+    size = picture.shape[:2]
+    if hand.even:
+        return np.concatenate([on_grid(count, size, random) for count in counts])
+    detail = detail_of(picture, pitch)
+    mean = max(detail.mean(), 1e-6)
+    weights = [1 + number * DETAIL_WEIGHT * detail / mean for number in range(len(counts))]
+    return np.concatenate([scatter(count, weight, random) for count, weight in zip(counts, weights, strict=True)])

@@ -1,0 +1,212 @@
+"""Marks of paint by a formula with many random parts, so that the network learns from more than our own brushes."""
+# mypy: allow-untyped-defs
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.compat.compiled import function, inline
+from brushexp_recovery.curves.bezier import points_on
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.synthesis.hand import Random
+from brushexp_recovery.synthesis.layout import StrokeLayout
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
+
+Array = NDArray[Any]
+F = np.float32
+
+POINTS = 25  # of a curve, the ends of its straight pieces
+SAMPLES = 48  # of what changes along a stroke
+MARGIN = 3.0  # pixels around a stroke
+CLOSED_GAP = 5  # pixels: gaps between specks of paint so narrow are of the stroke's region
+VARIETY = (0.8, 1.2)  # by which each stroke departs from the marks of its painting
+
+
+class Marks(NamedTuple):
+    """How the strokes of one painting look; each departs from it a little (domain randomisation, Tobin et al., 2017).
+
+    Paint lies where what the brush holds exceeds what the bristle and the grain of the canvas take from it. It runs out
+    along the stroke, so a late part breaks up into streaks where ``bristle`` is large and into specks where ``grain``
+    is. The unseen brushes of the benchmark differ: their outlines are smooth and their ends straight, their knife is
+    of one thickness, and their dry brush fades by streaks of a fixed formula, with no grain of the canvas and no rim.
+    """
+
+    rough: float = 0.0  # of the outline, in half widths
+    ends: float = 0.5  # half widths over which an end becomes narrow
+    ragged: float = 0.0  # half widths by which bristles begin and end apart
+    tracks: int = 24  # bristles side by side
+    full: float = 4.0  # paint held at the start
+    dry: float = 0.0  # paint lost on the way
+    bristle: float = 0.0  # deviation between bristles of what they need
+    grain: float = 0.0  # and between places of the canvas
+    sharp: float = 1.0  # of the change from paint to no paint
+    rim: float = 0.0  # change of tone where paint gathers at the rim (less than 0) or is scraped away (more)
+    streak: float = 0.1  # change of tone between bristles
+    load: float = 0.0  # difference of the colours at either side of the brush, sRGB
+    thin: float = 0.0  # share of the paint that is missing at the start
+
+
+def choose_marks(random: Random) -> Marks:
+    """Choose how strokes look, from even and smooth to broken up."""
+    is_dry = bool(random.random() < 0.4)
+    return Marks(
+        rough=float(random.choice([0.0, 0.08, 0.15, 0.3])),
+        ends=float(random.uniform(0.05, 1.5)),
+        ragged=float(random.choice([0.0, 0.3, 1.0])),
+        tracks=int(random.integers(4, 40)),
+        full=float(random.uniform(0.6, 3.0)) if is_dry else 4.0,
+        dry=float(random.uniform(0.5, 3.5)) if is_dry else 0.0,
+        bristle=float(random.uniform(0.0, 1.2)),
+        grain=float(random.uniform(0.0, 1.0)),
+        sharp=float(random.uniform(0.6, 3.0)),
+        rim=float(random.choice([0.0, 1.0]) * random.uniform(-0.35, 0.35)),
+        streak=float(random.choice([0.0, 0.05, 0.1, 0.2])),
+        load=float(random.choice([0.0, 0.0, 0.1, 0.25])),
+        thin=float(random.choice([0.0, 0.0, 0.4])),
+    )
+
+
+def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
+    """Draw strokes on a canvas (H, W) in windows as large as they are, a texel a pixel."""
+    reach = 0.5 * layout.width[:, None] * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
+    low, high = layout.curve.min(1) - reach, layout.curve.max(1) + reach
+    side = np.ceil((high - low).max(1)).astype(int)
+    corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
+    grain = _standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
+    points = points_on(layout.curve - corner[:, None], POINTS)
+    windows = [
+        _draw_mark(points[k], layout.width[k], layout.color[k], int(side[k]), corner[k], grain, marks, random)
+        for k in range(len(side))
+    ]
+    return StrokeWindows(
+        texels=np.concatenate(windows),
+        first=first_texels(side),
+        side=side,
+        position=corner + 0.5 * side[:, None],
+        scale=side.astype(float),
+        curve=layout.curve,
+        width=layout.width,
+    )
+
+
+def _draw_mark(
+    points: Array, width: float, color: Array, side: int, corner: Array, grain: Array, marks: Marks, random: Random
+) -> Array:
+    """Draw one stroke along points (POINTS, 2) of its window: texels (side * side, len(Texel))."""
+    bristles = _draw_bristles(random, marks.tracks)
+    outline = _draw_outline(random)
+    own_marks = Marks(*(np.array(marks, F) * random.uniform(*VARIETY, len(marks)).astype(F)))
+    load = (random.normal(size=3) * marks.load).astype(F)
+    texels = np.zeros((side, side, len(Texel)), F)
+    _stamp(
+        points.astype(F),
+        F(width),
+        color.astype(F),
+        corner.astype(int),
+        grain,
+        bristles,
+        outline,
+        own_marks,
+        load,
+        texels,
+    )
+    return _close_gaps(texels)
+
+
+def _standardise(noise: Array) -> Array:
+    """Give noise mean 0 and deviation 1."""
+    return ((noise - noise.mean()) / max(noise.std(), 1e-6)).astype(F)
+
+
+def _draw_bristles(random: Random, tracks: int) -> Array:
+    """Draw how bristles (`SAMPLES`, ``tracks``) differ: each from the others, and each slowly along the stroke."""
+    slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
+    return _standardise(_standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
+
+
+def _draw_outline(random: Random) -> Array:
+    """Draw how either side (`SAMPLES`, 2) departs from a smooth one."""
+    return _standardise(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
+
+
+def _close_gaps(window: Array) -> Array:
+    """Complete texels (side, side, len(Texel)) with their alpha whose gaps are closed: (side * side, len(Texel))."""
+    from scipy.ndimage import grey_closing  # noqa: PLC0415
+
+    window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=CLOSED_GAP)
+    return window.reshape(-1, len(Texel))
+
+
+@function
+def _stamp(points, width, color, corner, grain, bristles, outline, marks, load, texels):
+    """Draw one stroke along ``points`` (P, 2) into texels (side, side, len(Texel)), which are 0: all but `CLOSED`."""
+    half, side = F(0.5) * width, len(texels)
+    length = _length_of(points)
+    reach = half * (1 + F(2.5) * marks.rough) + 2
+    for y in range(side):
+        for x in range(side):
+            squared, along, across = _nearest_place(points, x + F(0.5), y + F(0.5))
+            if squared > (reach + half) ** 2 or abs(across) > reach:
+                continue
+            share = _unit(along / length)
+            row = min(int(share * SAMPLES), SAMPLES - 1)
+            aside = min(max(across / width + F(0.5), F(0)), F(0.999))
+            track = int(aside * bristles.shape[1])
+            bristle = bristles[row, track]
+            begin = F(0.5) * half * (marks.ragged * (bristles[0, track]) * F(0.4) - F(0.4))
+            end = length + F(0.5) * half * (F(0.4) - marks.ragged * (bristles[SAMPLES - 1, track]) * F(0.4))
+            tip = min(along - begin, end - along)
+            edge = half * (1 + marks.rough * outline[row, 0 if across < 0 else 1])
+            edge *= np.sqrt(1 - (1 - _unit(tip / max(marks.ends * half, F(0.5)))) ** 2)
+            alpha = _unit((edge - abs(across)) / F(0.8) + F(0.5))
+            alpha *= _unit(tip / F(0.8) + F(0.5))
+            if alpha <= 0:
+                continue
+            spot = grain[(y + corner[1]) % grain.shape[0], (x + corner[0]) % grain.shape[1]]
+            paint = marks.full - marks.dry * share + marks.bristle * bristle + marks.grain * spot
+            alpha *= _unit(paint * marks.sharp + F(0.5))
+            alpha *= 1 - marks.thin * (1 - share) ** 2
+            depth = _unit((edge - abs(across)) / max(F(0.35) * half, F(1)))
+            tone = 1 + marks.streak * bristle + marks.rim * (1 - depth)
+            for channel in range(3):
+                own = color[channel] + (aside - F(0.5)) * load[channel]
+                texels[y, x, channel] = alpha * _unit(own * tone)
+            texels[y, x, Texel.ALPHA] = alpha
+
+
+@inline
+def _unit(value):
+    """Clamp a number to 0 and 1."""
+    return min(max(value, F(0)), F(1))
+
+
+@inline
+def _length_of(points):
+    """Measure a line through points (P, 2)."""
+    length = F(0)
+    for k in range(len(points) - 1):
+        length += np.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
+    return max(length, F(1e-3))
+
+
+@inline
+def _nearest_place(points, x, y):
+    """Find the place on a line through points (P, 2) that is nearest to a pixel.
+
+    Returns the squared distance, the way along the line, which goes on straight beyond its ends, and the way across.
+    """
+    pieces = len(points) - 1
+    best, along, across, before = F(1e9), F(0), F(0), F(0)
+    for k in range(pieces):
+        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        long = max(np.hypot(dx, dy), F(1e-6))
+        px, py = x - points[k, 0], y - points[k, 1]
+        u, v = (px * dx + py * dy) / long, (py * dx - px * dy) / long
+        inner = min(max(u, F(0)), long)
+        apart = (u - inner) ** 2 + v * v
+        if apart < best:
+            first, last = k == 0 and u < 0, k == pieces - 1 and u > long
+            best, along, across = apart, before + (u if first or last else inner), v
+        before += long
+    return best, along, across

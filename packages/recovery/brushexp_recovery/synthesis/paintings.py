@@ -1,0 +1,113 @@
+"""Paintings with known strokes, any number of them; each depends on a seed and its number alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.pictures.load import load_picture
+from brushexp_recovery.synthesis.ageing import crack, shine, smudge
+from brushexp_recovery.synthesis.canvas import StrokeGeometry, compose, geometry_of
+from brushexp_recovery.synthesis.choices import (
+    choose_ground,
+    choose_hand,
+    choose_look,
+    choose_mixing,
+    choose_plain_look,
+)
+from brushexp_recovery.synthesis.hand import Hand, Random
+from brushexp_recovery.synthesis.layout import lay_strokes
+from brushexp_recovery.synthesis.marks import choose_marks, draw_marks
+from brushexp_recovery.synthesis.windows import draw_strokes
+
+Array = NDArray[Any]
+
+SIDE = 512  # pixels of a painting
+STROKES = (120, 2600)  # fewest and most of a painting
+PLAIN_SHARE = 0.55  # share of paintings by a plain hand
+BARE_SHARE = 0.05  # share of paintings without a stroke
+MARKS_SHARE = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
+FIRST_PLAIN = 900_046  # paintings from this number on are plain
+MOST_FLUID = 400  # strokes beyond which the simulator of bristles takes too long
+PICTURES = (  # that come with scikit-image and matplotlib
+    "astronaut",
+    "brick",
+    "chelsea",
+    "coffee",
+    "grace_hopper",
+    "gravel",
+    "hubble_deep_field",
+    "ihc",
+    "moon",
+    "motorcycle_left",
+    "retina",
+    "rocket",
+)
+
+
+@dataclass(frozen=True)
+class KnownPainting:
+    """A painting whose N strokes are known."""
+
+    image: Array  # (H, W, 3) uint8
+    labels: Array  # (H, W) int16, the stroke that is seen, numbered from the bottom; -1 is the ground
+    geometry: Array  # (N, len(StrokeGeometry)) float32
+
+
+def paint(seed: int, number: int, pictures: Sequence[str]) -> KnownPainting:
+    """Make painting ``number``: most as a plain hand paints, others of many kinds; from `FIRST_PLAIN` on all plain."""
+    random = np.random.default_rng([seed, number])
+    picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
+    n = int(np.exp(random.uniform(*np.log(STROKES))))
+    is_plain = random.random() < PLAIN_SHARE or number >= FIRST_PLAIN
+    if not is_plain and random.random() < 2 * BARE_SHARE:
+        return make_bare(picture, random)
+    look = choose_plain_look(random) if is_plain else choose_look(random)
+    if look.name == "fluid":
+        n = min(n, MOST_FLUID) if random.random() < 0.85 else n
+    layout = lay_strokes(picture, n, Hand() if is_plain else choose_hand(random), random)
+    if not is_plain and random.random() < MARKS_SHARE:
+        coats = float(random.uniform(1, 3))
+        windows = draw_marks(layout, choose_marks(random), (SIDE, SIDE), random)
+    else:
+        coats = look.coats
+        windows = draw_strokes(layout, look, int(random.integers(2**32)))
+    mixing = choose_mixing(n, coats, is_plain, random)
+    canvas = compose(windows, layout, mixing, choose_ground(picture, is_plain, random))
+    image = canvas.image if is_plain else age(canvas.image, canvas.height, random)
+    return KnownPainting(as_bytes(image), canvas.labels.astype(np.int16), geometry_of(windows, canvas))
+
+
+def age(image: Array, height: Array, random: Random) -> Array:
+    """Smudge, light and crack a painting, each at random."""
+    image = smudge(image, random) if random.random() < 0.35 else image
+    image = shine(image, height, random) if random.random() < 0.45 else image
+    return crack(image, random) if random.random() < 0.12 else image
+
+
+def make_bare(picture: Array, random: Random) -> KnownPainting:
+    """Make a picture without strokes: a photograph or bare ground, sometimes cracked."""
+    image = picture if random.random() < 0.6 else choose_ground(picture, False, random)
+    image = crack(image, random) if random.random() < 0.3 else image
+    labels = np.full(picture.shape[:2], -1, np.int16)
+    return KnownPainting(as_bytes(image), labels, np.zeros((0, len(StrokeGeometry)), np.float32))
+
+
+def as_bytes(image: Array) -> Array:
+    """Round a picture in [0, 1] to uint8."""
+    return (image * 255).round().astype(np.uint8)
+
+
+def cut_square(name: str, random: Random) -> Array:
+    """Cut a square out of a picture, (S, S, 3) float32, turned and mirrored; a small part of a large picture."""
+    from skimage.transform import resize  # noqa: PLC0415
+
+    whole = load_picture(name, None).permute(1, 2, 0).numpy()
+    shorter = min(whole.shape[:2])
+    side = int(shorter * random.uniform(0.5, 1.0))
+    top, left = (int(random.integers(extent - side + 1)) for extent in whole.shape[:2])
+    part = np.rot90(whole[top : top + side, left : left + side], int(random.integers(4)))
+    part = part[:, ::-1] if random.random() < 0.5 else part
+    return np.clip(resize(part, (SIDE, SIDE), anti_aliasing=True), 0, 1).astype(np.float32)

@@ -1,0 +1,50 @@
+"""Curves along a field of directions."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.synthesis.hand import TRACE_STEPS, Hand, Random
+
+Array = NDArray[Any]
+
+SURE_STEPS = 4  # are gone whatever lies on the way
+
+
+def curves_along(angles: Array, picture: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
+    """Make curves (n, 3, 2) along a field of directions, through ``places`` and ``half`` pixels to either side."""
+    n = len(places)
+    x, y = places.astype(int).T
+    angle = angles[y, x]
+    back, ahead = (_trace(angles, picture, places, angle + turn, half, hand) - places for turn in (np.pi, 0.0))
+    sector = np.pi / hand.directions
+    turn = sector * np.round(angle / sector) + np.radians(hand.shaky) * random.normal(size=n) - angle
+    start, end = places + _rotate(back, turn), places + _rotate(ahead, turn)
+    return np.stack([start, 2 * places - 0.5 * (start + end), end], 1)
+
+
+def _rotate(vectors: Array, turn: Array) -> Array:
+    """Rotate vectors (n, 2) by angles (n,)."""
+    x, y = vectors.T
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return np.stack([x * cosine - y * sine, x * sine + y * cosine], 1)
+
+
+def _trace(angles: Array, picture: Array, places: Array, angle: Array, half: Array, hand: Hand) -> Array:
+    """Go ``half`` (n,) pixels along the field from ``places`` (n, 2), towards ``angle`` (n,) at first."""
+    height, width = angles.shape
+    step = np.maximum(half / TRACE_STEPS, 1e-3)[:, None]
+    place = places.copy()
+    x, y = places.astype(int).T
+    first_color = picture[y, x]
+    for number in range(TRACE_STEPS):
+        x = np.clip(place[:, 0].astype(int), 0, width - 1)
+        y = np.clip(place[:, 1].astype(int), 0, height - 1)
+        if hand.clip and number >= SURE_STEPS:
+            step = np.where(np.abs(picture[y, x] - first_color).max(1, keepdims=True) > hand.clip, 0, step)
+        here = angles[y, x]
+        here = here + np.pi * np.round((angle - here) / np.pi)
+        angle = angle + np.clip(here - angle, -hand.turn, hand.turn)
+        place = place + step * np.stack([np.cos(angle), np.sin(angle)], 1)
+    return place

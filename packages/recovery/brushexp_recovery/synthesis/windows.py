@@ -1,0 +1,131 @@
+"""Strokes drawn one by one in windows of their own, by any engine or renderer of the program."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.registry import build_named, plugins
+from brushexp.strokes.bezier import curve_of, strokes_along
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow
+from brushexp_recovery.synthesis.layout import StrokeLayout
+
+Array = NDArray[Any]
+
+SIDES = (32, 48, 64, 96, 128, 192, 256, 384)  # pixels of windows that renderers draw in; engines have one size
+SMALLEST_ENGINE_SIDE, LARGEST_ENGINE_SIDE = 48, 104  # pixels of the windows of an engine
+SHEET_STROKES = 256  # that a renderer draws at once
+CLOSED_GAP = 3  # pixels: gaps between bristles so narrow are of the stroke's region
+
+
+class Texel(IntEnum):
+    """Channels of a texel of a window."""
+
+    RED = 0  # times alpha
+    GREEN = 1
+    BLUE = 2
+    ALPHA = 3
+    CLOSED = 4  # alpha with its gaps closed
+
+
+@dataclass(frozen=True)
+class BrushLook:
+    """How strokes are drawn: a member of the families ``engine`` or ``renderer`` with options."""
+
+    family: str
+    name: str
+    options: Mapping[str, Any]
+    coats: float = 4.0  # paint is thick: alpha becomes 1 - (1 - alpha)^coats
+
+
+@dataclass(frozen=True)
+class StrokeWindows:
+    """N strokes in windows of their own, on the canvas that their places are of."""
+
+    texels: Array  # (T, len(Texel)) float32, window after window
+    first: Array  # (N,) first texel of each window
+    side: Array  # (N,) texels on a side
+    position: Array  # (N, 2) centres of the windows, pixels
+    scale: Array  # (N,) their sides, pixels
+    curve: Array  # (N, 3, 2) as it was really drawn, pixels
+    width: Array  # (N,)
+
+
+def first_texels(side: Array) -> Array:
+    """Return the first texel (N,) of windows of sides (N,) that follow each other."""
+    return np.concatenate([[0], np.cumsum(side**2)[:-1]])
+
+
+def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
+    """Draw strokes in windows; one that an engine cannot draw becomes the nearest that it can."""
+    parts = (layout.curve, layout.width, layout.color)
+    curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
+    window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
+    strokes = rewindow(strokes_along(curve, width, color, 1.0, window=window))
+    if look.family == "engine" or getattr(find_plugin(look).cls, "strokes", "all") != "all":
+        strokes = clamp_to_prior(strokes)
+    pictures = engine_pictures(strokes, look, seed) if look.family == "engine" else renderer_pictures(strokes, look)
+    side = np.array([picture.shape[-1] for picture in pictures])
+    return StrokeWindows(
+        texels=np.concatenate([_texels(picture) for picture in pictures]),
+        first=first_texels(side),
+        side=side,
+        position=strokes.position.numpy(),
+        scale=strokes.scale.numpy(),
+        curve=curve_of(strokes).numpy(),
+        width=(strokes.width * strokes.scale).numpy(),
+    )
+
+
+def find_plugin(look: BrushLook) -> Any:
+    """Find the plugin of a look."""
+    return next(plugin for plugin in plugins(look.family) if plugin.name == look.name)
+
+
+def engine_pictures(strokes: Strokes, look: BrushLook, seed: int) -> list[Tensor]:
+    """Draw each stroke (4, S, S) with an engine, in windows about as large as the strokes."""
+    window = int(np.clip(float(strokes.scale.median()), SMALLEST_ENGINE_SIDE, LARGEST_ENGINE_SIDE)) // 8 * 8
+    engine = build_named(look.family, look.name, {"window": window, **look.options})
+    return list(engine(parameters_of(strokes), seed=seed).images)
+
+
+@torch.no_grad()
+def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
+    """Draw each stroke (4, S, S) with a renderer, in windows of the `SIDES` that are as large as the strokes."""
+    renderer = build_named(look.family, look.name, {**look.options}).requires_grad_(False)
+    sides = torch.tensor(SIDES)
+    group = torch.bucketize(strokes.scale, sides[:-1])
+    pictures: list[Tensor] = [torch.empty(0)] * len(strokes)
+    for number in group.unique().tolist():
+        for rows in (group == number).nonzero()[:, 0].split(SHEET_STROKES):
+            for row, picture in zip(rows.tolist(), _draw_sheet(renderer, strokes[rows], SIDES[number]), strict=True):
+                pictures[row] = picture
+    return pictures
+
+
+def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
+    """Draw strokes (n, 4, side, side) on a sheet, each in its square, on black and on white to find their alpha."""
+    n, across = len(strokes), int(np.ceil(np.sqrt(len(strokes))))
+    place = torch.stack([torch.arange(n) % across, torch.arange(n) // across], 1)
+    layers = renderer(replace(strokes, position=(place + 0.5) * side, scale=torch.full_like(strokes.scale, side)))
+    blend, size = build_named("blend", "tiled", {}), (-(-n // across) * side, across * side)
+    black, white = (blend(layers, torch.arange(n), size, torch.full((3,), shade)).image for shade in (0.0, 1.0))
+    alpha = 1 - (white - black).mean(0, keepdim=True).clamp(0, 1)
+    sheet = torch.cat([black / alpha.clamp_min(1e-4), alpha])
+    squares = sheet.reshape(4, -1, side, across, side).permute(1, 3, 0, 2, 4).flatten(0, 1)
+    return squares[:n]
+
+
+def _texels(picture: Tensor) -> Array:
+    """Make texels (S * S, len(Texel)) of a picture (4, S, S), RGBA."""
+    color, alpha = picture[:3].clamp(0, 1), picture[3:].clamp(0, 1)
+    grown = torch.nn.functional.max_pool2d(alpha[None], CLOSED_GAP, 1, CLOSED_GAP // 2)
+    closed = -torch.nn.functional.max_pool2d(-grown, CLOSED_GAP, 1, CLOSED_GAP // 2)[0]
+    return torch.cat([color * alpha, alpha, closed]).flatten(1).T.contiguous().numpy()

@@ -1,0 +1,129 @@
+"""``task=benchmark``: paintings with known strokes, methods that look for them, scores."""
+
+import logging
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.system.files import write_picture
+from brushexp.system.terminal import as_shown
+from brushexp_recovery.benchmark.baselines.methods import METHODS, TRAINED, Method
+from brushexp_recovery.benchmark.prediction import Prediction
+from brushexp_recovery.benchmark.prediction_files import read_prediction
+from brushexp_recovery.benchmark.report import PAINTINGS, write_figures, write_report
+from brushexp_recovery.benchmark.report_tables import Row
+from brushexp_recovery.benchmark.scenes import KINDS, SEEN, Scene, list_scenes, paint_scene
+from brushexp_recovery.benchmark.score import score
+from brushexp_recovery.benchmark.truth import Truth, write_truth
+from brushexp_recovery.raster.npz import write_npz
+
+log = logging.getLogger(__name__)
+
+Array = NDArray[Any]
+SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # of strokes by others
+
+
+@dataclass(frozen=True)
+class Case:
+    """One picture in which strokes are to be found."""
+
+    scene: Scene
+    look: str  # clean or hard
+    image: Array  # (H, W, 3) in [0, 1]
+    truth: Truth
+
+    @property
+    def name(self) -> str:
+        """Name it as its files are called."""
+        return self.scene.name + "-hard" * (self.look == "hard")
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Paint, look for strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
+    (folder / PAINTINGS).mkdir(exist_ok=True)
+    scenes = list_scenes(cfg.kinds or KINDS, cfg.counts, cfg.repeats)
+    methods = choose_methods(cfg)
+    rows: list[Row] = []
+    for number, scene in enumerate(scenes, start=1):
+        for case in paint_cases(scene, cfg, folder / PAINTINGS):
+            for name, method in methods.items():
+                prediction, seconds = time_method(method, case)
+                rows.append(score_case(case, name, prediction, seconds, folder / PAINTINGS))
+            if cfg.add is not None:
+                prediction = read_strokes_of_others(Path(cfg.add), case)
+                rows.append(score_case(case, "add", prediction, float("nan"), folder / PAINTINGS))
+            write_figures(folder, rows)  # now: the next painting may take minutes
+        log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
+    log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in write_report(folder, rows)))
+    return mean_scores(rows)
+
+
+def choose_methods(cfg: DictConfig) -> dict[str, Method]:
+    """Return the methods that are asked for, or all; those that are trained get their weights."""
+    names = list(METHODS) if cfg.methods is None else list(cfg.methods)
+    return {name: partial(METHODS[name], weights=cfg.weights) if name in TRAINED else METHODS[name] for name in names}
+
+
+def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
+    """Paint a scene, write its picture and its truth, and yield what is to be looked at."""
+    painting = paint_scene(scene, cfg.side, cfg.seed)
+    write_truth(folder / f"{scene.name}.npz", painting.truth)
+    images = {"clean": painting.clean, "hard": painting.hard} if cfg.hard else {"clean": painting.clean}
+    for look, image in images.items():
+        case = Case(scene, look, image, painting.truth)
+        write_picture(folder / f"{case.name}.png", (255 * image).round().astype(np.uint8))
+        yield case
+
+
+def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
+    """Find strokes by a method that is told their number, and count its seconds."""
+    begin = time.perf_counter()
+    torch.manual_seed(0)
+    prediction = method(case.image, len(case.truth))
+    return prediction, time.perf_counter() - begin
+
+
+def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
+    """Read the strokes that somebody else found in a painting (UserError)."""
+    for suffix in SUFFIXES:
+        if (path := folder / f"{case.name}{suffix}").is_file():
+            return read_prediction(path, case.image.shape[:2], case.image, "add")
+    raise UserError(
+        f"add={folder} has no strokes of {case.name}; write {case.name}.npz there, or leave the painting out"
+    )
+
+
+def score_case(case: Case, method: str, prediction: Prediction, seconds: float, folder: Path) -> Row:
+    """Score what a method found, and keep its regions in a folder."""
+    figures = score(case.truth, prediction)
+    write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
+    log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)
+    return {
+        "scene": case.scene.name,
+        "kind": case.scene.kind,
+        "seen": case.scene.kind in SEEN,
+        "count": case.scene.count,
+        "look": case.look,
+        "method": method,
+        **figures,
+        "seconds": seconds,
+    }
+
+
+def mean_scores(rows: list[Row]) -> dict[str, object]:
+    """Average the F1 of recovery over clean and over hard pictures, where there are any."""
+    means: dict[str, object] = {}
+    for look in ("clean", "hard"):
+        values = [row["f1"] for row in rows if row["method"] == "recovery" and row["look"] == look]
+        if values:
+            means[f"f1_{look}"] = float(np.mean(values))
+    return means

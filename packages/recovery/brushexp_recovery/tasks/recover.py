@@ -1,0 +1,71 @@
+"""``task=recover``: the strokes of a painting, from a photograph of it."""
+
+import logging
+import time
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from omegaconf import DictConfig
+
+from brushexp.api.parts import render
+from brushexp.pictures.load import load_picture
+from brushexp.reporting.tables import csv_table
+from brushexp.system.files import to_bytes, write_json, write_picture, write_text
+from brushexp.system.progress import showing
+from brushexp.system.runtime import peak_memory
+from brushexp.system.status import Status
+from brushexp.system.terminal import as_shown
+from brushexp_recovery.measure.scale import millimetres_per_pixel
+from brushexp_recovery.measure.stroke_table import StrokeTable, columns_with_units, remark_on, tabulate_strokes
+from brushexp_recovery.model.recovery_model import load_model
+from brushexp_recovery.page.stroke_page import write_page
+from brushexp_recovery.raster.labels import color_labels
+from brushexp_recovery.raster.threads import return_freed_memory
+from brushexp_recovery.recover.pipeline import recover_with
+from brushexp_recovery.recover.storage import Recovered, write_recovered
+
+Array = NDArray[Any]
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write catalogue.h5, the recovered painting, its regions, table and page into the run's folder, and figures."""
+    picture = load_picture(cfg.image, None)
+    model = load_model(cfg.weights)
+    with showing("finding strokes") as show:
+        recovered = recover_with(model, picture.permute(1, 2, 0).numpy(), cfg.scale, cfg.copies, show)
+    pixels = to_bytes(picture)
+    del picture  # which is four times as large
+    strokes = write_files(cfg, folder, pixels, recovered)
+    covered = float((recovered.labels >= 0).mean())
+    metrics: dict[str, object] = {
+        "n_strokes": len(strokes),
+        "covered": covered,
+        "confidence": float(recovered.confidence.mean()) if len(strokes) else None,
+        "seconds_total": time.monotonic() - start,
+        "peak_memory_mb": peak_memory(),
+        "picture": "painting.png",
+        "status": Status.COMPLETED,
+    }
+    write_json(folder / "metrics.json", metrics)
+    log.info("%s: %d strokes on %.0f %% of the picture", as_shown(folder), len(strokes), 100 * covered)
+    if (remark := remark_on(strokes)) is not None:
+        log.warning(remark)
+    return metrics
+
+
+@return_freed_memory()
+def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered) -> StrokeTable:
+    """Write what was recovered from a photograph (H, W, 3) uint8, and return the table of its strokes."""
+    saved = recovered.saved
+    write_recovered(folder / "catalogue.h5", recovered)
+    write_picture(folder / "target.png", pixels)
+    painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
+    write_picture(folder / "painting.png", painting)
+    del painting
+    write_picture(folder / "regions.png", color_labels(recovered.labels))
+    strokes = tabulate_strokes(recovered, millimetres_per_pixel(saved.size, cfg.width_cm, None))
+    write_text(folder / "strokes.csv", csv_table(columns_with_units(strokes), significant=6))
+    write_page(folder, pixels, strokes, Path(cfg.image).name)
+    return strokes

@@ -1,0 +1,139 @@
+"""Keys of the tasks of this package."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from brushexp_training.schema import EMA, NetworkTask
+from omegaconf import MISSING, DictConfig
+
+from brushexp.bounds import FILE, FOLDER, above, at_least, between
+from brushexp.config.keys import key
+from brushexp.config.rules import CATALOGUE
+from brushexp.config.schema import Task
+from brushexp.errors import UserError
+from brushexp.pictures.load import PICTURE
+from brushexp_recovery.find.photograph import size_of_photograph
+
+WIDTH_HELP = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"
+SIZE_HELP = "the same as width and height, 92x73"
+CATALOGUES = (".h5", ".json")
+
+
+@dataclass
+class RecoverTask(Task):
+    """Recover the strokes of a painting from a photograph of it: a catalogue that other tasks take."""
+
+    module = "brushexp_recovery.tasks.recover"
+    alone = "image"
+
+    image: str = key(MISSING, "a photograph of a painting: a picture file, or the name of a sample", PICTURE)
+    width_cm: float | None = key(None, "width of what the picture shows, in cm, to measure strokes in mm", above(0))
+    scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
+    copies: int = key(1, "turned and mirrored copies that each look shows; more are slower and surer", between(1, 8))
+    weights: str = key("strokes", "shipped weights, or the .safetensors of task=train_recovery")
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        size_of_photograph(cfg.image)
+
+
+@dataclass
+class MeasureTask(Task):
+    """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
+
+    ``task=analyse`` of a picture is this task, too.
+    """
+
+    module = "brushexp_recovery.tasks.measure"
+    alone = "image"
+
+    image: str = key("astronaut", "the photograph, cut to the painting's edges", PICTURE)
+    recovered: str | None = key(
+        None, "folder of task=recover of it, or its catalogue.h5; null = recover it now", CATALOGUE
+    )
+    against: str | None = key(None, "a photograph of another painting, to compare with", PICTURE)
+    width_cm: float | None = key(None, WIDTH_HELP, above(0))
+    size_cm: str | None = key(None, SIZE_HELP)
+    against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
+    against_size_cm: str | None = key(None, SIZE_HELP)
+    region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright = in")
+    views: int = key(6, "the photograph and small changes of it that intervals come from", between(1, 50))
+    draws: int = key(40, "of strokes by their confidence, from each view", between(1, 1000))
+    threshold: float = key(0.5, "confidence from which on the page shows strokes at first", between(0, 1))
+    seed: int = key(0, "seed of views and draws", at_least(0))
+
+    @staticmethod
+    def suits(typed: Mapping[str, Any]) -> bool:
+        image = str(typed.get("image") or "")
+        files = [Path(file) for file in ([image] if Path(image).exists() else image.split(","))]
+        return all(file.is_file() and file.suffix.lower() not in CATALOGUES for file in files)
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_recovery.measure.scale import millimetres_per_pixel  # noqa: PLC0415
+
+        millimetres_per_pixel(size_of_photograph(cfg.image), cfg.width_cm, cfg.size_cm)
+        sizes = {"against_width_cm": cfg.against_width_cm, "against_size_cm": cfg.against_size_cm}
+        if cfg.against is not None:
+            size = size_of_photograph(cfg.against, "against")
+            millimetres_per_pixel(size, cfg.against_width_cm, cfg.against_size_cm, "against_")
+        elif typed := [name for name, size in sizes.items() if size is not None]:
+            raise UserError(f"{typed[0]} is the size of a second photograph; give against=...")
+
+
+@dataclass
+class BenchmarkTask(Task):
+    """Find the strokes of paintings whose strokes are known, by recovery and by other methods, and score them."""
+
+    is_research = True
+    module = "brushexp_recovery.tasks.benchmark"
+
+    kinds: list[str] | None = key(None, "of paintings; null = all: those that training has seen, and those it has not")
+    counts: list[int] = key([150, 500, 1500], "numbers of strokes, each for every kind", at_least(1))
+    repeats: int = key(1, "paintings of each kind and number", at_least(1))
+    side: int = key(512, "of a painting, pixels", between(64, 4096))
+    methods: list[str] | None = key(None, "that find strokes; null = all; [] = only write the paintings")
+    weights: str = key("strokes", "of recovery: shipped ones, or the .safetensors of task=train_recovery")
+    hard: bool = key(True, "also a photograph of each painting: canvas, blur, noise, JPEG")
+    add: str | None = key(None, "folder of strokes by others: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
+    seed: int = key(20_251_125, "of the paintings; another one makes another benchmark", at_least(0))
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_recovery.benchmark.baselines.methods import METHODS  # noqa: PLC0415
+        from brushexp_recovery.benchmark.scenes import KINDS  # noqa: PLC0415
+
+        for name, choices in (("kinds", KINDS), ("methods", tuple(METHODS))):
+            if unknown := [one for one in cfg[name] or () if one not in choices]:
+                raise UserError(f"{name} has no {unknown[0]!r}; choose from: {', '.join(choices)}")
+
+
+@dataclass
+class ScoreTask(Task):
+    """Score strokes that somebody found in a painting against the known ones: F1, errors, order, calibration."""
+
+    is_research = True
+    module = "brushexp_recovery.tasks.score"
+
+    truth: str = key(MISSING, "NAME.npz that task=benchmark wrote", FILE)
+    strokes: str = key(MISSING, "labels (.png, .npy, .npz), curves (.npz) or a catalogue (.h5, .json)", FILE)
+
+
+@dataclass
+class TrainRecoveryTask(NetworkTask):
+    """Train what task=recover finds strokes with, on paintings made meanwhile."""
+
+    module = "brushexp_recovery.tasks.train"
+    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
+
+    subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = those of scikit-image")
+    start: str | None = key(None, "weights whose network is trained further, shipped or a .safetensors; null = anew")
+    sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")
+    paintings: int = key(400, "how many paintings to learn from", at_least(1))
+    painters: int = key(1, "processes that make paintings meanwhile", at_least(1))
+    batch_size: int = key(5, "crops of a step", at_least(1))
+    minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
+    ema: float = key(0.998, EMA, between(0, 1))

@@ -1,0 +1,1 @@
+"""Paintings with known strokes go in; a trained `RecoveryModel` comes out."""

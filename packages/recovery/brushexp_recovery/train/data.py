@@ -1,0 +1,117 @@
+"""Crops of paintings that are made while the network learns from them."""
+
+import os
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import lightning as L
+import numpy as np
+from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
+
+from brushexp.errors import UserError
+from brushexp_recovery.synthesis.paintings import KnownPainting
+from brushexp_recovery.synthesis.pool import load_painting
+from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
+
+FIRST_PAINTINGS = 8  # that must be there before learning begins
+AHEAD = 1  # batches that are cut in advance
+RELOAD_STEPS = 20  # after which new paintings are looked for
+FIRST_HELD_OUT = 900_000  # number of the first painting that the network does not learn from
+HELD_OUT_COUNT = 56
+VALIDATED = 6  # of the held-out paintings are for validation, the first ones
+VALIDATION_CROPS = 4  # of each of them
+PAINTINGS = "[0-9]*.npz"  # in the folder of the pool
+WAIT = 0.5  # seconds between looks for paintings that are not there yet
+
+
+class RecoveryData(L.LightningDataModule):
+    """Crops of a pool of paintings, which processes of their own go on filling.
+
+    Painting k depends on the seed and k; the crops of a step on the seed, the step and the paintings that are there.
+    """
+
+    def __init__(
+        self, folder: Path, pictures: Sequence[str], seed: int, batch_size: int, paintings: int, painters: int
+    ) -> None:
+        """Learn from ``paintings`` paintings of ``pictures``, made by ``painters`` processes."""
+        super().__init__()
+        self.folder, self.pictures, self.seed = folder, list(pictures), seed
+        self.batch_size, self.paintings, self.painters = batch_size, paintings, painters
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.loaded: dict[Path, KnownPainting] = {}
+
+    def setup(self, stage: str) -> None:
+        if stage == "fit":
+            self.start_painting()
+            self._wait(self._training_paths, min(FIRST_PAINTINGS, self.paintings))
+
+    def teardown(self, stage: str) -> None:
+        for process in self.processes:
+            process.terminate()
+        self.processes = []
+
+    def start_painting(self) -> None:
+        """Begin to make the paintings that are not there yet, in processes of their own."""
+        command = [sys.executable, "-m", "brushexp_recovery.synthesis.pool"]
+        command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it sees by the number when this process ends
+        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + HELD_OUT_COUNT)
+        parts = [range(first, self.paintings, self.painters) for first in range(self.painters)]
+        for numbers in (held_out, *parts):
+            words = [str(numbers.start), str(numbers.stop), str(numbers.step), *self.pictures]
+            self.processes.append(subprocess.Popen([*command, *words], start_new_session=True))
+
+    def train_dataloader(self) -> StrokeLoader:
+        return StrokeLoader(self._batches, EPOCH_STEPS)
+
+    def val_dataloader(self) -> StrokeLoader:
+        return StrokeLoader(lambda _epoch, _first: self._validation_batches(), VALIDATED)
+
+    def held_out(self, end: int, first: int = 0) -> list[KnownPainting]:
+        """Return paintings ``first`` to ``end - 1`` of those that the network does not learn from."""
+        self._wait(self._held_out_paths, end)
+        return [load_painting(path) for path in self._held_out_paths()[first:end]]
+
+    def batch(self, step: int) -> Crops:
+        """Cut the crops of a step."""
+        if step % RELOAD_STEPS == 0 or not self.loaded:
+            self.loaded |= {path: load_painting(path) for path in self._training_paths() if path not in self.loaded}
+        random = np.random.default_rng([self.seed, step])
+        chosen = random.integers(len(self.loaded), size=self.batch_size)
+        paintings = list(self.loaded.values())
+        return batch_of([cut_crop(paintings[number], random) for number in chosen])
+
+    def _validation_batches(self) -> Iterator[Crops]:
+        random = np.random.default_rng(self.seed)
+        for painting in self.held_out(VALIDATED):
+            yield batch_of([cut_crop(painting, random) for _ in range(VALIDATION_CROPS)])
+
+    def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
+        """Cut each batch in a thread of its own while the network learns from the one before."""
+        with ThreadPoolExecutor(1) as cutter:
+            steps = range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS)
+            waiting = deque[Future[Crops]]()
+            for step in steps:
+                waiting.append(cutter.submit(self.batch, step))
+                if len(waiting) > AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _training_paths(self) -> list[Path]:
+        most = min(self.paintings, FIRST_HELD_OUT)
+        return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) < most]
+
+    def _held_out_paths(self) -> list[Path]:
+        return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) >= FIRST_HELD_OUT]
+
+    def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
+        """Wait until there are so many paintings; a UserError if no process makes them any more."""
+        while len(paths()) < count:
+            if self.processes and all(process.poll() is not None for process in self.processes):
+                raise UserError("no paintings can be made to learn from; the error of their process stands above")
+            time.sleep(WAIT)

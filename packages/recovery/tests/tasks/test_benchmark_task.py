@@ -1,0 +1,47 @@
+"""task=benchmark paints, looks and scores; task=score gives the same figures for the same strokes."""
+
+import csv
+import io
+
+import pytest
+from brushexp_recovery.tasks import benchmark, score
+
+from brushexp.errors import UserError
+
+WORDS = ("kinds=[knife]", "counts=[12]", "side=64")
+
+
+def test_one_command_paints_looks_and_scores(run_task, tmp_path):
+    result = run_task(benchmark, "experiment=recovery", *WORDS, "methods=[superpixels]")
+    assert result["status"] == "completed"
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names >= {"figures.csv", "summary.md", "summary.tex", "benchmark.png", "examples.png", "paintings"}
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "figures.csv").read_text())))
+    assert [(row["look"], row["method"]) for row in rows] == [("clean", "superpixels"), ("hard", "superpixels")]
+    strokes = tmp_path / "paintings" / "knife-12-superpixels.npz"
+    result = run_task(score, "task=score", f"truth={tmp_path}/paintings/knife-12.npz", f"strokes={strokes}")
+    assert result["f1"] == pytest.approx(float(rows[0]["f1"]), abs=1e-3)
+
+
+def test_strokes_of_others_are_scored_beside_methods(run_task, tmp_path):
+    run_task(benchmark, "task=benchmark", *WORDS, "methods=[]", "hard=false")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "paintings" / "knife-12.npz").rename(tmp_path / "mine" / "knife-12.npz")
+    words = ("methods=[]", "hard=false", f"add={tmp_path / 'mine'}")
+    run_task(benchmark, "task=benchmark", *WORDS, *words)
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "figures.csv").read_text()))
+    assert (row["method"], float(row["f1"])) == ("add", 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("methods=[nope]",), "methods has no 'nope'; choose from: recovery"),
+        (("methods=[recovered_curves]", "weights=mine.safetensors"), r"mine\.safetensors"),
+        (("methods=[]", "add=."), r"has no strokes of knife-12; write knife-12\.npz there"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(words, message, run_task, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=message):
+        run_task(benchmark, "task=benchmark", *WORDS, *words)
