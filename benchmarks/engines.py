@@ -22,7 +22,7 @@ from torch import Tensor
 from brushexp.config.publish import prepare
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.prior import WIDTH, parameters_of, sample_prior
+from brushexp.strokes.prior import parameters_of, sample_prior, width_parameter
 
 RADII, BENDS = (8, 15, 25, 40), (0, 50, -80)  # 256ths of the window
 COLORS = ((1.0, 0.1, 0.1), (0.6, 0.8, 0.1), (0.55, 0.05, 0.4), (0.35, 0.5, 0.55))
@@ -40,7 +40,7 @@ def twelve() -> Tensor:
     rows = []
     for radius, color in zip(RADII, COLORS, strict=True):
         width = 2 * radius / 256
-        scaled = (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
+        scaled = width_parameter(width)
         for bend in BENDS:
             rows.append([-100 / 128, 0, 0, bend / 128, 100 / 128, 0, scaled, *(2 * c - 1 for c in color)])
     return torch.tensor(rows)

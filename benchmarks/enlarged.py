@@ -22,7 +22,7 @@ from scipy.ndimage import gaussian_filter
 from brushexp.config.publish import prepare
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.registry import build_named
-from brushexp.strokes.prior import WIDTH
+from brushexp.strokes.prior import width_parameter
 
 ASPECT, INSET = 7, 0.8  # length in widths; half-windows from the middle to the ends
 WIDE = (16, 32, 64, 96, 112)  # pixels at 4096: 2 to 14 of a painting of 512
@@ -33,7 +33,7 @@ def pair(pixels: int, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Coverage (S, S) of one stroke, simulated and textured."""
     window = round(pixels * ASPECT / INSET)
     width = INSET / ASPECT
-    row = torch.tensor([[-INSET, 0, 0, 0, INSET, 0, (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0]), 0, 0, 0]])
+    row = torch.tensor([[-INSET, 0, 0, 0, INSET, 0, width_parameter(width), 0, 0, 0]])
     engine = build_named("engine", "fluid", {"window": window, "supersample": 1, "brushes": 8})
     renderer = build_named("renderer", "textured", {}).requires_grad_(False)
     simulated = engine(row, seed=7, first=number).images[0, 3]

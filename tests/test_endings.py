@@ -41,8 +41,8 @@ from brushexp.registry import build_named
 from brushexp.results.runs import has_finished
 from brushexp.runs import resume
 from brushexp.runs.closing import how_to_go_on
-from brushexp.runs.resume import RECORD, interrupted_run
-from brushexp.runs.run_folder import take
+from brushexp.runs.resume import RECORD_KEY, interrupted_run
+from brushexp.runs.run_folder import take_folder
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json
@@ -60,7 +60,7 @@ def resumed(config, tmp_path, monkeypatch):
 
     def go_on(*typed, task="paint", begun=()):
         if begun:
-            torch.save({RECORD: resume.record_of(config(f"task={task}", *begun), tmp_path)}, tmp_path / CHECKPOINT)
+            torch.save({RECORD_KEY: resume.record_of(config(f"task={task}", *begun), tmp_path)}, tmp_path / CHECKPOINT)
         hydra.overrides.task = [*typed]
         return interrupted_run(tmp_path, config(f"task={task}"))[0]
 
@@ -102,7 +102,16 @@ def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"text", b"\x80\x04.", pickle.dumps({RECORD: 1}), {"state_dict": {}}, [1], {RECORD: {"settings": {}}}, None],
+    [
+        b"",
+        b"text",
+        b"\x80\x04.",
+        pickle.dumps({RECORD_KEY: 1}),
+        {"state_dict": {}},
+        [1],
+        {RECORD_KEY: {"settings": {}}},
+        None,
+    ],
     ids=["empty", "text", "binary", "pickle", "foreign", "list", "no-task", "cut"],
 )
 def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
@@ -305,18 +314,19 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     (folder / "pictures").mkdir(parents=True)
     for name in mine:
         (folder / name).write_text("mine")
-    take(folder, config())  # of the user alone: nothing is refused, nothing goes
+    take_folder(folder, config())  # of the user alone: nothing is refused, nothing goes
     run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
     leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
-    refuses(r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume=", take, folder, config())
+    held = r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="
+    refuses(held, take_folder, folder, config())
     assert files_in(folder) == mine | run_leaves, "but for what writing that was killed has left"
-    take(folder, config(f"resume={folder}"))
+    take_folder(folder, config(f"resume={folder}"))
     with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
-        take(folder, config("overwrite=true", f"focus={folder}/target.png"))
+        take_folder(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
-    refuses(r"holds a run already \(metrics.json\); choose another folder, or replace", take, folder, config())
+    refuses(r"holds a run already \(metrics.json\); choose another folder, or replace", take_folder, folder, config())
     (folder / "metrics.json").unlink()
-    take(folder, config())  # over a run that came to nothing
+    take_folder(folder, config())  # over a run that came to nothing
     assert files_in(folder) == mine
 
 
@@ -329,7 +339,7 @@ def test_a_manifest_of_a_stranger_names_nothing_outside_of_its_folder(tmp_path, 
     lines = ["../mine.txt", f"{tmp_path}/mine.txt", "link/mine.txt", "0/../../mine.txt", ".hydra/files.txt"]
     with (tmp_path / "a" / MANIFEST).open("a") as manifest:
         manifest.write("\n".join(lines))
-    take(tmp_path / "a", config("overwrite=true"))
+    take_folder(tmp_path / "a", config("overwrite=true"))
     assert files_in(tmp_path) - {"a/.hydra/lock", "a/.hydra/files.txt"} == {"mine.txt", "b/mine.txt"}
 
 
@@ -382,14 +392,14 @@ def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch
         cfg = config(*words)
         OmegaConf.set_struct(cfg, False)
         cfg.hydra = {"sweeper": {"pictures": [*pictures]}}
-        refuses(r"a run in output=.*a would replace .*; choose another folder", take, folder, cfg)
+        refuses(r"a run in output=.*a would replace .*; choose another folder", take_folder, folder, cfg)
         assert before <= {path.name for path in folder.iterdir()}
 
     refuse(f"image={folder}/target.png")
     refuse("style=~/a/style.png")
     refuse("overwrite=true", pictures=[f"{folder}/*.png"])
     refuse("task=train", f"renderer.checkpoint={folder}/neural.safetensors")
-    take(folder, config(f"image={folder}/photo.jpg", "style=~nobody.there/style.png"))
+    take_folder(folder, config(f"image={folder}/photo.jpg", "style=~nobody.there/style.png"))
     leave(folder, "painting.png")
     before.add("painting.png")
     refuse("image=~/a/painting.png", "overwrite=true")
@@ -403,10 +413,10 @@ def test_what_is_read_below_a_folder_of_a_run_stays_and_a_link_goes_alone(tmp_pa
     (folder / "catalogue.h5").unlink()
     (folder / "catalogue.h5").symlink_to(disk / "catalogue.h5")
     with pytest.raises(UserError, match=r"would replace runs.0=.*added; choose another folder"):
-        take(folder, config("task=leaderboard", f"runs={folder}/added", "overwrite=true"))
+        take_folder(folder, config("task=leaderboard", f"runs={folder}/added", "overwrite=true"))
     with pytest.raises(UserError, match=r"would replace catalogue=.*catalogue.h5; choose another folder"):
-        take(folder, config(f"catalogue={folder}/catalogue.h5", "overwrite=true"))
-    take(folder, config("overwrite=true"))
+        take_folder(folder, config(f"catalogue={folder}/catalogue.h5", "overwrite=true"))
+    take_folder(folder, config("overwrite=true"))
     assert not (folder / "added").exists()
     assert not (folder / "catalogue.h5").is_symlink()
     assert (disk / "catalogue.h5").exists()
@@ -418,8 +428,9 @@ def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tm
         leave(tmp_path / name, CHECKPOINT, "painting.png")
     with recorded(tmp_path):
         note_files(tmp_path, [tmp_path / "1_2" / name for name in ("painting.png", MANIFEST)])  # the first is in both
-    refuses(r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep", take, tmp_path, config())
-    take(tmp_path, config("overwrite=true"))
+    held = r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"
+    refuses(held, take_folder, tmp_path, config())
+    take_folder(tmp_path, config("overwrite=true"))
     assert files_in(tmp_path) == {f"3/{name}" for name in (CHECKPOINT, "painting.png", MANIFEST)}
 
 

@@ -56,7 +56,7 @@ from brushexp.registry import build_named
 from brushexp.registry.options import options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import resume
-from brushexp.runs.resume import RECORD, RunRecord, interrupted_run
+from brushexp.runs.resume import RECORD_KEY, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
 from brushexp.runs.trainer import fit as fit_module
 from brushexp.strokes.catalogue import check_strokes
@@ -134,7 +134,7 @@ def write_table(folder: Path) -> Path:
 def write_checkpoint(folder: Path) -> Path:
     path = folder / CHECKPOINT
     fit(painter_of(n=8, size=(12, 16), steps=3), max_steps=1).save_checkpoint(path)
-    torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "inputs": {}, "words": []}}, path)
+    torch.save(torch.load(path) | {RECORD_KEY: {"settings": SETTINGS, "files": {}, "inputs": {}, "words": []}}, path)
     return path
 
 

@@ -23,7 +23,8 @@ from brushexp.strokes.prior import (
     INSET,
     SHORTEST_CHORD,
     SPREAD,
-    WIDTH,
+    THICKEST,
+    THINNEST,
     bend_of,
     clamp_to_prior,
     parameters_of,
@@ -41,7 +42,7 @@ def naive_sample(n: int) -> np.ndarray:
     rows = []
     for _ in range(n):
         while True:
-            start, end, width = random.random(2), random.random(2), random.uniform(*WIDTH)
+            start, end, width = random.random(2), random.random(2), random.uniform(THINNEST, THICKEST)
             if np.hypot(*(start - end)) >= 2 * width:
                 break
         a = start - end
@@ -82,10 +83,10 @@ def test_samples_keep_the_constraints():
     check_strokes(strokes)
     for points in (strokes.start, strokes.control, strokes.end):
         assert points.abs().max() <= INSET + 1e-6
-    assert WIDTH[0] - 1e-7 <= strokes.width.min() <= strokes.width.max() <= WIDTH[1] + 1e-7
+    assert THINNEST - 1e-7 <= strokes.width.min() <= strokes.width.max() <= THICKEST + 1e-7
     length = 0.5 * (strokes.start - strokes.end).norm(dim=1) / INSET  # in window sides, before they were shrunk
     assert (length >= 2 * strokes.width - 1e-6).all()
-    assert length.min() < 2 * WIDTH[0] * 1.5  # the constraint bites
+    assert length.min() < 2 * THINNEST * 1.5  # the constraint bites
     assert (strokes.position == 0).all()
     assert (strokes.scale == 64).all()
     assert (strokes.opacity == 1).all()

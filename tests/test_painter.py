@@ -18,7 +18,7 @@ from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
 from brushexp.compositing import bands
-from brushexp.compositing.layers import EDGE
+from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.painting import stroke_optimizer
 from brushexp.painting.canvas_memory import PatchCache, find_reaching
 from brushexp.painting.components import Stage
@@ -459,10 +459,10 @@ def test_losses_keep_their_balance_on_parts_and_touched_pixels_are_those_in_the_
     assert float(total.detach()) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
     strokes = random_strokes(12, CANVAS)
     region = Region(5, 9, 30, 41)
-    result = find_reaching(strokes, region, EDGE)
+    result = find_reaching(strokes, region, SOFT_EDGE)
     no_paint = torch.tensor([9.0, 9.0, 9.0])
     painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), CANVAS, no_paint).image != 9).any(0))
     assert result.shape == (30, 41)
     assert (result | ~painted).all(), "no painted pixel is missed"
     assert result.float().mean() < 1
-    assert not find_reaching(strokes[:0], region, EDGE).any()
+    assert not find_reaching(strokes[:0], region, SOFT_EDGE).any()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import NARROW, WIDE
 from brushexp_studies import contact_sheet
-from brushexp_studies.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
+from brushexp_studies.contact_sheet import LIMIT, THUMBNAIL_SIDE, SheetCell, draw_sheet
 from brushexp_studies.pareto import front_table
 from films import pixels_of
 from hydra.core.utils import JobReturn, JobStatus
@@ -25,7 +25,7 @@ from brushexp.reporting.tables import csv_table, latex_table, markdown_table
 from brushexp.results.runs import gather, parse_overrides
 from brushexp.results.tables import write_run_tables
 from brushexp.runs import sweep_report
-from brushexp.runs.sweep_report import SweepReport, note_failure, renew
+from brushexp.runs.sweep_report import SweepReport, note_failure, renew_sweep_report
 from brushexp.system.files import write_picture
 
 METRICS = {
@@ -189,8 +189,8 @@ def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_pat
         write_picture(tmp_path / str(number) / "target.png", np.full((24, 32, 3), 60, np.uint8))
     assert greys(sheet(tmp_path)) == [[200, 20, 23], [100, 21, 24], [60, 22, 25]]
     levels = pixels_of(tmp_path / "sheet.png")[..., 0]
-    first, high, last = (np.flatnonzero((levels == level).sum(1) > SIDE // 3)[0] for level in (200, 100, 60))
-    assert last - high > high - first + SIDE // 5
+    first, high, last = (np.flatnonzero((levels == level).sum(1) > THUMBNAIL_SIDE // 3)[0] for level in (200, 100, 60))
+    assert last - high > high - first + THUMBNAIL_SIDE // 5
 
 
 def test_renderers_have_their_metrics_and_their_pictures(tmp_path):
@@ -215,7 +215,7 @@ def test_damaged_pictures_and_those_of_all_shapes_fit(tmp_path):
     for share in (0.9, 0.5, 0.0):
         path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
         with Image.open(sheet(tmp_path)) as picture:
-            assert max(picture.size) < 6 * (SIDE + 40)
+            assert max(picture.size) < 6 * (THUMBNAIL_SIDE + 40)
 
 
 @pytest.mark.parametrize(("count", "long"), [(200, True), (201, False), (13, True)])
@@ -285,7 +285,7 @@ def test_an_error_reaches_the_log_of_its_run(tmp_path, mode, caplog):
 def test_the_last_of_many_writers_sees_all_results(tmp_path):
     def work(number: int) -> None:
         make_run(tmp_path, {"seed": str(number)}, name=str(number), target=200, color=20 + number)
-        renew(tmp_path)
+        renew_sweep_report(tmp_path)
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(work, range(6)))

@@ -25,7 +25,7 @@ from scenes import random_strokes, with_shapes
 
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
-from brushexp.pages.replay import FARTHEST, STEPS, pack_strokes, replay_of
+from brushexp.pages.replay import FARTHEST_CANVAS_SIDES, LEVELS, pack_strokes, replay_of
 from brushexp.pages.run_page import LARGEST_SIDE, embed_pixels, files_in, line_of, run_page, write_run_page
 from brushexp.painting.finished import Finished
 from brushexp.painting.reopen import export_job
@@ -263,7 +263,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert len(data) == 44 * 200
     result, at = {}, 800
     for name, each, low, high in packed["columns"]:
-        shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / STEPS
+        shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / LEVELS
         result[name], at = low + shares * (high - low), at + 400 * each
     order = saved.depth.argsort().numpy()
     assert_array_equal(np.frombuffer(data, "<u4", 200), order)
@@ -277,8 +277,8 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3
     packed = replay_of(export_job(saved), measure_strokes(saved.strokes, saved.depth, saved.size))
     highest = {name: high for name, _, _, high in packed["columns"]}
-    assert highest["points"] <= (1 + FARTHEST) * max(SIZE)
-    assert highest["half"] <= FARTHEST * max(SIZE)
+    assert highest["points"] <= (1 + FARTHEST_CANVAS_SIDES) * max(SIZE)
+    assert highest["half"] <= FARTHEST_CANVAS_SIDES * max(SIZE)
 
 
 def test_strokes_are_packed_with_no_more_than_their_renderer_draws():

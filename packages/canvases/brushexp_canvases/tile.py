@@ -35,7 +35,7 @@ from brushexp_canvases.store import HEIGHT, CanvasStore
 
 THICK = 0.25  # pitches of height that are white; thicker paint is white as well
 SEAM = 4  # pixels on each side of a border between tiles whose errors are those of the seam
-EDGE = 2  # pixels around a part that its light depends on
+LIGHT_MARGIN = 2  # pixels around a part that its light depends on
 BORDER, WEIGHT = 8, 1.2  # pixels along borders between tiles, and how much more than others they count
 
 
@@ -161,7 +161,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
     if store.is_drawn(tile):
         return
     region = store.grid.region(tile)
-    wide = region.widened(EDGE, store.grid.size)
+    wide = region.widened(LIGHT_MARGIN, store.grid.size)
     job = job_of(store, cfg, wide)
 
     def put(name: str, picture: np.ndarray) -> np.ndarray:
@@ -180,7 +180,7 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
     """Make the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
-    seen = reaching(strokes, region, EDGE)
+    seen = reaching(strokes, region, LIGHT_MARGIN)
     renderer = build_stages(cfg)[-1].renderer
     compositor = Compositor(take_built(cfg.blend), take_built(cfg.color))
     job = bare_job(cfg, renderer, compositor, (region.height, region.width))

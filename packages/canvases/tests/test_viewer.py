@@ -15,7 +15,7 @@ from brushexp_canvases.pyramid import write_dzi
 from PIL import Image
 from test_pyramids import job_of, levels_of
 
-from brushexp.pages.replay import STEPS
+from brushexp.pages.replay import LEVELS
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
@@ -39,7 +39,7 @@ def unpacked(path: Path, job: ExportJob) -> dict[int, tuple[np.ndarray, np.ndarr
     data, count, result = base64.b64decode(packed["data"]), packed["count"], {}
     at = 4 * count
     for key, each, low, high in packed["columns"]:
-        shares = np.frombuffer(data, "<u2", count * each, at).reshape(count, each) / STEPS
+        shares = np.frombuffer(data, "<u2", count * each, at).reshape(count, each) / LEVELS
         result[key], at = low + shares * (high - low), at + 2 * count * each
     assert at == len(data)
     numbers = [int(np.abs(job.strokes.color.numpy() - paint).sum(1).argmin()) for paint in result["paint"]]

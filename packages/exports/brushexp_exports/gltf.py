@@ -16,11 +16,11 @@ from brushexp.registry import build_named, register
 from brushexp.system.files import replacing
 from brushexp_exports.ribbons import ACROSS, POINTS, TRIANGLES, Ribbons, ribbons_of, triangles_of
 
-LARGEST = 2**32  # bytes of a file: its lengths have 32 bits
-PARTS = 100  # of the strokes, each of which appears at once in the animation
+LARGEST_FILE = 2**32  # bytes of a file: its lengths have 32 bits
+ANIMATION_STEPS = 100  # of the strokes, each of which appears at once in the animation
 FLOAT, SHORT, INT = 5126, 5123, 5125  # numbers of types
 VERTICES, CORNERS = 34962, 34963  # numbers of kinds of data
-SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 PER_STROKE = POINTS * (4 * (3 + 3 + 2 + 1 + 1) + 2 * 4) + TRIANGLES * 3 * 4  # bytes
 Array = np.ndarray
 
@@ -45,8 +45,9 @@ class Gltf(Exporter):
     seconds: Annotated[float, above(0, 3600)] = 10.0
 
     def check(self, count: int, size: tuple[int, int]) -> None:
-        if PER_STROKE * count > LARGEST:
-            raise UserError(f"to=gltf holds {LARGEST // PER_STROKE} strokes, and this painting has {count}; try to=svg")
+        if PER_STROKE * count > LARGEST_FILE:
+            most = LARGEST_FILE // PER_STROKE
+            raise UserError(f"to=gltf holds {most} strokes, and this painting has {count}; try to=svg")
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         ribbons = ribbons_of(job, self.thickness / 1000 * max(job.size))
@@ -72,7 +73,7 @@ class Gltf(Exporter):
         }
         columns = {name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in columns.items()}
         paint = file.add_material("paint", (1, 1, 1), opaque=bool((ribbons.opacity > 1 - 1e-3).all()))
-        for part in np.array_split(np.arange(len(ribbons.number)), min(PARTS, len(ribbons.number))):
+        for part in np.array_split(np.arange(len(ribbons.number)), min(ANIMATION_STEPS, len(ribbons.number))):
             first, last = ribbons.number[part[[0, -1]]]
             node = file.add_mesh(
                 f"strokes {first + 1} to {last + 1}",
@@ -155,7 +156,7 @@ class _Glb:
         view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
         self.scene["bufferViews"].append(view | ({} if target is None else {"target": target}))
         self.data += data + bytes(-len(data) % 4)
-        size = next(name for name, width in SIZES.items() if width == values.shape[1])
+        size = next(name for name, width in COMPONENTS.items() if width == values.shape[1])
         reader = {"bufferView": len(self.scene["bufferViews"]) - 1, "count": len(values), "type": size}
         reader["componentType"] = kinds.get(values.dtype, FLOAT)
         if reader["componentType"] == SHORT:

@@ -14,7 +14,7 @@ SECTIONS = BODY + 2 * CAPS
 POINTS = SECTIONS * ACROSS
 TRIANGLES = 2 * (SECTIONS - 1) * (ACROSS - 1)
 CELLS = 256  # of the longer side, in which strokes are found to lie upon each other
-EDGE = 0.3  # height of the edges of a ribbon above what it lies on, in thicknesses; its middle is 1 above
+EDGE_HEIGHT = 0.3  # height of the edges of a ribbon above what it lies on, in thicknesses; its middle is 1 above
 Array = np.ndarray
 
 
@@ -53,7 +53,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
     seen = (wide.amax(1) > 0) & (opacity[:, 0] > 0) & (high > 0).all(1) & (low < size).all(1)
     flat = flat[seen].clamp_min(0).minimum(size)
     level = _levels(flat.numpy(), job.size)
-    height = (level[:, None] + np.array([EDGE, 1.0, EDGE])) * thickness
+    height = (level[:, None] + np.array([EDGE_HEIGHT, 1.0, EDGE_HEIGHT])) * thickness
     flat = (flat - size / 2) * flat.new_tensor([1, -1])
     points = np.concatenate([flat.numpy(), np.broadcast_to(height[:, None, :, None], (*flat.shape[:3], 1))], axis=3)
     kept = seen.numpy()

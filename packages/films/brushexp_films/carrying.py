@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points at which a stroke is asked whether its place has changed
 CHANGED_SHARE = 0.5  # of a stroke, from which it moves; with less, what it would change elsewhere is seen
 MOVED_SHARE = 0.05  # of the strokes that move which are laid elsewhere, besides those that do harm
-SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
+NEW_STROKE_SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
 TOLERANCE = 0.03  # root mean square error, 0 to 1, of places that are good enough
 SHAPE = ("start", "control", "end")
 
@@ -94,7 +94,7 @@ class Carrier:
         budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
         pictures = (image, picture.target, region.of(changed).to(image))
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
-        new = new_strokes(state, count, SIZE, TOLERANCE).moved(shift=(region.left, region.top))
+        new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))
         removed = number[matter.argsort(stable=True)[: len(new)]]
         new = self.renderer.convert(in_manner_of(new, cel.strokes[removed], self.components.optimizer.units))
         above = torch.zeros_like(moves)

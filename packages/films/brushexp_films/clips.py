@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
 MOST_RATE = 480  # pictures per second; a film that says more counts the ticks of its clock
 SAMPLE = 9  # pictures at the start of such a film, whose intervals tell its rate
-SHORTEST = Fraction(1, 500)  # seconds: what would be seen for less, because clocks are rounded, is not shown
+SHORTEST_FRAME = Fraction(1, 500)  # seconds: what would be seen for less, because clocks are rounded, is not shown
 MISSING = 0.5  # seconds by which a film may end before its header says
 LOCAL = {"protocol_whitelist": "file"}  # a playlist may name addresses
 WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders leave the transparency of these out
@@ -130,7 +130,7 @@ def timed_pictures(clip: Clip) -> Iterator[Shown]:
         if last is None:
             last = picture, time, length
             continue
-        begin = max(time, last[1] + SHORTEST)
+        begin = max(time, last[1] + SHORTEST_FRAME)
         yield Shown(last[0], last[1], begin)
         last = picture, begin, length or begin - last[1]
     if last is not None:
@@ -144,9 +144,9 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
     held: Shown | None = None
     number = 0
     for shown in timed_pictures(clip):
-        if shown.end <= first + SHORTEST:
+        if shown.end <= first + SHORTEST_FRAME:
             continue
-        if last is not None and shown.begin + SHORTEST >= last and number:
+        if last is not None and shown.begin + SHORTEST_FRAME >= last and number:
             break
         begin, end = max(shown.begin, first), shown.end if last is None else min(shown.end, last)
         if number % every:
@@ -173,7 +173,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
             for frame in _frames(container, stream):
                 time = end if frame.pts is None else frame.pts * base - zero
                 length = (getattr(frame, "duration", 0) or 0) * base
-                length = length if length > SHORTEST else Fraction(0)  # a tick of a recorder's clock
+                length = length if length > SHORTEST_FRAME else Fraction(0)  # a tick of a recorder's clock
                 yield srgb_of(frame, aspect), max(time, Fraction(0)), length
                 count, end = count + 1, time + (length or 1 / clip.rate)
         except _errors() as error:

@@ -28,7 +28,7 @@ from brushexp.pictures.video import filming
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import take_built
 from brushexp.runs.closing import how_to_go_on
-from brushexp.runs.resume import RECORD, record_of, restore_run
+from brushexp.runs.resume import RECORD_KEY, record_of, restore_run
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.device import device_of
@@ -166,7 +166,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
     with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
-        torch.save({RECORD: record_of(cfg, folder)}, temporary)
+        torch.save({RECORD_KEY: record_of(cfg, folder)}, temporary)
     reel = filming(folder / "film", "mp4", film.size, TICKS, usual=film.rate, begin=round(first[1].begin * TICKS))
     until_stopped = interruptible(stop.set, "stopping after this picture; the film so far will be written")
     with reel as video, showing("painting the film") as show, until_stopped:

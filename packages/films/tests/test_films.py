@@ -25,7 +25,7 @@ from program import ended
 from refusals import refuses
 
 from brushexp.cli.program import expand_arguments
-from brushexp.compositing.layers import EDGE
+from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
 from brushexp.painting.canvas_memory import find_reaching
@@ -76,7 +76,8 @@ def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(ren
         stay = [n for n in after.front_to_back.tolist() if not moved[n]]
         assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
         whole = Region.whole(picture)
-        away = ~(find_reaching(before.strokes[moved], whole, EDGE) | find_reaching(after.strokes[moved], whole, EDGE))
+        was_there = find_reaching(before.strokes[moved], whole, SOFT_EDGE)
+        away = ~(was_there | find_reaching(after.strokes[moved], whole, SOFT_EDGE))
         assert away.sum() > 500
         assert torch.equal(reel.image[:, away], image[:, away])
         error = [(painting - picture).square().mean() for painting in (reel.image, image)]
@@ -125,7 +126,7 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
     half = torch.zeros(64, 64, dtype=torch.bool)
     half[:, :32] = True
     region = Region(8, 8, 20, 20)
-    near = find_strokes(strokes, region, EDGE)
+    near = find_strokes(strokes, region, SOFT_EDGE)
     for n, share in enumerate(shares_within(strokes, half).tolist()):
         one = strokes[n : n + 1]
         black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))

@@ -16,7 +16,7 @@ AREA = tl.constexpr(tile_lists.AREA)
 LEAST_SLOPE = tl.constexpr(float(processor.LEAST_SLOPE))
 LAST = tl.constexpr(float(processor.LAST))
 TIE = tl.constexpr(float(processor.TIE))
-PARTS = tl.constexpr(16)  # of a curve; of each pair the lists say between which of them it is near the tile
+CURVE_PARTS = tl.constexpr(16)  # of a curve; of each pair the lists say between which of them it is near the tile
 
 
 @inline

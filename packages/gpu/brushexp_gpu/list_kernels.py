@@ -6,13 +6,13 @@ import math
 import triton.language as tl
 from triton import jit
 
-from brushexp_gpu.curves import PARTS, TILE
+from brushexp_gpu.curves import CURVE_PARTS, TILE
 from brushexp_gpu.launch import inline
 
 HALF = tl.constexpr(0.5 * (TILE.value - 1))  # from the middle of a tile to its outermost pixel centres
 HALF_DIAGONAL = tl.constexpr(math.sqrt(0.5) * (TILE.value - 1) * 1.001)
 STEP = tl.constexpr(40.0)  # pixels of a curve for which there are PARTS points
-MOST = tl.constexpr(16.0)  # times PARTS points of a curve at most
+MOST_POINTS = tl.constexpr(16.0)  # times PARTS points of a curve at most
 HALVINGS = tl.constexpr(32)  # more than pairs can need
 
 
@@ -90,7 +90,7 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
     mx, my = sx - x, sy - y
     fastest = tl.sqrt(tl.maximum(fx * fx + fy * fy, (fx + 2 * bx) * (fx + 2 * bx) + (fy + 2 * by) * (fy + 2 * by)))
     # The offset from the nearest point is square to the curve, or that point is an end.
-    points = PARTS * (1 + tl.minimum(fastest / STEP, MOST - 1.0).to(tl.int32))
+    points = CURVE_PARTS * (1 + tl.minimum(fastest / STEP, MOST_POINTS - 1.0).to(tl.int32))
     step = 0.51 / (points - 1).to(tl.float32)
     beyond = r * r + fastest * fastest * step * step + 2.0 * r * tl.sqrt(bx * bx + by * by) * step * step + 0.01
     near = tl.full((BLOCK,), float("inf"), tl.float32)
@@ -99,16 +99,16 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
         dx = tl.maximum(tl.abs((bx * t + fx) * t + mx) - HALF, 0.0)
         dy = tl.maximum(tl.abs((by * t + fy) * t + my) - HALF, 0.0)
         near = tl.minimum(near, dx * dx + dy * dy)
-    low, high = tl.full((BLOCK,), PARTS, tl.int32), tl.zeros((BLOCK,), tl.int32)
-    far = r + HALF_DIAGONAL + fastest * 0.5 * 1.01 / PARTS
-    for m in tl.static_range(PARTS):
-        t = (m + 0.5) / PARTS
+    low, high = tl.full((BLOCK,), CURVE_PARTS, tl.int32), tl.zeros((BLOCK,), tl.int32)
+    far = r + HALF_DIAGONAL + fastest * 0.5 * 1.01 / CURVE_PARTS
+    for m in tl.static_range(CURVE_PARTS):
+        t = (m + 0.5) / CURVE_PARTS
         dx, dy = (bx * t + fx) * t + mx, (by * t + fy) * t + my
         within = dx * dx + dy * dy < far * far
         low, high = tl.where(within, tl.minimum(low, m), low), tl.where(within, m + 1, high)
     tl.store(tile + pair, tl.where(near <= beyond, ty * columns + tx, tiles), here)
     tl.store(stroke + pair, i, here)
-    tl.store(part + pair, tl.where(low < high, low + 256 * high, 256 * PARTS), here)
+    tl.store(part + pair, tl.where(low < high, low + 256 * high, 256 * CURVE_PARTS), here)
 
 
 @jit(do_not_specialize=["pairs", "tiles"])

@@ -14,7 +14,7 @@ Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` are the n
 import triton.language as tl
 from triton import jit
 
-from brushexp_gpu.curves import AREA, PARTS, find_nearest, load_curve, pixels, sum_pixels
+from brushexp_gpu.curves import AREA, CURVE_PARTS, find_nearest, load_curve, pixels, sum_pixels
 from brushexp_gpu.launch import inline
 from brushexp_gpu.plain import plain_cover, plain_pull
 from brushexp_gpu.planes import (
@@ -35,7 +35,7 @@ SIZES = ["tiles", "columns", "height", "width", "numbers"]  # of no size is ther
 def _seek(part, j, sx, sy, fx, fy, bx, by, here):
     """Nearest points (TILES, AREA) on the parts of curves that the lists name."""
     bounds = tl.load(part + j, here, 0)[:, None]
-    low, high = (bounds & 255).to(tl.float32) / PARTS, (bounds >> 8).to(tl.float32) / PARTS
+    low, high = (bounds & 255).to(tl.float32) / CURVE_PARTS, (bounds >> 8).to(tl.float32) / CURVE_PARTS
     x, y = pixels()
     return find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y)
 

@@ -8,7 +8,7 @@ from brushexp.compositing import textures
 from brushexp_gpu.curves import clip, store_moments, sum_pixels
 from brushexp_gpu.launch import inline
 
-LONG = tl.constexpr(1.0 / textures.LONG)
+TEXEL_WIDTH = tl.constexpr(1.0 / textures.TEXEL_ASPECT)
 SLOWEST = tl.constexpr(frames_of.SLOWEST**2)
 SLOWEST_PIXELS = tl.constexpr(frames_of.SLOWEST_PIXELS**2)
 LEAST_SQUARE = tl.constexpr(frames_of.LEAST_SQUARE)
@@ -53,7 +53,7 @@ def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
     more, flip, far = _load_frame(frames, i, 6, here), _load_frame(frames, i, 7, here), _load_frame(frames, i, 8, here)
     along = tl.where((t > 0.0) & (t < 1.0), 0.0, tx * wx + ty * wy)
     across = tx * wy - ty * wx
-    u = origin + body * t + scale * along * LONG
+    u = origin + body * t + scale * along * TEXEL_WIDTH
     u -= tl.where(u >= begin, loop * tl.minimum(tl.floor((u - begin) * (1.0 / loop)), more), 0.0)
     v = tl.where(wx * wx + wy * wy < far, 0.5 * rows + 0.5 + flip * scale * across, 0.0)
     return clip(u, 0.0, columns + 1.0), clip(v, 0.0, rows + 1.0), columns, rows
@@ -94,11 +94,11 @@ def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half,
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx
     gv = gv * _load_frame(frames, i, 7, here)
     tl.store(out + 6, tl.zeros_like(i).to(tl.float32), here)
-    tl.store(out + 8, sum_pixels(gu * along * LONG + gv * across), here)
+    tl.store(out + 8, sum_pixels(gu * along * TEXEL_WIDTH + gv * across), here)
     short = size * LEAST_SQUARE + half * half * SHORTEST_SQUARED + 1e-30
     gt = _load_frame(frames, i, 3, here) * gu / tl.maximum(2.0 * speed - wx * bx - wy * by, short)
     gt = tl.where(beside, gt, 0.0)
-    gu, gv = tl.where(beside, 0.0, gu * scale * LONG), gv * scale
+    gu, gv = tl.where(beside, 0.0, gu * scale * TEXEL_WIDTH), gv * scale
     turn = (gu * across - gv * along) * tl.minimum(one, 1.0 / tl.sqrt(size * LEAST_SQUARE + 1e-30))
     turn = tl.where(moves, turn, 0.0)
     ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # to the point of the curve

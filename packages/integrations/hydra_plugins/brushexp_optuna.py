@@ -71,7 +71,7 @@ class StudySweeper(Sweeper):
         """Check the ends of the search space, then run the trials that have not ended."""
         from brushexp.errors import UserError  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
-        from brushexp.runs.sweep_report import renew  # noqa: PLC0415
+        from brushexp.runs.sweep_report import renew_sweep_report  # noqa: PLC0415
 
         words = [*(f"{key}={value}" for key, value in (self.options["params"] or {}).items()), *arguments]
         overrides = OverridesParser.create(config_loader=self.loader).parse_overrides(words)
@@ -87,7 +87,7 @@ class StudySweeper(Sweeper):
                 raise
             raise UserError(f"all trials of the study failed; {folder / 'table.md'} says why") from error
         finally:
-            renew(folder)
+            renew_sweep_report(folder)
 
     def go_on(self, words: list[str]) -> None:
         """Add the trials in the folder of the sweep to the study; those that were killed are repeated first."""

@@ -162,7 +162,7 @@ IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is c
 TONES, STEEPEST = 64, 2.5  # groups of tones that are counted, and how often one counts at most, over the mean
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 CLEAR = 45.0  # chroma from which on a colour does not become white, however light
-SIDE = 512  # longer side in pixels at which another picture's colours are taken
+PALETTE_SIDE = 512  # longer side in pixels at which another picture's colours are taken
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 
 
@@ -182,4 +182,4 @@ class OfPicture(Palette):
 
     @cached_property
     def _like(self) -> Tensor:
-        return load_picture(self.image, SIDE)
+        return load_picture(self.image, PALETTE_SIDE)

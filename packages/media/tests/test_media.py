@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_media.init.drawing import ANGLES, DEPTHS, TURN, forms, hatching
-from brushexp_media.init.rows import NEAR, WIDER
+from brushexp_media.init.rows import CLOSEST_MARKS, WIDER
 from brushexp_media.marks import KINDS
 from brushexp_media.picture.lines import LUMA, edge_lines, luminance
 from brushexp_testing.families import some_strokes
@@ -157,7 +157,7 @@ def test_rows_lie_beside_each_other_and_end_where_colours_do():
     places = strokes.position[strokes.opacity > 0]
     distance = float((strokes.width * strokes.scale)[strokes.opacity > 0].median()) / 1.2  # as `width` is by default
     apart = torch.cdist(places, places) + 1e9 * torch.eye(len(places))
-    assert float(apart.min()) > NEAR * math.exp(-3 * WIDER) * distance
+    assert float(apart.min()) > CLOSEST_MARKS * math.exp(-3 * WIDER) * distance
     away = (places[:, 1] - 45).abs() > distance
     tone = strokes.color[strokes.opacity > 0].mean(1)
     assert bool(((tone > 0.5) == (places[:, 1] > 45))[away].all())

@@ -12,7 +12,7 @@ from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
-from brushexp_painters.greedy import LARGEST, SMALLEST, worst_places
+from brushexp_painters.greedy import LARGEST_CANDIDATE, SMALLEST_CANDIDATE, worst_places
 
 LEAST_HALF = 0.5  # pixels: half of the smallest thickness
 MARGIN = 1.5  # pixels around a stroke in which its soft edge ends
@@ -148,9 +148,9 @@ def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.rando
 
 def initial_genes(request: PaintRequest, target: Array, random: np.random.Generator) -> Genes:
     """Draw random strokes, small ones on top of large ones."""
-    n, smallest = request.n, SMALLEST * request.pitch
+    n, smallest = request.n, SMALLEST_CANDIDATE * request.pitch
     middle = random.uniform(0, 1, (n, 2)) * request.size[::-1]
-    low, high = np.log(smallest), np.log(max(LARGEST * min(request.size), smallest))
+    low, high = np.log(smallest), np.log(max(LARGEST_CANDIDATE * min(request.size), smallest))
     length = np.sort(np.exp(random.uniform(low, high, n)))[::-1]
     return random_genes(middle, length, target, np.arange(n, dtype=float), random)
 

@@ -16,8 +16,8 @@ from brushexp_painters._laying import Array, numpy_generator, portions, strokes_
 
 SAMPLES = 400  # pixels at which the error of a candidate is measured, about
 PIECES = 8  # straight lines that approximate a curve
-LARGEST = 0.25  # largest half-length of the first candidates, in shorter sides of the canvas
-SMALLEST = 0.4  # smallest half-length of a candidate, in mean distances between strokes
+LARGEST_CANDIDATE = 0.25  # largest half-length of the first candidates, in shorter sides of the canvas
+SMALLEST_CANDIDATE = 0.4  # smallest half-length of a candidate, in mean distances between strokes
 CELLS = 48  # cells of the map of the error on its longer side
 MAP_EVERY = 8  # strokes between two such maps
 STEP_SIZE = 0.3  # size of the first mutations, in lengths of the stroke
@@ -59,8 +59,8 @@ class Greedy(Painter):
         for k in range(n):
             if k % MAP_EVERY == 0:
                 places = worst_places(target, canvas, random)
-            most = request.pitch + (1 - k / n) * LARGEST * min(request.size)
-            stroke, color = self._best(target, canvas, places, (SMALLEST * request.pitch, most), random)
+            most = request.pitch + (1 - k / n) * LARGEST_CANDIDATE * min(request.size)
+            stroke, color = self._best(target, canvas, places, (SMALLEST_CANDIDATE * request.pitch, most), random)
             lay_stroke(canvas, stroke, stroke[6], np.float32(self.opacity), color)
             curves[k], thickness[k], colors[k] = stroke[:6].reshape(3, 2), 2 * stroke[6], color
             if k + 1 in due:

@@ -21,7 +21,7 @@ IN_A_BLOCK = 10  # strokes in a block, about, where the number of levels is not 
 INSIDE = 0.9  # share of a block, from its other side, in which the middle of a stroke may lie
 BLUR = 1 / 16  # deviation of the blur of the error from which a place is drawn, in blocks
 WIDTHS = (0.02, 0.6)  # range of the width of a stroke, in blocks
-SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
+INITIAL_SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
 SHARPNESS = 4  # power of the error to which the probability of a place is proportional
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
 
@@ -117,7 +117,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
             places.append((left + x + 0.5, top + y + 0.5))
     middle = np.array(places)
     block = max(height, width) / m
-    angle, length, thickness = random.uniform(0, np.pi, m * m), *(block * random.uniform(*SIZES, (2, m * m)))
+    angle, length, thickness = random.uniform(0, np.pi, m * m), *(block * random.uniform(*INITIAL_SIZES, (2, m * m)))
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(request.target.cpu().numpy(), *middle.T).T

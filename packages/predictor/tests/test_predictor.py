@@ -7,8 +7,8 @@ import pytest
 import torch
 from brushexp_predictor.lay.colors import best_colors
 from brushexp_predictor.lay.decoding import FORMS, draw, strokes_of
-from brushexp_predictor.lay.network import CELL, NUMBERS, REACH, StrokePredictor, load_predictor
-from brushexp_predictor.lay.predicting import PART, partly, predict
+from brushexp_predictor.lay.network import CELL, NUMBERS, RECEPTIVE_FIELD, StrokePredictor, load_predictor
+from brushexp_predictor.lay.predicting import TILE_CELLS, partly, predict
 from brushexp_predictor.lay.pyramid import levels_of
 from brushexp_predictor.predicted import Predicted
 from torch import Tensor
@@ -63,7 +63,7 @@ def test_photographs_and_brushwork_are_painted_as_well_as_when_the_weights_shipp
 
 def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> None:
     network = load_predictor("plain")
-    side = CELL * (PART + 2 * REACH + 3)
+    side = CELL * (TILE_CELLS + 2 * RECEPTIVE_FIELD + 3)
     target, canvas = torch.rand(2, 1, 3, CELL * 20, side, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         whole, parts = network(target, canvas), partly(network)(target, canvas)

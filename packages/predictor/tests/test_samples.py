@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_predictor.lay.network import NAME, PREDICTORS, StrokePredictor
+from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, StrokePredictor
 from brushexp_predictor.lay.predicting import paint_samples
 from brushexp_predictor.samples import calibrate_task, conformal
 from brushexp_predictor.samples import task as sample_task
-from brushexp_predictor.samples.calibrate_task import LEAST, restart
+from brushexp_predictor.samples.calibrate_task import FEWEST_RESTARTS, restart
 from brushexp_predictor.samples.conformal import Doubt, away_from, doubt_of, holds
 from brushexp_predictor.samples.coverage import KINDS, Evidence, coverage_of, lattice, seen_places, tell_at, topmost
 from brushexp_predictor.samples.figure import certainty_of
@@ -35,8 +35,8 @@ PLAIN, ANGLE = OF_PAINTINGS["colors"], OF_STROKES["direction"]
 @pytest.fixture
 def checkpoint(tmp_path) -> str:
     torch.manual_seed(3)
-    PREDICTORS.save(tmp_path / f"{NAME}.safetensors", NAME, StrokePredictor(), {"options": {}})
-    return str(tmp_path / f"{NAME}.safetensors")
+    PREDICTORS.save(tmp_path / f"{SHIPPED_NAME}.safetensors", SHIPPED_NAME, StrokePredictor(), {"options": {}})
+    return str(tmp_path / f"{SHIPPED_NAME}.safetensors")
 
 
 def test_the_uppermost_stroke_agrees_with_the_obvious_search():
@@ -170,7 +170,7 @@ def test_samples_differ_as_the_network_says_restarts_too_and_are_the_same_again(
     cold = list(paint_samples(network, target, 12, 2, temperature=0.0))
     assert torch.equal(cold[0].painting, cold[1].painting)
     samples = list(restart(torch.rand(3, 24, 32), 6, seconds=0.0, steps=2))
-    assert len(samples) == LEAST
+    assert len(samples) == FEWEST_RESTARTS
     assert not torch.equal(samples[0].strokes.position, samples[1].strokes.position)
 
 

@@ -14,7 +14,7 @@ from refusals import refuses
 from skimage import io
 
 from brushexp.cli.program import expand_arguments
-from brushexp.compositing.layers import EDGE
+from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
 from brushexp.config.tasks import task_for
@@ -68,7 +68,7 @@ def test_strokes_inside_the_mask_change_and_every_pixel_outside_stays_to_the_bit
     change = {name: (a != b).reshape(len(a), -1).any(1) for name, (a, b) in pairs.items()}
     assert 3 < change["position"].sum() <= change["color"].sum()
     job = job_of(strokes, (64, 96), light=Light(depth=float(look == "oil")))
-    inner = Fence(strokes, room_in(torch.from_numpy(~outside), job), EDGE).inner
+    inner = Fence(strokes, room_in(torch.from_numpy(~outside), job), SOFT_EDGE).inner
     assert not torch.stack([*change.values()])[:, ~inner].any(), "what does not lie inside is the same to the bit"
     assert torch.equal(saved.background, before.background)
 
@@ -79,7 +79,7 @@ def test_a_stroke_that_leaves_the_region_returns_to_where_it_was_and_keeps_its_n
     middles = torch.tensor([[40.0, 20.0], [44.0, 20.0], [10.0, 20.0], [70.0, 20.0]])
     curves = middles[:, None] + torch.tensor([[-4.0, 0], [0, 0], [4.0, 0]])
     strokes = strokes_along(curves, torch.tensor([2.0, 4.0, 3.0, 3.0]), torch.zeros(4, 3), torch.ones(4))
-    fence = Fence(strokes, room, EDGE)
+    fence = Fence(strokes, room, SOFT_EDGE)
     assert fence.inner.tolist() == [True, True, False, True], "beyond the canvas nothing is seen"
     moved = strokes.moved(shift=(-25.0, 0)).map(torch.clone)
     moved.color[:], moved.width[:] = 0.5, 2 * strokes.width

@@ -14,7 +14,7 @@ from brushexp.results.anytime_curves import LEAD, Curve, curves_by_image, leader
 from brushexp.results.tables import run_count
 from brushexp.system.files import write_text
 from brushexp_studies import plotting
-from brushexp_studies.plotting import COLORS, DASHES, FAINT, INK, SIZE
+from brushexp_studies.plotting import COLORS, DASHES, FAINT, FIGURE_SIZE, INK
 
 TIMES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800)  # seconds
 LEVELS = (15, 20, 25, 28, 30, 33, 36, 40, 45)  # dB
@@ -80,7 +80,7 @@ def write_curves(folder: Path, frame: DataFrame) -> Path | None:
     images = [(image, curves) for image, curves in curves_by_image(frame).items() if len(curves) > 1][:MOST_IMAGES]
     if not images:
         return None
-    figure = plotting.new_figure(SIZE[1] * len(images))
+    figure = plotting.new_figure(FIGURE_SIZE[1] * len(images))
     for axes, (image, curves) in zip(figure.subplots(len(images), squeeze=False)[:, 0], images, strict=True):
         _draw_curves(axes, curves)
         axes.set_title(plotting.without_math(image), fontsize=11, loc="left", color=INK)

@@ -20,7 +20,7 @@ from brushexp.system.files import write_picture
 from brushexp.system.status import Status
 from brushexp_studies.plotting import wrap_text
 
-SIDE = 400  # pixels: longer side of a picture, where the sheet has room
+THUMBNAIL_SIDE = 400  # pixels: longer side of a picture, where the sheet has room
 LIMIT = 6000  # pixels: longest side of a sheet, about
 GAP = 16  # pixels between pictures
 TALL = 1.7  # most height of a picture with its label, in sides
@@ -49,7 +49,7 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
     pictures = frame["run", "picture"].dropna()
     if pictures.empty:
         return None
-    side = SIDE if all(path.name == "painting.png" for path in pictures) else 2 * SIDE
+    side = THUMBNAIL_SIDE if all(path.name == "painting.png" for path in pictures) else 2 * THUMBNAIL_SIDE
     sheet = draw_sheet(_rows(frame), f"{folder.resolve().name}: {run_count(frame)}", side)
     write_picture(folder / "sheet.png", np.asarray(sheet))
     return folder / "sheet.png"
@@ -93,7 +93,7 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
     return cells
 
 
-def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE) -> Image.Image:
+def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = THUMBNAIL_SIDE) -> Image.Image:
     """Draw pictures in rows, their longer side of ``side`` pixels, or fewer if the sheet would be too large."""
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))

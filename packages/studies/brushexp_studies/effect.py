@@ -11,7 +11,7 @@ from brushexp.results.quantities import quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.results.tables import over_seeds, run_count, varying_settings
 from brushexp_studies import plotting
-from brushexp_studies.plotting import COLORS, LABEL, MARKERS, SIZE, TALLEST
+from brushexp_studies.plotting import COLORS, FIGURE_SIZE, LABEL, MARKERS, TALLEST
 
 # One panel each: the first of these metrics that some run has.
 PANELS = (
@@ -64,7 +64,8 @@ def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
     numeric, metrics = first.index.dtype == float, list(first["mean"])
     table = pd.concat(series, axis=1, sort=numeric)
     row = max(ROW_HEIGHT, POINT_HEIGHT * (len(series) + 1))
-    figure = plotting.new_figure(SIZE[1] if numeric else min(TALLEST, max(SIZE[1], 1.6 + row * len(table))))
+    height = FIGURE_SIZE[1] if numeric else min(TALLEST, max(FIGURE_SIZE[1], 1.6 + row * len(table)))
+    figure = plotting.new_figure(height)
     panels = figure.subplots(1, len(metrics), squeeze=False, sharey=not numeric)[0]
     for axes, metric in zip(panels, metrics, strict=True):
         mean, spread = (table.xs((part, metric), axis=1, level=(1, 2)) for part in ("mean", "std"))

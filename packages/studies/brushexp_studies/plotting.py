@@ -24,15 +24,15 @@ MARKERS = "osD^vPX"
 DASHES = ("-", "--", ":", "-.")
 INK, FAINT, GREY = "#202020", "#d8d8d8", "#9a9a9a"
 DPI = 100
-SIZE = (14.0, 5.0)  # inches
+FIGURE_SIZE = (14.0, 5.0)  # inches
 TALLEST = 30.0  # inches: of a figure whose height grows with its rows
 LABEL = 28  # letters in a line of the label of a row
 LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number from which an axis is logarithmic
 
 
-def new_figure(height: float = SIZE[1]) -> Figure:
+def new_figure(height: float = FIGURE_SIZE[1]) -> Figure:
     """Make an empty figure on white, without global state."""
-    return Figure(figsize=(SIZE[0], height), dpi=DPI, layout="constrained", facecolor="white")
+    return Figure(figsize=(FIGURE_SIZE[0], height), dpi=DPI, layout="constrained", facecolor="white")
 
 
 def tidy(axes: Axes) -> None:

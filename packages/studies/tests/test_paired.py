@@ -22,7 +22,7 @@ from scipy.stats import ttest_rel
 from sweeps import collect, make_grid, make_run, note, read_csv, write_words
 
 from brushexp.results.runs import shorten
-from brushexp.runs.sweep_report import renew
+from brushexp.runs.sweep_report import renew_sweep_report
 
 A, B, C = (30.0, 25.0, 28.0, 33.0), (30.5, 25.2, 29.1, 33.2), (29.0, 25.5, 27.0, 33.1)
 PICTURES = ("a", "b", "c", "d")
@@ -249,7 +249,7 @@ def test_every_image_has_its_own_curves_however_many(tmp_path, count):
 def test_a_report_has_its_plots(tmp_path):
     make_grid(tmp_path, {"init": ["grid", "slic"]}, anytime=CURVE)
     before = drawn(tmp_path).read_bytes()
-    renew(tmp_path)
+    renew_sweep_report(tmp_path)
     assert (tmp_path / "effect.png").read_bytes() == before, "the same every time"
     assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png", "pareto.png"}
     assert {path.name for path in tmp_path.glob("*.md")} == {"table.md", "anytime.md", "pareto.md"}

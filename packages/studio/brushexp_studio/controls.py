@@ -16,7 +16,7 @@ from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, Wishes, own_size, pl
 
 SECONDS = "seconds"  # a choice beside the qualities
 NONE = ""  # key of no picture
-FEWEST, MOST, NOTCHES = 50, 10_000, 80  # strokes, and positions of their slider
+FEWEST_STROKES, MOST_STROKES, NOTCHES = 50, 10_000, 80  # strokes, and positions of their slider
 
 
 class Controls:
@@ -123,7 +123,8 @@ class Controls:
         self.show()
 
     def _take_number(self, notch: float) -> str:
-        strokes = None if notch == 0 else round(FEWEST * (MOST / FEWEST) ** ((notch - 1) / (NOTCHES - 1)))
+        share = (notch - 1) / (NOTCHES - 1)
+        strokes = None if notch == 0 else round(FEWEST_STROKES * (MOST_STROKES / FEWEST_STROKES) ** share)
         self.visit.wishes.strokes = strokes and int(float(f"{strokes:.2g}"))
         return "as the look" if strokes is None else f"{self.visit.wishes.strokes:,}"
 

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import numpy as np
 from brushexp_studies import plotting
 from brushexp_studies.paired import CONFIDENCE, interval
-from brushexp_studies.plotting import COLORS, DASHES, INK, SIZE
+from brushexp_studies.plotting import COLORS, DASHES, FIGURE_SIZE, INK
 from matplotlib.axes import Axes
 from omegaconf import DictConfig
 
@@ -122,7 +122,7 @@ def write_standings_plot(folder: Path, sections: Sequence[Section]) -> Path | No
     compared = [section for section in sections if section.times][:4]
     if not compared:
         return None
-    figure = plotting.new_figure(1.2 * SIZE[1] * len(compared))
+    figure = plotting.new_figure(1.2 * FIGURE_SIZE[1] * len(compared))
     for axes, section in zip(figure.subplots(len(compared), squeeze=False)[:, 0], compared, strict=True):
         _draw_section(axes, section)
     return plotting.save_figure(figure, folder / "anytime.png")

@@ -3,7 +3,7 @@
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register
 
-SMALLEST = 176  # side in pixels of which a sixteenth still holds the window of 11 x 11
+SMALLEST_SIDE = 176  # side in pixels of which a sixteenth still holds the window of 11 x 11
 
 
 @register("metric", "ms_ssim")
@@ -22,7 +22,7 @@ class MultiscaleSimilarity(Metric):
             multiscale_structural_similarity_index_measure as similarity,
         )
 
-        if min(comparison.target.shape[1:]) < SMALLEST:
+        if min(comparison.target.shape[1:]) < SMALLEST_SIDE:
             return None
         image, target = (picture[None].double() for picture in (comparison.image, comparison.target))
         return float(similarity(image, target, data_range=1.0))

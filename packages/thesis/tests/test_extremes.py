@@ -18,7 +18,7 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import LEAST_ALPHA, Renderer
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.catalogue import FARTHEST, Catalogue, check_strokes, drawable
+from brushexp.strokes.catalogue import FARTHEST_POSITION, Catalogue, check_strokes, drawable
 
 # The study alone has the time for them, and for the kernels of seven channels.
 SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8", "pure colours in pigment", "mixing in pigment")
@@ -96,7 +96,7 @@ def test_strokes_of_16_bits_are_drawn_in_float32_and_not_optimised(dtype):
 
 def test_strokes_that_a_precision_cannot_hold_are_refused_and_a_number_says_what_is_out_of_bounds():
     far = SCENES["1e6 px off the canvas"].strokes(4)
-    assert drawable(far.map(lambda value: value.half())).position.abs().max() == FARTHEST
+    assert drawable(far.map(lambda value: value.half())).position.abs().max() == FARTHEST_POSITION
     words = r"scale is .*inf.*make them in float32"
     refuses(words, drawable, replace(far, scale=far.scale * 1e5).map(lambda value: value.half()))
     refuses("int64; convert them", drawable, far.map(lambda value: value.long()))

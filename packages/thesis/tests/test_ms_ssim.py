@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from brushexp_thesis.ms_ssim import SMALLEST, MultiscaleSimilarity
+from brushexp_thesis.ms_ssim import SMALLEST_SIDE, MultiscaleSimilarity
 from torch.nn.functional import avg_pool2d, conv2d
 
 from brushexp.plugins.metric.base import Comparison
@@ -39,6 +39,5 @@ def test_it_is_that_of_its_source():
 
 
 def test_small_pictures_have_none():
-    assert (
-        MultiscaleSimilarity()(Comparison(torch.zeros(3, SMALLEST - 1, 400), torch.zeros(3, SMALLEST - 1, 400))) is None
-    )
+    small = torch.zeros(3, SMALLEST_SIDE - 1, 400)
+    assert MultiscaleSimilarity()(Comparison(small, small)) is None

@@ -9,7 +9,7 @@ from brushexp.api.settings import settings_of, undisturbed
 from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, plugin_of
-from brushexp.runs.run_folder import note_words, release, take
+from brushexp.runs.run_folder import note_words, release_folder, take_folder
 from brushexp.runs.runner import perform
 from brushexp.strokes.prior import parameters_of, sample_prior
 
@@ -51,11 +51,11 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
 
     with settings.as_asked():
         try:
-            take(folder, cfg)
+            take_folder(folder, cfg)
             note_words(folder, cfg, settings.words)
             perform(train, cfg, folder, start)
         finally:
-            release(folder)
+            release_folder(folder)
     node = cfg.renderer.copy()
     node.checkpoint = str(folder / f"{plugin_of(cfg.renderer).name}.safetensors")
     return build(node)

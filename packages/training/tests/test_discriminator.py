@@ -7,7 +7,13 @@ import pytest
 import torch
 from brushexp_training.discriminator import discriminator_module as task
 from brushexp_training.discriminator.corruption import CORRUPTIONS, corrupt
-from brushexp_training.discriminator.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from brushexp_training.discriminator.discriminator import (
+    DISCRIMINATOR,
+    DISCRIMINATORS,
+    Discriminated,
+    Discriminator,
+    shapes_of,
+)
 from brushexp_training.discriminator.discriminator_module import (
     DiscriminatorModule,
     ShapeData,
@@ -27,7 +33,7 @@ from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
+from brushexp.strokes.prior import INSET, SPREAD, THICKEST, THINNEST, bend_of, sample_prior, strokes_of
 
 POINTS = ("start", "control", "end")
 
@@ -51,7 +57,7 @@ def valid(made: Strokes, slack: float = 0.01) -> Tensor:
     length = torch.linalg.vector_norm(made.end - made.start, dim=1)
     bend = (bend_of(made) / torch.tensor(SPREAD).sqrt()).norm(dim=1)
     fits = (points <= INSET + slack) & (length >= 4 * INSET * made.width - slack) & (bend <= 4)
-    return fits & (made.width >= WIDTH[0] - slack) & (made.width <= WIDTH[1] + slack)
+    return fits & (made.width >= THINNEST - slack) & (made.width <= THICKEST + slack)
 
 
 def wild(n: int, size: float) -> Strokes:
@@ -137,12 +143,12 @@ def test_a_checkpoint_brings_the_same_loss_back_and_others_are_refused(trained, 
 
 
 def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
-    path = DISCRIMINATORS.path_of(NAME)
+    path = DISCRIMINATORS.path_of(DISCRIMINATOR)
     assert path.stat().st_size < 50_000
     text = path.with_suffix(".json").read_text()
     assert "/" not in text
     network = Discriminator()
-    DISCRIMINATORS.restore(network, NAME, NAME, {})
+    DISCRIMINATORS.restore(network, DISCRIMINATOR, DISCRIMINATOR, {})
     figures = discriminator_figures(network, held_out_shapes(11, Split.TEST))
     assert figures["auc"] > 0.95
     assert figures["accuracy"] > 0.9

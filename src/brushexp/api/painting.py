@@ -21,7 +21,7 @@ from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
 from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.registry import build_named
-from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
+from brushexp.runs.run_folder import check_inputs, clear, note_words, release_folder, take_folder
 from brushexp.runs.runner import explaining_to_users
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
@@ -210,9 +210,9 @@ def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Pai
         if folder is None:
             return Painting(paint_picture(cfg, callbacks), settings)
         try:
-            take(folder, cfg)
+            take_folder(folder, cfg)
             settings = write_pictures(settings, folder)
             note_words(folder, settings.cfg, settings.words)
             return Painting(paint_into(folder, settings.cfg, start, callbacks=callbacks), settings)
         finally:
-            release(folder)
+            release_folder(folder)

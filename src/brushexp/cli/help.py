@@ -27,7 +27,7 @@ TOPICS = {  # --help=topic
 }
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
-WIDTH = 120  # letters of a line
+LINE_WIDTH = 120  # letters of a line
 COLUMN = 28  # letters up to a meaning
 EXAMPLE_COLUMN = 52  # letters up to what an example does
 TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
@@ -104,7 +104,7 @@ def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -
     for group in groups_of(schema):
         lines += ["", *_group(group, cfg, folders, with_options=group in families)]
     if schema.alone == "image":
-        lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", WIDTH).splitlines()]
+        lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", LINE_WIDTH).splitlines()]
     return [*lines, "", MORE]
 
 
@@ -181,5 +181,6 @@ def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
     """Write a name and its meaning in two columns, or in two lines if the name is long."""
     head = f"  {name:<{column - 3}} "
     if len(head) > column:
-        return [head, *fill(meaning, WIDTH, initial_indent=" " * column, subsequent_indent=" " * column).splitlines()]
-    return fill(head + meaning, WIDTH, subsequent_indent=" " * column).splitlines()
+        indent = " " * column
+        return [head, *fill(meaning, LINE_WIDTH, initial_indent=indent, subsequent_indent=indent).splitlines()]
+    return fill(head + meaning, LINE_WIDTH, subsequent_indent=" " * column).splitlines()

@@ -16,8 +16,8 @@ from brushexp.compositing.scratch import channel_rows
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
-REACH = 2.0  # half widths, and EDGE pixels, beyond which no stroke paints: drawn hairs fray farther than textures
-EDGE = 2.0  # pixels that a soft edge adds to a stroke at most, where a renderer says no other number
+PAINT_REACH = 2.0  # half widths, and SOFT_EDGE pixels, beyond which no stroke paints: hairs fray beyond textures
+SOFT_EDGE = 2.0  # pixels that a soft edge adds to a stroke at most, where a renderer says no other number
 Encode = Callable[[Tensor], Tensor]  # from RGB (..., 3) to channels (..., C), black to 0 and white to 1, differentiable
 Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 

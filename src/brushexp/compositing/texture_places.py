@@ -6,7 +6,7 @@ import numpy as np
 from brushexp.compat.compiled import function, inline
 from brushexp.compositing.frame import SLOWEST, SLOWEST_PIXELS
 from brushexp.compositing.nearest import find_nearest
-from brushexp.compositing.textures import LONG
+from brushexp.compositing.textures import TEXEL_ASPECT
 from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 
 X, Y, ONE = 2, 3, 4  # rows of a stroke in a tile: its place in the texture, in texels, and 1 / length of the direction
@@ -43,7 +43,7 @@ def place_in_texture(p, i, ox, oy, frame, own):
         along = F(0) if (t > F(0)) & (t < F(1)) else along
         across = (tx * wy - ty * wx) * one
         own[ONE * AREA + q] = one
-        x = origin + body * t + F(1 / LONG) * scale * along
+        x = origin + body * t + F(1 / TEXEL_ASPECT) * scale * along
         back = min(np.floor((x - begin) * often), more)
         x -= loop * back if x >= begin else F(0)
         own[X * AREA + q] = min(max(x, F(0)), columns + F(1))

@@ -19,7 +19,7 @@ from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, Til
 from brushexp.compositing.passes import of_color
 from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.texture_places import ONE, PLACES, X, Y, curve_size, place_in_texture, places_in_windows
-from brushexp.compositing.textures import LONG, Sheets
+from brushexp.compositing.textures import TEXEL_ASPECT, Sheets
 from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 from brushexp.system.runtime import share
 
@@ -63,7 +63,7 @@ class TexturedProfile(Layers):
         loop begins, its length (1 if it has none), by how many repeats there are more than one, and the flip.
         """
         size, (begin, length) = self.sheets.size[self.look].double(), self.sheets.loop[self.look].double().unbind(1)
-        cap, more = size[:, 0] / (2 * LONG), self.repeats - 1.0
+        cap, more = size[:, 0] / (2 * TEXEL_ASPECT), self.repeats - 1.0
         body = size[:, 1] - 2 * cap + length * more
         parts = (size[:, 0], size[:, 1], cap + 0.5, body, begin + 0.5, torch.where(length > 0, length, 1.0), more)
         return torch.stack([*parts, self.flip.double()], dim=1)
@@ -74,7 +74,7 @@ class TexturedProfile(Layers):
         frame = self.frame()[index][:, :, None].to(t.dtype)
         rows, columns, origin, body, begin, length, more, flip = frame.unbind(-1)
         per_texel = 0.5 * rows / SPREAD / half
-        x = origin + body * t + per_texel / LONG * along
+        x = origin + body * t + per_texel / TEXEL_ASPECT * along
         x = x - torch.where(x >= begin, length * torch.minimum(((x - begin) / length).detach().floor(), more), 0.0)
         y = 0.5 * rows + 0.5 + flip * per_texel * across
         opacity, tone = self._look_up(index[..., None], x, y, rows, columns).unbind(-1)
@@ -257,8 +257,8 @@ def _move(p, i, ox, oy, body, flip, own, out):
         moves, beside = speed > still, (t > F(0)) & (t < F(1))
         tx, ty = (dx * one, dy * one) if moves else (outer * wy * one, -outer * wx * one)
         along, across = F(0) if beside else tx * wx + ty * wy, tx * wy - ty * wx
-        g8 += F(1 / LONG) * gx * along + gy * across
-        gu, gv = F(0) if beside else F(1 / LONG) * gx * scale, gy * scale
+        g8 += F(1 / TEXEL_ASPECT) * gx * along + gy * across
+        gu, gv = F(0) if beside else F(1 / TEXEL_ASPECT) * gx * scale, gy * scale
         gt = body * gx / max(F(2) * speed - wx * bx - wy * by, short)
         gt = gt if beside else F(0)
         turn = (gu * across - gv * along) * min(one, least)

@@ -14,8 +14,8 @@ from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
 
-LONG = 2  # texels along a stroke are so many times as long as they are wide: bristles run along it
-LEAST = 5  # least steps of opacity; fainter ones become 0
+TEXEL_ASPECT = 2  # texels along a stroke are so many times as long as they are wide: bristles run along it
+FAINTEST_OPACITY_STEPS = 5  # least steps of opacity; fainter ones become 0
 BYTE, HALF = 255, 127  # steps of opacity, and of tone to either side of 0
 
 
@@ -50,12 +50,13 @@ def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Ten
     step, cap = 2 * SPREAD / rows, cap_of(rows)
     across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
     u, body = torch.arange(columns + 2) - 0.5 - cap, columns - 2 * cap
-    return across, (u / body).clamp(0, 1), LONG * step * u.clamp_max(0), LONG * step * (u - body).clamp_min(0)
+    length = TEXEL_ASPECT * step  # of a texel, half widths
+    return across, (u / body).clamp(0, 1), length * u.clamp_max(0), length * (u - body).clamp_min(0)
 
 
 def cap_of(rows: int) -> float:
     """Count the columns of a cap."""
-    return rows / (2 * LONG)
+    return rows / (2 * TEXEL_ASPECT)
 
 
 def texel_distances(rows: int, columns: int) -> Tensor:
@@ -110,7 +111,7 @@ def _round_steps(sheet: Tensor) -> Tensor:
     steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
     steps[1] = HALF
     opacity, rest = ((sheet * steps).round() / steps).split([1, sheet.shape[1] - 1], dim=1)
-    return torch.cat([opacity * (opacity >= LEAST / BYTE), rest], dim=1)
+    return torch.cat([opacity * (opacity >= FAINTEST_OPACITY_STEPS / BYTE), rest], dim=1)
 
 
 def extent_of(opacity: Tensor) -> Tensor:

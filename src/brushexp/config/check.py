@@ -13,7 +13,7 @@ from brushexp.config.vocabulary import plain_name, spellings
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 
-NEAREST = 3  # names that a message lists
+SUGGESTIONS = 3  # names that a message lists
 NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
 
@@ -128,7 +128,7 @@ def nearest_first(word: str, names: Sequence[str]) -> str:
     """List the three names for a message that are most like the word, the one that others call so first."""
     plain = plain_name(word)
     ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
-    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, NEAREST, 0)])][:NEAREST])
+    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, SUGGESTIONS, 0)])][:SUGGESTIONS])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
@@ -162,7 +162,7 @@ def unknown_key(typed: str, task: str) -> str:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
         if name not in members and owners:
-            return f"{typed} is no key: it is an option of one {family}; type {' or '.join(owners[:NEAREST])}"
+            return f"{typed} is no key: it is an option of one {family}; type {' or '.join(owners[:SUGGESTIONS])}"
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         if name not in members:
             mend = f"there are: {nearest_first(name, members)}; options stand below one, {family}.<name>.{name}=..."
@@ -177,7 +177,7 @@ def unknown_key(typed: str, task: str) -> str:
     name = spellings("keys").get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
-        near = f"type {' or '.join([*dict.fromkeys(owners)][:NEAREST])}"
+        near = f"type {' or '.join([*dict.fromkeys(owners)][:SUGGESTIONS])}"
     text = f"{typed} is no key of task={task}; {near}"
     others = [
         f"task={name}"

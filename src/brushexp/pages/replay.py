@@ -9,7 +9,7 @@ import torch
 
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
+from brushexp.compositing.textures import BYTE, HALF, TEXEL_ASPECT, Sheets
 from brushexp.pictures.color import hex_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.svg import profile_of
@@ -18,8 +18,8 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import LATER_FIELDS
 
 MAX_STROKES = 200_000  # browsers can still draw a page of so many
-STEPS = 65_535  # levels of 16 bits above 0
-FARTHEST = 4.0  # canvas sides: farther control points are moved there
+LEVELS = 65_535  # levels of 16 bits above 0
+FARTHEST_CANVAS_SIDES = 4.0  # canvas sides: farther control points are moved there
 CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
 Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values, and the range in which they lie
 
@@ -31,13 +31,13 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
     """
     if len(job.strokes) > MAX_STROKES:
         return None
-    far = FARTHEST * max(job.size)
+    far = FARTHEST_CANVAS_SIDES * max(job.size)
     length, thirds = measures.length.clip(0, 2 * far), np.quantile(measures.area, [1 / 3, 2 / 3])
     about = {
         "length": (length, 0, length.max()),
         "direction": (np.nan_to_num(np.degrees(measures.orientation), nan=-1), -1, 180),
         "visible": (measures.visible, 0, 1),
-        "layer": (np.searchsorted(thirds, measures.area), 0, STEPS),
+        "layer": (np.searchsorted(thirds, measures.area), 0, LEVELS),
     }
     textured = textured_of(job)
     looks = None if textured is None else np.unique(textured.look.numpy())
@@ -57,7 +57,7 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
-    far = FARTHEST * max(height, width)
+    far = FARTHEST_CANVAS_SIDES * max(height, width)
     points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
     half = half_width_of(saved.strokes).numpy().clip(0, far)
     values: dict[str, tuple[np.ndarray, float, float]] = {  # (N, ...), lowest and highest value
@@ -78,13 +78,13 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
         values |= {
             "thick": (thick, 0, thick.max(initial=0)),
             "strength": (strength, 0, 1),
-            "texture_of": (chosen, 0, STEPS),
+            "texture_of": (chosen, 0, LEVELS),
         }
     order = saved.depth.argsort().numpy()
     columns, data = [], order.astype("<u4").tobytes()
     for name, (column, low, high) in values.items():
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
-        data += _quantised(shares, STEPS, "<u2").tobytes()
+        data += _quantised(shares, LEVELS, "<u2").tobytes()
         columns.append((name, column[:1].size or 1, float(low), float(max(high, low + 1e-6))))
     mixed = not job.space.is_rgb
     return {
@@ -115,7 +115,7 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     rows = zip(counts.cumsum() - counts, size, loop, extent, strict=True)
     return {
         "spread": SPREAD,
-        "long": LONG,
+        "long": TEXEL_ASPECT,
         "texels": base64.b64encode(texels.round().astype("u1").tobytes()).decode(),
         "sheets": [
             [int(first), *size.tolist(), float(begin) + 0.5, float(length), float(extent)]

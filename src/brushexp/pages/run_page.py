@@ -20,7 +20,7 @@ from brushexp.registry import family_of_key, name_of_target
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
 from brushexp.results.runs import command_of, read_curves
-from brushexp.results.stroke_table import SIZES, StrokeTable, measure_strokes, sizes_set_by
+from brushexp.results.stroke_table import SIZE_MEASURES, StrokeTable, measure_strokes, sizes_set_by
 from brushexp.shading.light import overlay
 from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
@@ -183,7 +183,7 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     charts = [drawings.histogram_chart(*histogram) for histogram in histograms]
     if setter := sizes_set_by(saved):
         for chart in charts:
-            if chart and chart["title"].lower() in SIZES:
+            if chart and chart["title"].lower() in SIZE_MEASURES:
                 chart["note"] = f"Set by {setter}: no measure of the picture's own brushwork."
     charts.append(drawings.rose_chart("Direction", measures.orientation, measures.length))
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()

@@ -42,7 +42,8 @@ BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 ON_A_FACE, FACE_REACH = 400, 0.85  # strokes at most, and how far from its middle they lie, in its sides
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
-LONG, MANY = 2, 10_000  # minutes of steps that are told beforehand, and drawings below which nobody asks
+LONG_MINUTES = 2  # steps that take longer are announced
+MANY_DRAWINGS = 10_000  # drawings of a stroke below which their time is not measured
 AUTO = "auto"  # value of warm_up that leaves it to the renderer
 
 
@@ -148,9 +149,9 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
 def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
     """Log beforehand how long the steps of a network that draws each stroke take here, if it is minutes."""
     for stage in stages:
-        if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY:
+        if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
-            if minutes >= LONG:
+            if minutes >= LONG_MINUTES:
                 steps = f"{stage.steps} steps of {strokes:,} strokes with renderer={stage.name} take some"
                 cure = f"less: {'finish_steps' if len(stages) > 1 else 'steps'}=5, strokes=300 or seconds=60"
                 log.info("%s %d minutes; %s", steps, minutes, cure)

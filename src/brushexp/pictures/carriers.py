@@ -10,8 +10,8 @@ from PIL import Image
 from brushexp.pictures.colorimetry import (
     ADOBE_RGB,
     BT709,
-    CLOSE,
     CURVES,
+    SAME_WITHIN,
     SRGB,
     Encoding,
     decode_srgb,
@@ -65,7 +65,7 @@ def _of_png(head: bytes, picture: Image.Image) -> Colors:
     exponent, corners = info.get("gamma"), info.get("chromaticity")
     if not exponent and not corners:
         return None
-    curve = gamma(1 / exponent) if exponent and abs(exponent - SRGB_GAMMA) > CLOSE else decode_srgb
+    curve = gamma(1 / exponent) if exponent and abs(exponent - SRGB_GAMMA) > SAME_WITHIN else decode_srgb
     return Encoding(_pairs((*corners[2:], *corners[:2])) if corners and all(corners) else BT709, curve)
 
 

@@ -30,7 +30,7 @@ WHITE_NITS = 203.0  # of a picture of high dynamic range, candela per square met
 HIGH_RANGE = (16, 18)  # transfers of high dynamic range by their numbers of H.273: PQ and HLG
 HLG_NITS, HLG_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on, BT.2100
 ROWS = 256  # that are converted at once
-CLOSE = 0.002  # coordinates and exponents that are nearer than this were meant to be the same
+SAME_WITHIN = 0.002  # coordinates and exponents that are nearer than this were meant to be the same
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def unless_srgb(encoding: Encoding) -> Encoding | None:
 
     Chromaticities of standard video before BT.709 count as those of sRGB, as players show them.
     """
-    near = any(np.allclose(encoding.primaries, known, atol=CLOSE) for known in (BT709, PRIMARIES[5], SMPTE_C))
+    near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding
 
 

@@ -18,7 +18,7 @@ from brushexp.system.files import PNG, write_bytes
 
 KEYWORDS = ("Title", "Author", "Copyright", "Creation Time", "Description")  # of PNG
 CATALOGUES = (".h5", ".json")
-LONGEST, LARGEST_XMP = 2000, 2**20  # letters of an entry, bytes of a packet
+LONGEST_ENTRY, LARGEST_XMP = 2000, 2**20  # letters of an entry, bytes of a packet
 EXIF = {"Author": 315, "Copyright": 33432, "Description": 270, "Title": 40091, "Creation Time": 306}  # tags of TIFF
 WIDE_TITLE, TAKEN = 40091, 36867  # tags: Windows' title, in UTF-16, and when a photograph was taken
 IPTC = {"Title": (2, 5), "Author": (2, 80), "Copyright": (2, 116), "Creation Time": (2, 55), "Description": (2, 120)}
@@ -111,7 +111,7 @@ def _of_xmp(picture: Image.Image) -> dict[str, Any]:
 def _plain(text: Any) -> str:
     """Make one line of letters of a text, a list or bytes, and of other things none."""
     if isinstance(text, list | tuple):
-        return ", ".join(filter(None, map(_plain, text)))[:LONGEST]
+        return ", ".join(filter(None, map(_plain, text)))[:LONGEST_ENTRY]
     if isinstance(text, bytes):
         try:
             text = text.decode()
@@ -119,4 +119,4 @@ def _plain(text: Any) -> str:
             text = text.decode("latin-1")
     if not isinstance(text, str):
         return ""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:LONGEST]
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:LONGEST_ENTRY]

@@ -13,7 +13,7 @@ from brushexp.pictures.load import downsample, load_mask
 Face = tuple[tuple[float, float], float]  # middle (y, x) and side of the square around it, in pixels
 
 AUTO = "auto"  # focus that is found in the picture
-SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
+GLANCE_SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
 BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
 SAME = 1e-3  # of a Lab unit: differences below it are rounding
@@ -56,7 +56,7 @@ def attention(picture: Tensor, squares: Sequence[Face]) -> Tensor:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
     size = (picture.shape[1], picture.shape[2])
-    small = _shrunk(picture, SIDE)
+    small = _shrunk(picture, GLANCE_SIDE)
     lab: np.ndarray = to_lab(small.reshape(-1, 3).astype(np.float64)).reshape(small.shape)
     sigma = BLUR * max(lab.shape[:2])
     saliency, detail = (gaussian_filter(values, sigma) for values in (_signature(lab), _slope(lab)))

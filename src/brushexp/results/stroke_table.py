@@ -27,7 +27,7 @@ LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are compu
 THIN_FILM = 1e-4  # share of their opacity at which strokes hardly hide each other
 DIRECTION_BINS = 18  # each has 10 degrees
 LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less counts as none
-SIZES = ("length", "width", "area", "elongatedness")  # the settings of a painting give them, not its picture
+SIZE_MEASURES = ("length", "width", "area", "elongatedness")  # the settings of a painting give them, not its picture
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
@@ -123,7 +123,7 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def sizes_set_by(saved: Saved) -> str:
-    """Name the setting that gave painted strokes their ``SIZES``, such as ``init=slic``; "" if no setting did.
+    """Name the setting that gave painted strokes their ``SIZE_MEASURES``, such as ``init=slic``; "" if no setting did.
 
     Gradient descent hardly changes the sizes that strokes begin with, so that they say nothing of a painter's brushes.
     Strokes that were recovered from a picture, and those of no run, have sizes of their own.

@@ -16,7 +16,7 @@ from brushexp.system.terminal import as_shown
 from brushexp.system.words import table_of_words
 
 log = logging.getLogger(__name__)
-MANY = 600  # strokes, from which 300 are few
+MANY_STROKES = 600  # strokes, from which 300 are few
 NAMED = 4  # files that a line names
 
 
@@ -80,7 +80,7 @@ def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
     typed = [_unquoted(word).removeprefix("image=") for word in others]
     for word, what in table_of_words("next").items():
         key = word.partition("=")[0]
-        if not keys & {key, "detail", "resume"} and not (key == "strokes" and strokes < MANY):
+        if not keys & {key, "detail", "resume"} and not (key == "strokes" and strokes < MANY_STROKES):
             return f"{what}: {shlex.join(['brushexp', *typed, word])}"
     return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"
 

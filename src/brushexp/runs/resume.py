@@ -21,7 +21,7 @@ from brushexp.system.reading_tensors import read_pickled
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import use_threads
 
-RECORD = "brushexp"  # key of the settings in a checkpoint
+RECORD_KEY = "brushexp"  # key of the settings in a checkpoint
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
 
 
@@ -41,7 +41,7 @@ class RunRecord(L.Callback):
         self.begun = True  # what a checkpoint holds has been used
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
-        checkpoint[RECORD] = self.record
+        checkpoint[RECORD_KEY] = self.record
 
 
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
@@ -52,7 +52,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
     """
     path = folder / CHECKPOINT
     try:
-        record = read_pickled(path, "start anew")[RECORD]
+        record = read_pickled(path, "start anew")[RECORD_KEY]
         settings, words = plain_config(record["settings"]), [str(word) for word in check_plain(record["words"])]
         chosen = _chosen_keys(words)
         task = settings.get("task")

@@ -47,7 +47,7 @@ class RunFolder(Callback):
             check_place(config)
             check(config, words)
             warn_of_launcher(config)
-            take(take_name(config, Path(config.hydra.run.dir)), config)
+            take_folder(take_name(config, Path(config.hydra.run.dir)), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
             is_theirs = isinstance(error, OmegaConfBaseException | OSError)
             message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
@@ -87,7 +87,7 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
     return free
 
 
-def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
+def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Lock a folder until this process ends, remove what an aborted run has written there, and note new files.
 
     A UserError tells of another run at work there, or of one that has finished or can go on, unless this run
@@ -162,7 +162,7 @@ def note_words(folder: Path, cfg: DictConfig, words: Sequence[str]) -> None:
     write_text(folder / ".hydra" / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create([*words])))
 
 
-def release(folder: Path) -> None:
+def release_folder(folder: Path) -> None:
     """Unlock a folder before this process ends."""
     stop_recording(folder)
     for held in [lock for lock in _locks if Path(lock.lock_file).parents[1] == folder]:

@@ -23,7 +23,7 @@ from brushexp.errors import UserError
 from brushexp.registry.blame import naming_plugins
 from brushexp.results.runs import objective_in
 from brushexp.runs.closing import how_to_go_on
-from brushexp.runs.run_folder import lock, release, take_job
+from brushexp.runs.run_folder import lock, release_folder, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
 from brushexp.system.run_files import METRICS_FILE
@@ -40,7 +40,7 @@ from brushexp.system.runtime import (
 from brushexp.system.status import Status
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of torch and NumPy
-SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
+MEMORY_KEYS = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
             pass_signal_on()
         raise
     finally:
-        release(folder)
+        release_folder(folder)
     if was_signalled():  # in its last step: this job has finished, and the sweep ends
         raise KeyboardInterrupt
     return result
@@ -133,7 +133,7 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
             return KeyboardInterrupt()
         return UserError(f"something ends the program (exit code {error.code})")
     if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
-        smaller = " or ".join(f"{key}=" for key in SIZES if key in cfg)
+        smaller = " or ".join(f"{key}=" for key in MEMORY_KEYS if key in cfg)
         return UserError(f"there is not enough memory; take a smaller {smaller}")
     if isinstance(error, OSError) and error.filename is None and error.errno is not None:
         return UserError(f"cannot write into {cfg.output}: {error.strerror}; choose another folder with output=...")

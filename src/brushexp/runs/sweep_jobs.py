@@ -16,8 +16,8 @@ from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.closing import say_page
-from brushexp.runs.run_folder import check_free, check_place, take, take_name
-from brushexp.runs.sweep_report import renew
+from brushexp.runs.run_folder import check_free, check_place, take_folder, take_name
+from brushexp.runs.sweep_report import renew_sweep_report
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
 from brushexp.system.run_files import CHECKPOINT
@@ -74,7 +74,7 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
     words = [_without_output(job) for job in jobs]
     if goes_on:
         check_same(folder, words, lenient)
-    take(folder, config, goes_on)
+    take_folder(folder, config, goes_on)
     overrides: Any = OmegaConf.to_container(config.hydra.overrides, resolve=False)  # ``${...}`` is left to each job
     typed = _without_output([*overrides["hydra"], *overrides["task"]])
     typed = [word for word in typed if not word.startswith(INTERNAL)]
@@ -128,7 +128,7 @@ def launch_jobs(
             raise
         raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
     finally:
-        renew(folder)
+        renew_sweep_report(folder)
     say_page(folder, "all of them on one page")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:

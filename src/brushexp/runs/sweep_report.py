@@ -19,7 +19,7 @@ from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.status import Status
 
-SHARE = 0.1  # largest share of a sweep's time that its reports take
+REPORT_SHARE = 0.1  # largest share of a sweep's time that its reports take
 
 log = logging.getLogger(__name__)
 _next_report = time.monotonic() + 30  # seconds: what a report needs takes two to load
@@ -39,7 +39,7 @@ class SweepReport(Callback):
             _log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep and (failed or time.monotonic() >= _next_report):
             try:  # Hydra would turn an exception into a warning
-                renew(run_folder.parent)
+                renew_sweep_report(run_folder.parent)
             except Exception as error:
                 log.error("no report of this sweep: %s", error, exc_info=not isinstance(error, UserError))
 
@@ -55,7 +55,7 @@ def note_failure(folder: Path, error: BaseException) -> None:
         write_json(path, numbers | {"status": status, "error": words})
 
 
-def renew(folder: Path) -> None:
+def renew_sweep_report(folder: Path) -> None:
     """Write the report of a sweep from the results of all its runs, if there are any; one process at a time."""
     from filelock import FileLock  # noqa: PLC0415
 
@@ -65,7 +65,7 @@ def renew(folder: Path) -> None:
     start = time.monotonic()
     with FileLock(folder / ".hydra" / "report.lock"):
         _write_report(folder)
-    _next_report = time.monotonic() + (time.monotonic() - start) / SHARE
+    _next_report = time.monotonic() + (time.monotonic() - start) / REPORT_SHARE
 
 
 def _write_report(folder: Path) -> None:

@@ -39,7 +39,7 @@ BODY, FINE, COARSE = 0.5, 0.15, 0.12  # films: of the middle, and of single bris
 RIDGE, RIDGE_AT, RIDGE_WIDE = 0.3, 0.76, 0.13  # films of what is pushed aside; where and how wide in half widths
 SPENT = 0.25  # share of its paint that a brush has left at the end of a stroke
 SHOULDER = 0.3  # half widths over which the edge of the paint is round
-EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
+EDGE_RANGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 
 
 @torch.no_grad()
@@ -177,8 +177,8 @@ def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
     from_curve = torch.hypot(across[:, None], (before + beyond) * ragged) / half  # 1 at the edge
     ridge = torch.exp(-(((from_curve - RIDGE_AT) / RIDGE_WIDE) ** 2)) * (1 + 0.5 * coarse).clamp_min(0)
     film = BODY * (1 + 0.5 * SPENT - SPENT * t) + FINE * fine + COARSE * coarse + RIDGE * ridge
-    shoulder = 0.5 + smooth_rise((EDGE[1] - from_curve) / SHOULDER - 0.5)
-    opacity = 0.5 + smooth_rise((EDGE[1] - from_curve) / (EDGE[1] - EDGE[0]) - 0.5).expand_as(film)
+    shoulder = 0.5 + smooth_rise((EDGE_RANGE[1] - from_curve) / SHOULDER - 0.5)
+    opacity = 0.5 + smooth_rise((EDGE_RANGE[1] - from_curve) / (EDGE_RANGE[1] - EDGE_RANGE[0]) - 0.5).expand_as(film)
     textures = torch.stack([opacity, film.clamp(THINNEST, 1) * shoulder - 1], dim=1)
     return sheets_of(textures.to(device), LEVELS, Loop(0, 0), rounded=True)
 

@@ -30,11 +30,11 @@ class Field:
 
 
 PRECISE = (torch.float32, torch.float64)  # strokes of these types are optimised, and drawn as they are
-FARTHEST = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
-MOST = 2**31  # brushes: files have them in 32 bits
+FARTHEST_POSITION = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
+BRUSH_COUNT = 2**31  # brushes: files have them in 32 bits
 FIELDS = {
-    "position": Field(2, -FARTHEST, FARTHEST, "pixels of the canvas, x to the right, y down; the window's centre"),
-    "scale": Field(0, 1e-3, FARTHEST, "side of the stroke's window in pixels"),
+    "position": Field(2, -FARTHEST_POSITION, FARTHEST_POSITION, "centre of the window, pixels, x right, y down"),
+    "scale": Field(0, 1e-3, FARTHEST_POSITION, "side of the stroke's window in pixels"),
     "start": Field(2, -1e3, 1e3, "half-windows from position"),
     "control": Field(2, -1e3, 1e3, "half-windows from position"),
     "end": Field(2, -1e3, 1e3, "half-windows from position"),
@@ -158,8 +158,9 @@ def check_strokes(strokes: Strokes) -> None:
         cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
         raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
     brush = strokes.brush
-    if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(((brush < 0) | (brush >= MOST)).any()):
-        needed = f"a whole number (int64) from 0 to {MOST - 1} of each stroke"
+    beyond = (brush < 0) | (brush >= BRUSH_COUNT)
+    if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(beyond.any()):
+        needed = f"a whole number (int64) from 0 to {BRUSH_COUNT - 1} of each stroke"
         raise UserError(f"brush is not {needed}; mend it or leave it out")
 
 
@@ -175,7 +176,8 @@ def drawable(strokes: Strokes) -> Strokes:
     if dtype not in (torch.float16, torch.bfloat16):
         raise UserError(f"strokes are {dtype}; convert them with strokes.map(lambda value: value.float())")
     if dtype == torch.float16:
-        strokes = replace(strokes, position=strokes.position.float().nan_to_num(torch.nan, FARTHEST, -FARTHEST))
+        position = strokes.position.float().nan_to_num(torch.nan, FARTHEST_POSITION, -FARTHEST_POSITION)
+        strokes = replace(strokes, position=position)
     try:
         check_strokes(strokes)
     except UserError as error:

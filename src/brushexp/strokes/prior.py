@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -13,22 +14,24 @@ from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
 WINDOW = 64.0  # pixels on the side of the window of a simulated stroke
-WIDTH = (0.03, 0.2)  # thinnest and thickest stroke, in sides of the window
+THINNEST, THICKEST = 0.03, 0.2  # widths of valid strokes, in sides of the window
 INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
 TOUCHING = 1e-6  # half-windows or pixels: ends nearer than this have no direction between them
-SHORTEST_CHORD = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
+SHORTEST_CHORD = 4 * THINNEST * INSET  # distance from start to end of the shortest valid stroke, half-windows
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value", float, Tensor)
 
 
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     """Draw valid strokes number ``first`` to ``first + n - 1``; each depends on ``seed`` and its own number alone.
 
-    Start and end are uniform in the window and the thickness w in ``WIDTH``, redrawn until |s - e| >= 2 w (in sides of
-    the window); the control point is normal about the middle with variances ``SPREAD``, redrawn until it lies in the
-    window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU, opaque, of uniform colours, at
-    position 0. Differs from the source: its eq. 6.1 prints the inequality the other way round.
+    Start and end are uniform in the window and the thickness w in [``THINNEST``, ``THICKEST``], redrawn until
+    |s - e| >= 2 w (in sides of the window); the control point is normal about the middle with variances ``SPREAD``,
+    redrawn until it lies in the window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU,
+    opaque, of uniform colours, at position 0. Differs from the source: its eq. 6.1 prints the inequality the other way
+    round.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -39,33 +42,43 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     return strokes_of(torch.from_numpy(np.concatenate(parts, axis=1)).float())
 
 
+def width_of(parameter: Tensor) -> Tensor:
+    """Convert the width parameter of strokes, in [-1, 1] for valid ones, to sides of the window."""
+    return THINNEST + (THICKEST - THINNEST) * 0.5 * (parameter + 1)
+
+
+def width_parameter(width: Value) -> Value:
+    """Invert `width_of`."""
+    return (2 * width - (THICKEST + THINNEST)) / (THICKEST - THINNEST)
+
+
 def parameters_of(strokes: Strokes) -> Tensor:
     """Describe strokes in their windows as (N, 10): start, control, end, width, colour; valid ones lie in [-1, 1]."""
-    width = (2 * strokes.width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
-    return torch.cat([strokes.start, strokes.control, strokes.end, width[:, None], 2 * strokes.color - 1], dim=1)
+    width = width_parameter(strokes.width[:, None])
+    return torch.cat([strokes.start, strokes.control, strokes.end, width, 2 * strokes.color - 1], dim=1)
 
 
 def strokes_of(parameters: Tensor) -> Strokes:
     """Invert `parameters_of`: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
-    width = WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width[:, 0] + 1)
     where = torch.zeros_like(start), WINDOW * one, start, control, end
-    return Strokes(*where, width, 0.5 * (color + 1), one)
+    return Strokes(*where, width_of(width[:, 0]), 0.5 * (color + 1), one)
 
 
 def clamp_to_prior(strokes: Strokes) -> Strokes:
     """Bring points and widths to the edge of the box that `sample_prior` draws from; what is clamped has no gradient.
 
-    The box is +-``INSET`` half-windows for the points, ``WIDTH``, chords of ``SHORTEST_CHORD`` or more, and no stroke
-    thicker than half its length (but at least the thinnest), as the source's eq. 6.1 asks.
+    The box is +-``INSET`` half-windows for the points, [``THINNEST``, ``THICKEST``] for widths, chords of
+    ``SHORTEST_CHORD`` or more, and no stroke thicker than half its length (but at least the
+    thinnest), as the source's eq. 6.1 asks.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
     way = 0.5 * (SHORTEST_CHORD - length).clamp_min(0)[:, None] * along
     start, end = start - way, end + way
     length = 0.5 * torch.linalg.vector_norm(start - end, dim=1) / INSET  # sides of the window, before the inset
-    width = torch.minimum(strokes.width, 0.5 * length).clamp(*WIDTH)
+    width = torch.minimum(strokes.width, 0.5 * length).clamp(THINNEST, THICKEST)
     return replace(strokes, start=start, control=control, end=end, width=width)
 
 
@@ -88,14 +101,14 @@ def rewindow(strokes: Strokes) -> Strokes:
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
     centre, extent = 0.5 * (low + high), (high - low).amax(1)
-    smallest = torch.maximum(extent / INSET, thickness / WIDTH[1]).clamp_min(1e-3)
-    largest = (thickness / WIDTH[0]).clamp_min(1)  # no window below a pixel: nothing to see there
+    smallest = torch.maximum(extent / INSET, thickness / THICKEST).clamp_min(1e-3)
+    largest = (thickness / THINNEST).clamp_min(1)  # no window below a pixel: nothing to see there
     scale = torch.maximum(torch.minimum(strokes.scale, largest), smallest)
     scale = torch.where(smallest > largest, (smallest * largest).sqrt(), scale)
     shrink = (scale / smallest).clamp_max(1)
     points = (curve - centre[:, None]) * (2 * shrink / scale)[:, None, None]
     start, control, end = points.clamp(-INSET, INSET).unbind(1)  # what is left to clamp is rounding
-    width = (thickness / scale).clamp_min(WIDTH[0])
+    width = (thickness / scale).clamp_min(THINNEST)
     new = replace(strokes, position=centre, scale=scale, start=start, control=control, end=end, width=width)
     valid = (parameters_of(strokes) == parameters_of(clamp_to_prior(strokes))).all(1)
     fields = {
@@ -152,7 +165,7 @@ def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bo
 
 def _long_enough(body: Array) -> NDArray[np.bool_]:
     length = np.linalg.norm(body[:, :2] - body[:, 2:4], axis=1)
-    return length >= 2 * (WIDTH[0] + (WIDTH[1] - WIDTH[0]) * body[:, 4])
+    return length >= 2 * (THINNEST + (THICKEST - THINNEST) * body[:, 4])
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:

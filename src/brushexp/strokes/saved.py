@@ -15,7 +15,7 @@ from PIL import Image
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, MOST, Strokes, check_strokes
+from brushexp.strokes.catalogue import BRUSH_COUNT, FIELDS, LATER_FIELDS, Strokes, check_strokes
 from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
 
 LARGEST_ALPHA = 100_000_000  # pixels
@@ -184,7 +184,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
         column = [_numbers(zeros | row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
     brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
-    within = [min(max(brush, -1), MOST) for brush in brushes]  # `check_strokes` refuses what lies outside
+    within = [min(max(brush, -1), BRUSH_COUNT) for brush in brushes]  # `check_strokes` refuses what lies outside
     strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
     if not any("depth" in row for row in rows):
         return strokes, torch.arange(len(rows))

@@ -29,7 +29,7 @@ from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_
 from brushexp.system.reading import explaining, in_short, read_text
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
-NAME = "catalogue.h5"  # in the folder of a run
+CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
 MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
 ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
@@ -70,7 +70,7 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
         path = SHIPPED / f"{path}.h5"
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
     if path.is_dir():  # the folder of a run stands for its catalogue
-        path = path / NAME
+        path = path / CATALOGUE_NAME
         if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # of a sweep, or of a film
             cure = f"give one of those below it, {option}={others[0]}"
     if path.suffix.lower() == ".json":

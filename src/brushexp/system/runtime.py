@@ -24,7 +24,7 @@ OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasat
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 MOMENT = 0.05  # seconds
 THREADS = 256  # kernels use no more
-PARTS = 4  # each thread gets so many parts of a kernel's work, so that none waits long for another
+PARTS_PER_THREAD = 4  # each thread gets so many parts of a kernel's work, so that none waits long for another
 _received: list[int] = []  # signals so far
 _lost = threading.Event()  # an interruption in a callback from C
 _most_threads = [THREADS]
@@ -63,7 +63,7 @@ def share(work: Callable[..., object], n: int, *args: object) -> None:
     if threads < 2:
         work(0, n, *args)
         return
-    count = min(PARTS * threads, n)
+    count = min(PARTS_PER_THREAD * threads, n)
     numbers = iter(range(count))  # each goes to one thread
 
     def take_parts() -> None:

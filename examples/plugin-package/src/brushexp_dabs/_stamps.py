@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 
 F = np.float32
 U = np.uint64
-FARTHEST, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+FARTHEST_POINT, WIDEST_STROKE = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
 PIECES = 64  # straight pieces that measure the length of a curve: 0.02 % too short where it turns back on itself
 DRAWS = 3  # random numbers of a dab: two offsets and a radius
 GOLDEN = U(0x9E3779B97F4A7C15)
@@ -23,8 +23,8 @@ Array = np.ndarray
 def curves_of(strokes: Strokes, side: int) -> tuple[Array, Array]:
     """Start, control and end (n, 6) and thickness (n,) in pixels of a canvas ``side`` wide, float64."""
     points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
-    width = strokes.width.double().clamp(0, WIDEST)
-    return ((points.clamp(-FARTHEST, FARTHEST) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
+    width = strokes.width.double().clamp(0, WIDEST_STROKE)
+    return ((points.clamp(-FARTHEST_POINT, FARTHEST_POINT) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
 
 
 def one_colour(strokes: Strokes, alpha: Array) -> Simulated:

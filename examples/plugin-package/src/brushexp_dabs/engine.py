@@ -14,8 +14,8 @@ from brushexp.strokes.prior import strokes_of
 from brushexp.system.runtime import share
 from brushexp_dabs._stamps import curves_of, dabs, one_colour, opacity_of
 
-SMALLEST = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
-EDGE = 1e-4  # hardness 0 and 1 are drawn as this far from them
+SMALLEST_RADIUS = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
+HARDNESS_MARGIN = 1e-4  # hardness 0 and 1 are drawn as this far from them
 GRID = 401  # places at which the profile of a band is computed
 
 
@@ -74,7 +74,7 @@ class Dabs(Engine):
         if head > tail:
             raise UserError(f"engine.head={head:g} is more than engine.tail={tail:g}; try engine.head={tail:g}")
         self.window, self.supersample, self.dabs_per_radius = window, supersample, float(dabs_per_radius)
-        hard = min(max(hardness, EDGE), 1 - EDGE)
+        hard = min(max(hardness, HARDNESS_MARGIN), 1 - HARDNESS_MARGIN)
         look = (hard, opaque, opaque_by_pressure, opaque_linearize, offset_by_random, radius_by_random)
         self.look, self.pressure = tuple(map(float, look)), tuple(map(float, (pressure, end_pressure, head, tail)))
         opacity = opacity_of(pressure, opaque, opaque_by_pressure, opaque_linearize, self.dabs_per_radius)
@@ -84,7 +84,7 @@ class Dabs(Engine):
         strokes = strokes_of(parameters.detach().cpu().float())
         side = self.supersample * self.window
         curve, width = curves_of(strokes, side)
-        radius = np.maximum(0.5 * width / self.half_width, SMALLEST * side)
+        radius = np.maximum(0.5 * width / self.half_width, SMALLEST_RADIUS * side)
         number = np.uint64(first) + np.arange(len(curve), dtype=np.uint64)
         alpha = np.empty((len(curve), self.window, self.window), np.float32)
         settings = (self.dabs_per_radius, self.look, self.pressure, np.uint64(seed))
@@ -105,7 +105,7 @@ def half_width(hardness: float, opacity: float, per_radius: float, offset: float
     draws, weights = _sum_of_four()
     y = np.linspace(0, 1 + offset * draws[-1], GRID)
     places = y[:, None] - offset * draws
-    depth = per_radius * max(opacity, EDGE) * (np.interp(places, across, along, left=0, right=0) @ weights)
+    depth = per_radius * max(opacity, HARDNESS_MARGIN) * (np.interp(places, across, along, left=0, right=0) @ weights)
     alpha = -np.expm1(-depth)
     return float(y[alpha >= 0.5 * alpha[0]].max())
 

@@ -9,7 +9,7 @@ from brushexp.errors import UserError
 
 MAGIC = b"GIMP"
 BEFORE_NAME = {1: 20, 2: 28}  # bytes of the header by its version; the name follows, to its end
-LARGEST = 4096  # pixels of a side
+LARGEST_SIDE = 4096  # pixels of a side
 MOST_STAMPS = 256
 CURE = "save it anew from GIMP as .gbr or .gih, or as PNG"
 
@@ -51,7 +51,7 @@ def _read_gbr(data: bytes, at: int) -> tuple[Stamp, int]:
         raise UserError(f"is damaged, or a brush of GIMP of a kind that is not read; {CURE}")
     header, version, width, height, depth = struct.unpack_from(">5I", data, at)
     begin, end = at + header, at + header + width * height * depth
-    if not (0 < width <= LARGEST and 0 < height <= LARGEST) or end > len(data):
+    if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE) or end > len(data):
         raise UserError(f"claims {width} x {height} pixels, of which not all are there; {CURE}")
     pixels = np.frombuffer(data[begin:end], np.uint8).reshape(height, width, depth)
     percent = struct.unpack_from(">I", data, at + 24)[0] if version == 2 else 25

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
-from brushexp.compositing.textures import LONG, Loop
+from brushexp.compositing.textures import TEXEL_ASPECT, Loop
 from brushexp.errors import UserError
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import BRIGHTNESS, load_cutout, nearest_files
@@ -25,8 +25,8 @@ ELSEWHERE = {  # files of other programs, and how they become what is read here
     ".myb": "a brush of MyPaint, a recipe without a picture; paint a stroke with it and save that as PNG",
     ".vbr": "a brush of GIMP that is a formula; paint a stroke with it and save that as PNG",
 }
-MOST = 64  # marks of a renderer
-SIDE = 2048  # pixels of the longer side of a picture that is read
+MOST_MARKS = 64  # marks of a renderer
+LARGEST_SIDE = 2048  # pixels of the longer side of a picture that is read
 PAPER = 0.1  # share of the contrast below which a scan shows the grain of its paper
 DARKEST = 0.95  # share of a scanned mark that is no darker than full coverage
 ALONG = 8  # heights of a stamp that it is dragged along
@@ -49,8 +49,8 @@ def read_marks(paths: Sequence[str]) -> list[Mark]:
     """Read the marks of files and folders; a UserError names the key to type and what is wrong."""
     files = [file for path in paths for file in _files_of(path)]
     marks = [mark for file in files for mark in _marks_of(file)]
-    if len(marks) > MOST:
-        raise UserError(f"brush={','.join(paths)} has {len(marks)} marks; give at most {MOST}, file by file")
+    if len(marks) > MOST_MARKS:
+        raise UserError(f"brush={','.join(paths)} has {len(marks)} marks; give at most {MOST_MARKS}, file by file")
     return marks
 
 
@@ -104,7 +104,7 @@ def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
     return ((far / max(full, 1e-6) - PAPER) / (1 - PAPER)).clip(0, 1)
 
 
-def shrunk(coverage: np.ndarray, side: int = SIDE) -> np.ndarray:
+def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
     """Average a mark to at most ``side`` pixels a side."""
     shape = np.array(coverage.shape)
     size = tuple(int(one) for one in np.maximum(np.round(shape * min(side / shape.max(), 1)), 1))
@@ -156,13 +156,13 @@ def columns_for(marks: Sequence[Mark]) -> int:
     """Choose how many texels the marks are long, so that they keep about the proportions of the one in the middle."""
     lengths = [mark.coverage.shape[1] / place_of(mark.coverage)[1] for mark in marks]
     wanted = float(np.median(lengths)) + 2 * (SPREAD - OVER)
-    return min(LENGTHS, key=lambda columns: abs(np.log(columns * LONG * 2 * SPREAD / ROWS / wanted)))
+    return min(LENGTHS, key=lambda columns: abs(np.log(columns * TEXEL_ASPECT * 2 * SPREAD / ROWS / wanted)))
 
 
 def texture_of(mark: Mark, columns: int) -> Tensor:
     """Lay a mark on the texels (rows, columns) of a stroke; beginning and end keep their shape, the middle repeats."""
     middle, half = place_of(mark.coverage)
-    margin = round((SPREAD - OVER) / (LONG * 2 * SPREAD / ROWS))
+    margin = round((SPREAD - OVER) / (TEXEL_ASPECT * 2 * SPREAD / ROWS))
     height, top = 2 * SPREAD * half, SPREAD * half - middle
     rows = (np.arange(ROWS + 1) / ROWS * height - top).clip(0, len(mark.coverage))
     summed = np.concatenate([np.zeros((1, mark.coverage.shape[1])), mark.coverage.cumsum(0, dtype=np.float64)])

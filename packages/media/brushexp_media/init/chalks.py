@@ -20,14 +20,14 @@ from brushexp_media.marks import RUBBED, VARIANTS
 
 Array = np.ndarray
 BLUR = 0.004  # deviation of the blur under hatchings, in longer sides
-EDGE = 3.0  # slope of colour, per longer side, at which a hatching ends
+EDGE_SLOPE = 3.0  # slope of colour, per longer side, at which a hatching ends
 PATCH, LEFT = 0.13, -0.8  # longer sides from one rubbed place to the next; deviations below which none is hatched
 FOLLOWED = 0.6  # of the way from the slant of the hand to the direction of forms
 SWAY = 0.14  # radians by which groups of lines turn
 GROUP = 0.12  # longer sides from one group to the next
 BROKEN, PRESSED = 0.065, 0.25  # deviations of the lightness of hatchings, and of the logarithm of their widths
 FOCUSED = 0.5  # how much sparser hatchings are where one looks first
-NEAREST = 1.5  # widths of a hatching from one line to the next
+LINE_SPACING = 1.5  # widths of a hatching from one line to the next
 SHORTER = 0.6  # strokes of a face that is drawn by itself, over others
 EDGED, LIGHTS = 0.7, 0.2  # width of an accent over that of a hatching; share of accents that are light
 DEEPER, LIGHTER = 0.35, 0.6  # how far dark accents go to black, and light ones to white
@@ -102,13 +102,13 @@ class Chalks(Initializer):
         side = max(picture.shape)
         blurred = np.stack([gaussian_filter(plane, BLUR * side) for plane in picture])
         xx, _, yy = structure_tensor(blurred, 0.0)
-        free = 1 - np.sqrt(xx + yy) * side / EDGE
+        free = 1 - np.sqrt(xx + yy) * side / EDGE_SLOPE
         free *= noise_of(free.shape, PATCH, random) > LEFT
         if weight is not None:
             free *= 1 - FOCUSED * weight / weight.max()
         turned = FOLLOWED * forms(picture) + SWAY * noise_of(free.shape, GROUP, random)
         length = self.reach * thick
-        gap = max(NEAREST * thick, free.clip(0).sum() / max(n, 1) / (0.7 * length))
+        gap = max(LINE_SPACING * thick, free.clip(0).sum() / max(n, 1) / (0.7 * length))
         curve = hatching(free, 0.0, ANGLES[0], turned, gap, length, random)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         color = sampled_at(blurred, *curve.mean(1).T).T + random.normal(0, BROKEN, (len(curve), 1))

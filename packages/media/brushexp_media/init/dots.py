@@ -14,7 +14,7 @@ from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 CALMER = 0.8  # power of the size of dots with which they go apart: in details less
-MOST = 100.0  # chroma by which dots of division 1 leave the colour of their place
+DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 leave the colour of their place
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
@@ -80,8 +80,8 @@ class Dots(Initializer):
         room = room * (size / size.max()) ** CALMER
         if focus is not None:
             room = room * _at(focus, strokes)[:, None].clamp_min(1) ** -0.5
-        lab[:, 1:] += MOST * self.division * room * by
-        lab[:, 0] += MOST * self.division * UNEVEN * light
+        lab[:, 1:] += DIVISION_CHROMA * self.division * room * by
+        lab[:, 0] += DIVISION_CHROMA * self.division * UNEVEN * light
         return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
 
 

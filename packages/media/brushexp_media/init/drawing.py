@@ -46,7 +46,7 @@ SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fi
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
-SHORTEST = 0.21  # of the full length of lines, below which a contour is no line
+SHORTEST_LINE = 0.21  # of the full length of lines, below which a contour is no line
 MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
 FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
@@ -220,7 +220,7 @@ def _traced(
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
     pressed = 0.35 + 0.65 * strength
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
-    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST * length)
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
     kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
     return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
 

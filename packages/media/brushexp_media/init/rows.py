@@ -24,10 +24,10 @@ from brushexp_media.picture.noise import fractal_noise
 Array = np.ndarray
 BLUR = 0.35  # deviation of the blur of the picture of a layer, in distances of its rows
 STEP = 0.5  # distances of rows between points of a mark
-NEAR = 0.5  # distances of rows nearer than which no mark comes to another
+CLOSEST_MARKS = 0.5  # distances of rows nearer than which no mark comes to another
 ELSEWHERE = 0.5  # weight of detail where no row goes on
 DARKER = 0.75  # the underpainting over the picture
-SHORTEST = 0.2  # least length of a mark, over the full one
+SHORTEST_MARK = 0.2  # least length of a mark, over the full one
 UNEVEN = (0.35, 1.65)  # least and largest length of a mark that nothing ends, over the mean
 WIDER = 0.25  # deviation of the logarithm of widths from mark to mark
 ASTRAY = 0.25  # share of ``looseness`` that is left where forms are strong
@@ -157,11 +157,11 @@ class Rows:
         heapq.heapify(seeds)
         while seeds and len(marks) < n:
             mark = self._mark(heapq.heappop(seeds)[2])
-            if len(mark) <= SHORTEST * self.length / STEP:
+            if len(mark) <= SHORTEST_MARK * self.length / STEP:
                 continue
             size = sizes[len(marks)]
             marks.append(mark[[0, len(mark) // 2, -1]])
-            self._take(mark, NEAR * size * self.distance)
+            self._take(mark, CLOSEST_MARKS * size * self.distance)
             for place in filter(self._is_inside, self._around(mark, size)):
                 heapq.heappush(seeds, (-detail[_pixel(place)], next(numbers), place))
         start, middle, end = np.array(marks).reshape(-1, 3, 2).swapaxes(0, 1)

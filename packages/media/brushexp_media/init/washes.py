@@ -7,7 +7,7 @@ from brushexp_media.picture.lines import TIMES, followed, points_of
 
 Array = np.ndarray
 TRIED = 16  # places that are tried for each stroke that is asked
-OVERLAP, LEAST = 0.92, 0.6  # share of half its width, and pixels, within which a stroke leaves nothing bare
+OVERLAP, SMALLEST_REACH = 0.92, 0.6  # share of half its width, and pixels, within which a stroke leaves nothing bare
 RARE, FAR, NEARBY = 1.5, 3.0, 0.06  # blur of the histogram, cost of a tone that is moved, and by how much it may be
 THINNER = 0.75  # by so much are the ends of strokes, as in look=ink
 NARROWER, LONG = 0.65, 9.0  # least room on the way of a stroke, and its length, over half its width
@@ -57,7 +57,7 @@ def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) ->
 def _cover(bare: Array, curve: Array, half: float) -> None:
     """Take what a stroke along a curve (3, 2), whose ends are `THINNER`, covers from a map (H, W) of what is bare."""
     points = points_of(curve[None])[:, 0]
-    reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), LEAST)
+    reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), SMALLEST_REACH)
     (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)
     box = bare[top:bottom, left:right]
     y, x = (np.arange(side) + 0.5 for side in box.shape)

@@ -12,7 +12,7 @@ from brushexp.bounds import above, at_least, between
 from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.registry import register
 from brushexp_media.paper.wetness import density_of_edges, gather_pigment, wandered
-from brushexp_media.picture.noise import REACH, drawn_out, evened, fractal_noise, gradient_noise
+from brushexp_media.picture.noise import LINE_REACH, drawn_out, evened, fractal_noise, gradient_noise
 from brushexp_media.picture.smoothing import direction_of_edges, gaussian_blur, with_clean_edges
 
 THOUSANDTHS, HUNDREDTHS = 1000, 100
@@ -85,7 +85,8 @@ class GrainedPaper(Paper):
 
     def margin(self, size: tuple[int, int]) -> int:
         around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
-        drawn = (4 * HAND + REACH) * (self.drag > 0) + 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
+        drawn = (4 * HAND + LINE_REACH) * (self.drag > 0)
+        drawn += 3 * (RUNS + RAN + NEARBY) * (max(self.lost, self.charged) > 0)
         drawn += (12 * CRISP + 2 * self.clean) * (self.clean > 0)
         return math.ceil((4 * RIM + 3 * self.wander + drawn) * self._grain_of(size)) + 2 if max(around) > 0 else 0
 
@@ -158,7 +159,7 @@ class GrainedPaper(Paper):
             return heights
         (x, y), grain = self._in_grains(rows), self._grain_of(rows.size)
         noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
-        streaks = drawn_out(noise, direction_of_edges(flat, HAND * grain), REACH * grain)
+        streaks = drawn_out(noise, direction_of_edges(flat, HAND * grain), LINE_REACH * grain)
         return torch.lerp(heights.float(), streaks, self.drag) / math.hypot(self.drag, 1 - self.drag)
 
 

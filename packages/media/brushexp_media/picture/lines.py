@@ -7,11 +7,11 @@ from brushexp.pictures.structure import sampled_at
 Array = np.ndarray
 SIGMA = 0.0022  # deviation of the smaller Gaussian, in longer sides: as fine as a pen
 WIDER = 1.6  # deviation of the larger one over it (Marr and Hildreth, 1980: nearest to the Laplacian)
-STRENGTH, LEAST = 22.0, 0.02  # how fast a line becomes full, from the difference over the luma around it on
+STRENGTH, THRESHOLD = 22.0, 0.02  # how fast a line becomes full, from the difference over the luma around it on
 DARKEST = 0.2  # luma that counts as at least there: in the dark, noise is no line
 POINTS, BESIDE = 13, 0.6  # places of a line that are compared; share of it that may run along another
 TIMES = np.linspace(0, 1, POINTS)
-STEPS = 8  # points of a line on each side of its middle
+POINTS_PER_SIDE = 8  # points of a line on each side of its middle
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
 LOOSE, SHARES = 0.03, (1.0, 0.75, 0.5, 0.3)  # how far a curve may leave its way, over its length; parts that are tried
 LUMA = (0.299, 0.587, 0.114)
@@ -23,7 +23,7 @@ def luminance(picture: Array) -> Array:
     return luma
 
 
-def edge_lines(picture: Array, scale: float = 1.0, least: float = LEAST) -> Array:
+def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> Array:
     """Compute how much of a line (H, W), 0 to 1, goes through each pixel of a picture (3, H, W).
 
     Lines are on the dark side of edges, and ``scale`` times as thick as a pen's, from a difference of ``least`` on.
@@ -76,9 +76,9 @@ def followed(places: Array, flow: Array, reach: Array, field: Array, least: Arra
     way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))
     curve, left = np.empty((len(places), 3, 2)), np.ones(len(places), bool)
     for share in SHARES:
-        first, last = STEPS - np.ceil(share * before), STEPS + np.ceil(share * after)
+        first, last = POINTS_PER_SIDE - np.ceil(share * before), POINTS_PER_SIDE + np.ceil(share * after)
         at = first + TIMES[:, None] * (last - first)
-        low = at.astype(int).clip(0, 2 * STEPS - 1)
+        low = at.astype(int).clip(0, 2 * POINTS_PER_SIDE - 1)
         points = way[low, number] + (at - low)[..., None] * (way[low + 1, number] - way[low, number])
         start, middle, end = points[0], points[len(points) // 2], points[-1]
         fitted = np.stack([start, 2 * middle - (start + end) / 2, end], 1)
@@ -99,8 +99,8 @@ def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array
     """Walk along a flow from places: points (STEPS + 1, n, 2) and how many steps (n,) a field (H, W) allowed."""
     point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
     ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
-    for _ in range(STEPS):
-        following = point + ahead * (np.abs(reach) / STEPS)[:, None]
+    for _ in range(POINTS_PER_SIDE):
+        following = point + ahead * (np.abs(reach) / POINTS_PER_SIDE)[:, None]
         going &= sampled_at(field, *following.T) > least
         point, count = np.where(going[:, None], following, point), count + going
         turned = _unit(sampled_at(flow, *point.T))

@@ -10,7 +10,7 @@ from brushexp_media.picture.smoothing import averaged_along
 
 CELLS = 1024  # after so many cells the noise repeats
 DEVIATION = 0.215  # of `gradient_noise`, about
-REACH = 6.0  # how far a line goes to either side, in grains
+LINE_REACH = 6.0  # how far a line goes to either side, in grains
 EVENED = 3.8  # deviation of noise over that of its means along lines
 TURN = 0.6  # radians by which each octave is turned, so that no axes of cells are seen
 

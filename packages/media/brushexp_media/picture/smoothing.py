@@ -12,7 +12,13 @@ from brushexp_media.picture.lines import LUMA, anisotropy_of
 
 SAMPLES = 15  # places along a line at which a picture is looked up
 FAINT = 0.01  # difference of luma from the blurred picture from which on a pixel goes to one side of an edge wholly
-WIDE, LEAST, MOST = 4.0, 0.3, 0.6  # sigmas over which edges have one direction; coherence at which none, all is clean
+
+# sigmas over which edges have one direction; coherence at which none, all is clean
+WIDE, LOWEST_COHERENCE, HIGHEST_COHERENCE = (
+    4.0,
+    0.3,
+    0.6,
+)
 
 
 def luma_of(picture: Tensor) -> Tensor:
@@ -94,5 +100,5 @@ def with_clean_edges(picture: Tensor, sigma: float, reach: float) -> Tensor:
     even = averaged_along(picture, direction_of_edges(picture, sigma), reach)
     sharp = parted(even, sigma, max(1, round(sigma)))
     clean = averaged_along(sharp, direction_of_edges(sharp, sigma), reach / 2)
-    coherent = (coherence_of_edges(picture, WIDE * sigma) - LEAST) / (MOST - LEAST)
+    coherent = (coherence_of_edges(picture, WIDE * sigma) - LOWEST_COHERENCE) / (HIGHEST_COHERENCE - LOWEST_COHERENCE)
     return torch.lerp(picture, clean, coherent.clamp(0, 1))

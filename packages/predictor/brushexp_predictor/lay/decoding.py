@@ -14,7 +14,7 @@ from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-FARTHEST = 1.5  # cells from the middle of a cell to that of its stroke
+LARGEST_SHIFT = 1.5  # cells from the middle of a cell to that of its stroke
 BEND = 2.0  # half lengths from the chord to the control point, at most
 TONE = 0.5  # greatest difference from the mean colour of the cell
 BLEND = Compositor(Tiled(), Rgb())
@@ -59,7 +59,7 @@ def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: 
         mean + TONE * torch.tanh(numbers[:, 7:10]),
         torch.ones_like(opacity) if form.brushed else opacity,
         window=form.window * cell,
-        position=middle + FARTHEST * cell * torch.tanh(place),
+        position=middle + LARGEST_SHIFT * cell * torch.tanh(place),
     )
 
 

@@ -14,10 +14,10 @@ from brushexp_predictor.lay.decoding import FORMS
 CELL = 8  # pixels of a cell's side, as the network sees it
 NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
 INPUTS = 10  # target and canvas, less a half, three times their difference, and 1 within the picture
-REACH = 14  # cells: farther away nothing matters to a cell
+RECEPTIVE_FIELD = 14  # cells: farther away nothing matters to a cell
 DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
 
-NAME = "plain"
+SHIPPED_NAME = "plain"
 PREDICTORS = CheckpointFormat(
     noun="predictor", family="predictor", key="checkpoint", task="task=train_predictor", without="",
     folders=lambda: [Path(__file__).parent / "weights"],
@@ -84,12 +84,12 @@ class StrokePredictor(nn.Module):
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)
 
 
-def load_predictor(checkpoint: str = NAME) -> StrokePredictor:
+def load_predictor(checkpoint: str = SHIPPED_NAME) -> StrokePredictor:
     """Load a trained network: a .safetensors file, or the name of one that comes with the program."""
     path = PREDICTORS.path_of(checkpoint)
-    form = PREDICTORS.read_recipe(path)["options"].get("form", NAME)
+    form = PREDICTORS.read_recipe(path)["options"].get("form", SHIPPED_NAME)
     if form not in FORMS:
         raise UserError(f"{path.with_suffix('.json')} has no form of strokes that this brushexp knows; train it again")
     network = StrokePredictor(form)
-    PREDICTORS.restore(network, NAME, checkpoint, {})
+    PREDICTORS.restore(network, SHIPPED_NAME, checkpoint, {})
     return network.requires_grad_(False)

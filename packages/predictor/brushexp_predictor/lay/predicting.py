@@ -10,10 +10,10 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.lay.colors import ROUNDS, best_colors
 from brushexp_predictor.lay.decoding import Form, draw
-from brushexp_predictor.lay.network import CELL, REACH, StrokePredictor, Told
+from brushexp_predictor.lay.network import CELL, RECEPTIVE_FIELD, StrokePredictor, Told
 from brushexp_predictor.lay.pyramid import Look, lay, levels_of
 
-PART = 256  # cells: sides of the parts of a picture that the network looks at
+TILE_CELLS = 256  # cells: sides of the parts of a picture that the network looks at
 TEMPERATURE = 1.0  # strokes of samples vary as much as the network says
 
 
@@ -78,12 +78,12 @@ def partly(network: StrokePredictor) -> Look:
 
     def look(target: Tensor, canvas: Tensor) -> Told:
         rows, columns = target.shape[2] // CELL, target.shape[3] // CELL
-        if max(rows, columns) <= PART + 2 * REACH:
+        if max(rows, columns) <= TILE_CELLS + 2 * RECEPTIVE_FIELD:
             return network(target, canvas)
         bands = []
-        for band in map(_spans, range(0, rows, PART)):
+        for band in map(_spans, range(0, rows, TILE_CELLS)):
             parts = []
-            for part in map(_spans, range(0, columns, PART)):
+            for part in map(_spans, range(0, columns, TILE_CELLS)):
                 (seen_rows, own_rows), (seen_columns, own_columns) = band, part
                 told = network(target[..., seen_rows, seen_columns], canvas[..., seen_rows, seen_columns])
                 parts.append([values[:, own_rows, own_columns] for values in told])
@@ -95,5 +95,6 @@ def partly(network: StrokePredictor) -> Look:
 
 def _spans(first: int) -> tuple[slice, slice]:
     """Return the pixels that are looked at for a part from cell ``first`` on, and its own cells among these."""
-    begin = max(0, first - REACH)
-    return slice(CELL * begin, CELL * (first + PART + REACH)), slice(first - begin, first - begin + PART)
+    begin = max(0, first - RECEPTIVE_FIELD)
+    end = first + TILE_CELLS + RECEPTIVE_FIELD
+    return slice(CELL * begin, CELL * end), slice(first - begin, first - begin + TILE_CELLS)

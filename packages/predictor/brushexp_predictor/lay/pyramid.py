@@ -14,7 +14,7 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp_predictor.lay.decoding import Form, areas_of, draw, strokes_of
 from brushexp_predictor.lay.network import CELL, Told
 
-SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes
+CELL_SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes
 SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
 
 Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
@@ -61,7 +61,7 @@ class Laid:
 def levels_of(size: tuple[int, int], n: int) -> list[Level]:
     """Plan the levels for exactly ``n`` strokes on a canvas of ``size`` (H, W)."""
     pitch, levels, rest = math.sqrt(size[0] * size[1] / n), [], n
-    for side, share in zip(SIZES, SHARES, strict=True):
+    for side, share in zip(CELL_SIZES, SHARES, strict=True):
         rows, columns = (max(1, round(length / (side * pitch))) for length in size)
         keep = min(rest, rows * columns, max(1, round(share * n)))
         levels += [Level(rows, columns, keep)] if keep else []

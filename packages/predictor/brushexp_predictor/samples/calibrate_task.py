@@ -23,13 +23,13 @@ from brushexp.system.terminal import as_shown
 from brushexp_predictor.lay.decoding import FORMS
 from brushexp_predictor.lay.network import PREDICTORS, load_predictor
 from brushexp_predictor.lay.predicting import Sample, paint_samples, sample_of
-from brushexp_predictor.samples.conformal import SHARE, write_scalings
+from brushexp_predictor.samples.conformal import COVERAGE, write_scalings
 from brushexp_predictor.samples.coverage import KINDS, Report, coverage_of, examine, fit, join, scaled
 from brushexp_predictor.samples.known import PICTURES, known_painting
 
-NEAR = 1.0  # dB
-STEPS = 15  # of gradient descent from other seeds, with which samples are compared
-LEAST = 2  # restarts, however few seconds there are
+PSNR_TOLERANCE = 1.0  # dB
+RESTART_STEPS = 15  # of gradient descent from other seeds, with which samples are compared
+FEWEST_RESTARTS = 2  # restarts, however few seconds there are
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     rows = _compare(of_samples, "samples") + (_compare(of_restarts, "restarts") if of_restarts else [])
     about = {
         "hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": cfg.temperature, "samples": cfg.samples,
-        "share": SHARE, "paintings": cfg.paintings, "side": cfg.side, "seed": cfg.seed,
+        "share": COVERAGE, "paintings": cfg.paintings, "side": cfg.side, "seed": cfg.seed,
     }  # fmt: skip
     name = weights.with_suffix(".intervals.json").name
     for path in (folder, *([weights.parent] if cfg.keep else [])):
@@ -67,7 +67,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     return {
         **{f"coverage_{row['of']}_{row['measure']}": row["scaled"] for row in rows if row["by"] == "samples"},
         "psnr_spread": float(np.mean(spreads)),
-        "psnr_within_1_db": float(np.mean(np.array(spreads) <= NEAR)),
+        "psnr_within_1_db": float(np.mean(np.array(spreads) <= PSNR_TOLERANCE)),
         "seconds_total": time.monotonic() - start,
     }
 
@@ -95,14 +95,14 @@ def left_out(reports: Sequence[Report]) -> list[Report]:
     return apart
 
 
-def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = STEPS) -> Iterator[Sample]:
+def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = RESTART_STEPS) -> Iterator[Sample]:
     """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with other seeds while CPU ``seconds`` last.
 
     Only the placing of strokes and the steps count, not what Lightning needs to begin.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     used, number = 0.0, 0
-    while used < seconds or number < LEAST:
+    while used < seconds or number < FEWEST_RESTARTS:
         begin = time.process_time()
         first = InLayers()(target, n, torch.Generator().manual_seed(1_000_003 * seed + number))
         parts = standard_components(steps=steps)

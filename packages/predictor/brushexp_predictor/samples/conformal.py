@@ -24,7 +24,7 @@ from brushexp_predictor.samples.kinds import HALF_TURN, Kind, axial_mean
 
 Array = NDArray[Any]
 
-SHARE = 0.9  # of the truths that an interval is to hold
+COVERAGE = 0.9  # of the truths that an interval is to hold
 FORMAT, VERSION = "brushexp intervals", 1
 FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
 STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
@@ -55,7 +55,7 @@ def doubt_of(values: Array, axial: bool) -> Doubt:
         part = flat[:, said]
         middle = axial_mean(part).direction if axial else np.nanmedian(part, 0)
         away = away_from(part, middle, axial)
-        ends = np.nanquantile(away, (0.5 - SHARE / 2, 0.5 + SHARE / 2), axis=0)
+        ends = np.nanquantile(away, (0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2), axis=0)
         parts[:, said] = [middle, np.nanmean(np.abs(away), 0), *ends]
     return Doubt(*parts.reshape(4, *values.shape[1:]))
 
@@ -98,7 +98,7 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
     """
     known = np.isfinite(truth) & np.isfinite(doubt.middle)
     truth, middle, spread, painting = truth[known], doubt.middle[known], doubt.spread[known], painting[known]
-    weight, level = weights_of(painting), SHARE * (1 + 1 / len(np.unique(painting)))
+    weight, level = weights_of(painting), COVERAGE * (1 + 1 / len(np.unique(painting)))
 
     def line_of(rows: Array) -> tuple[float, float]:
         return (0.0, 1.0) if axial else line_through(middle[rows], truth[rows], weight[rows])

@@ -22,7 +22,7 @@ Array = NDArray[Any]
 KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
 KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
 STEP = 2.0  # pixels between the places at which it is looked which strokes are seen
-LEAST = 8  # such places of a stroke, or it does not count as seen
+FEWEST_PIXELS = 8  # such places of a stroke, or it does not count as seen
 SEEN = 0.5  # opacity from which on a stroke hides what is below
 AT_ONCE = 512  # places
 
@@ -96,7 +96,7 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
     """Find the strokes (K,) that are seen, and the place (K, 2) of each that is nearest to the middle of what is."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
-    which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= LEAST)
+    which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
     nearest = []
     for stroke in which:
         own = np.flatnonzero(top == stroke)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.system.files import to_bytes
-from brushexp_predictor.samples.conformal import RIGHT, SHARE
+from brushexp_predictor.samples.conformal import COVERAGE, RIGHT
 from brushexp_predictor.samples.sampled import SampledBrushwork
 
 Array = NDArray[Any]
@@ -48,7 +48,7 @@ def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
         _frame(axes, title)
         axes.imshow(to_bytes(picture))
     for axes, (measure, title) in zip(maps, TITLES.items(), strict=True):
-        _frame(axes, title.format(round(100 * SHARE)))
+        _frame(axes, title.format(round(100 * COVERAGE)))
         _map(figure, axes, certainty_of(brushwork, measure), measure == "direction", (height, width))
     _dashes(maps[0], brushwork)
     return save_figure(figure, path)

@@ -17,7 +17,7 @@ from brushexp.strokes.measures import is_visible, pitch_of
 Array = NDArray[Any]
 
 HALF_TURN = 180.0  # degrees after which a direction is the same
-LEAST = 1e-3  # pitches: shorter and narrower strokes count as this
+SMALLEST_SIZE = 1e-3  # pitches: shorter and narrower strokes count as this
 SHOWN = 0.1  # share of a stroke that must be seen, or it does not count
 
 
@@ -35,7 +35,7 @@ class Kind:
     def inner(self, values: Array, pitch: float) -> Array:
         """Bring measures to the scale of their errors; ``pitch`` is the mean distance of strokes in pixels."""
         values = values / pitch**self.power
-        return np.log(np.maximum(values, LEAST)) if self.is_factor else values
+        return np.log(np.maximum(values, SMALLEST_SIZE)) if self.is_factor else values
 
     def outer(self, values: Array, pitch: float) -> Array:
         """Bring measures back to their unit."""

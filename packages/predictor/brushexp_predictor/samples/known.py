@@ -25,7 +25,8 @@ PICTURES = (  # of which paintings are, in turn; no network that ships has learn
     "astronaut", "coffee", "brick", "ihc", "camera", "hubble_deep_field", "grace_hopper", "chelsea", "gravel", "rocket",
     "motorcycle_left", "logo",
 )  # fmt: skip
-SIDE, STROKES = 256, (100, 1200)  # pixels of the longer side of a painting, and the strokes that it then has
+PAINTING_SIDE = 256  # pixels of the longer side of a painting
+STROKE_COUNTS = (100, 1200)  # fewest and most strokes of such a painting
 GUESS = 1.5  # factor by which the number of strokes that samples are told is wrong at most
 ONE_WAY = 0.25  # share of paintings whose strokes run in one direction
 TEXTURED = 0.5  # share of paintings with textures of brushes
@@ -49,8 +50,8 @@ def known_painting(seed: int, number: int, side: int) -> Known:
     random = np.random.default_rng([seed, number])
     target = part_of(PICTURES[number % len(PICTURES)], side, random)
     size = (target.shape[1], target.shape[2])
-    share = size[0] * size[1] / SIDE**2
-    n = max(8, round(share * math.exp(random.uniform(*np.log(STROKES)))))
+    share = size[0] * size[1] / PAINTING_SIDE**2
+    n = max(8, round(share * math.exp(random.uniform(*np.log(STROKE_COUNTS)))))
     generator = torch.Generator().manual_seed(int(random.integers(2**31)))
     strokes = varied(any_hand(random)(target, n, generator), random)
     ground = target.mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(random.uniform(0, 1, 3)).float()

@@ -16,7 +16,7 @@ from torch import Tensor
 from brushexp.api.settings import settings_of, undisturbed
 from brushexp.pictures.load import load_picture
 from brushexp.system.progress import showing
-from brushexp_predictor.lay.network import NAME, PREDICTORS, load_predictor
+from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, load_predictor
 from brushexp_predictor.lay.predicting import TEMPERATURE, Sample, paint_samples
 from brushexp_predictor.samples.conformal import Scalings, doubt_of, read_scalings
 from brushexp_predictor.samples.coverage import KINDS, lattice, tell_at
@@ -27,7 +27,7 @@ Show = Callable[[float, str], None]
 
 CELLS = 64  # places along the longer side at which the strokes of samples are compared
 AREA = 100  # pixels of a stroke, if nobody says how many there are
-SIDE = 512  # pixels of the longer side
+SAMPLED_SIDE = 512  # pixels of the longer side
 
 log = logging.getLogger(__name__)
 
@@ -57,8 +57,8 @@ def sample_brushwork(
     *,
     samples: int = 32,
     strokes: int | None = None,
-    resolution: int | None = SIDE,
-    checkpoint: str | PathLike[str] = NAME,
+    resolution: int | None = SAMPLED_SIDE,
+    checkpoint: str | PathLike[str] = SHIPPED_NAME,
     intervals: str | PathLike[str] | None = None,
     temperature: float = TEMPERATURE,
     seed: int = 0,

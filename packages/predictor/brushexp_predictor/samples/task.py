@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from brushexp.reporting.tables import MISSING, markdown_table
 from brushexp.system.files import write_json, write_picture, write_text
 from brushexp.system.terminal import as_shown
-from brushexp_predictor.samples.conformal import SHARE
+from brushexp_predictor.samples.conformal import COVERAGE
 from brushexp_predictor.samples.figure import write_figure
 from brushexp_predictor.samples.kinds import HALF_TURN, OF_PAINTINGS
 from brushexp_predictor.samples.sampled import Interval, SampledBrushwork, sample_with
@@ -48,7 +48,7 @@ def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
         "strokes": len(brushwork.samples[0].strokes),
         "height": brushwork.picture.shape[1],
         "width": brushwork.picture.shape[2],
-        "interval": SHARE,
+        "interval": COVERAGE,
         "calibrated": brushwork.is_calibrated,
         "measures": {
             name: {"unit": OF_PAINTINGS[name].unit, **{key: float(value) for key, value in one._asdict().items()}}
@@ -61,7 +61,7 @@ def text_of(brushwork: SampledBrushwork, name: str) -> str:
     """Write measures and what they mean as Markdown."""
     rows = [{"measure": OF_PAINTINGS[key].name, **texts_of(key, one)} for key, one in brushwork.measures.items()]
     scaled = (
-        f"Intervals are scaled so that {SHARE:.0%} of them hold the truth in paintings whose strokes are known."
+        f"Intervals are scaled so that {COVERAGE:.0%} of them hold the truth in paintings whose strokes are known."
         if brushwork.is_calibrated
         else "Intervals are only those of the samples, and hold the truth less often than they say."
     )

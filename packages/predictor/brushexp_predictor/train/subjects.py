@@ -25,7 +25,7 @@ Random = np.random.Generator
 SAMPLES = ("retina", "moon", "coins", "grass", "clock_motion", "cell", "page", "text", "color", "horse")  # scikit-image
 PHOTOGRAPHS = ("china.jpg", "flower.jpg")  # scikit-learn
 GENERATED = 0.5  # share of pictures that are of random strokes
-SMALLEST, LARGEST = 0.6, 3.0  # sides of crops, in sides of the picture that is learnt from
+SMALLEST_CROP, LARGEST_CROP = 0.6, 3.0  # sides of crops, in sides of the picture that is learnt from
 MIXED_CHANNELS, NEGATIVE, TONED = 0.5, 0.15, 0.5  # shares of crops
 STROKES = (60, 2500)  # of a generated picture
 PALETTE = 997  # a pixel of so many of the photographs gives a colour
@@ -69,7 +69,7 @@ class Subjects:
     def _crop(self, side: int, random: Random) -> Tensor:
         picture = self.photographs[random.choice(len(self.photographs), p=self.chances)]
         height, width = picture.shape[1:]
-        cut = min(round(side * math.exp(random.uniform(*np.log([SMALLEST, LARGEST])))), height, width)
+        cut = min(round(side * math.exp(random.uniform(*np.log([SMALLEST_CROP, LARGEST_CROP])))), height, width)
         top, left = random.integers(height - cut + 1), random.integers(width - cut + 1)
         crop = resized(picture[:, top : top + cut, left : left + cut], (side, side))
         crop = torch.rot90(crop, int(random.integers(4)), (1, 2))

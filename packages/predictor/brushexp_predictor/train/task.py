@@ -7,7 +7,7 @@ from brushexp_training.fitting.network_fitting import NetworkJob, train_network,
 from omegaconf import DictConfig
 
 from brushexp_predictor.lay.decoding import FORMS
-from brushexp_predictor.lay.network import NAME, PREDICTORS, StrokePredictor, load_predictor
+from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, StrokePredictor, load_predictor
 from brushexp_predictor.train.subjects import Subjects, load_subjects
 from brushexp_predictor.train.training import PredictorData, PredictorModule
 
@@ -42,7 +42,7 @@ class PredictorJob(NetworkJob):
         }
         return {
             **figures,
-            "predictor_hash": PREDICTORS.save(self.weights, NAME, network, recipe),
+            "predictor_hash": PREDICTORS.save(self.weights, SHIPPED_NAME, network, recipe),
             "parameters": sum(parameter.numel() for parameter in network.parameters()),
             "bytes": self.weights.stat().st_size,
         }

@@ -13,7 +13,7 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texe
 Array = NDArray[Any]
 
 MARGIN = 2.0  # pixels around a stroke
-EDGE = 0.7  # pixels over which an edge rises
+EDGE_WIDTH = 0.7  # pixels over which an edge rises
 TRACKS = 24  # streaks across a brush
 SAMPLES = 64  # of a streak along a stroke
 POINTS = 97  # of a curve, among which the nearest is taken
@@ -44,8 +44,8 @@ def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> 
 def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int, random: np.random.Generator) -> Array:
     """Draw one stroke along a curve (3, 2): texels (side * side, len(Texel))."""
     along, across = coordinates(curve, side)
-    inside = np.clip((0.5 * width - np.abs(across)) / EDGE + 0.5, 0, 1)
-    ends = np.clip(np.minimum(along, 1 - along) * _chord_length(curve) / EDGE + 0.5, 0, 1)
+    inside = np.clip((0.5 * width - np.abs(across)) / EDGE_WIDTH + 0.5, 0, 1)
+    ends = np.clip(np.minimum(along, 1 - along) * _chord_length(curve) / EDGE_WIDTH + 0.5, 0, 1)
     row = np.clip((along * SAMPLES).astype(int), 0, SAMPLES - 1)
     track = np.clip(((across / width + 0.5) * TRACKS).astype(int), 0, TRACKS - 1)
     streak = draw_streaks(random)[row, track]

@@ -16,9 +16,9 @@ from brushexp_recovery.raster.tiles import Tile, split_into_tiles
 
 Array = NDArray[Any]
 
-STEPS = 60
+REFINEMENT_STEPS = 60
 TILE_SIDE = 1200  # pixels
-EDGE = 1.5  # pixels over which the edge of a stroke rises
+EDGE_WIDTH = 1.5  # pixels over which the edge of a stroke rises
 RATE = 0.04  # learning rate, in widths of a stroke
 FINAL_RATE = 0.1  # share of the rate that is left at the end
 ANCHOR = 0.02  # how strongly a stroke is held to where it began: what is hidden has no other reason to stay
@@ -29,7 +29,7 @@ UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes that lie elsewhere, and o
 
 
 def refine_curves(
-    strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = STEPS
+    strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = REFINEMENT_STEPS
 ) -> StrokeCurves:
     """Refine strokes, which lie bottom to top by ``order`` (N,), to fit their regions (H, W) of the same numbers.
 
@@ -77,7 +77,7 @@ def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tu
     log_gain = torch.zeros_like(start_width, requires_grad=True)  # of the width
     regions = torch.as_tensor(labels.astype(np.int64)) - UNKNOWN
     weight, top_first = _pixel_weights(regions, count), torch.arange(count).flip(0)
-    renderer, blend = create("renderer", "analytic", soft=EDGE), create("blend", "tiled")
+    renderer, blend = create("renderer", "analytic", soft=EDGE_WIDTH), create("blend", "tiled")
     optimizer = torch.optim.Adam([move, log_gain], RATE, betas=(0.8, 0.98))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, RATE * FINAL_RATE)
     for _ in range(steps):

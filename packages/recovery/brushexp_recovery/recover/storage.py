@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.errors import UserError
-from brushexp.strokes.storage import NAME, Saved, load_catalogue, save_catalogue
+from brushexp.strokes.storage import CATALOGUE_NAME, Saved, load_catalogue, save_catalogue
 from brushexp.system.files import replacing
 from brushexp.system.hdf5 import HDF5, dataset_of, fixed, numbers_of, opened
 from brushexp.system.reading import explaining
@@ -47,7 +47,7 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
 def read_recovered(path: Path) -> Recovered:
     """Read what `write_recovered` wrote, by its path or folder; a UserError if it did not."""
     saved = load_catalogue(path)
-    path, cure = path / NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
+    path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
     with opened(path, cure) as file, explaining(path, cure):
         if GROUP not in file:
             raise UserError(f"strokes that were painted, not recovered; {cure}")

@@ -18,7 +18,7 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel
 Array = NDArray[Any]
 F = np.float32
 
-REACH = 1.6  # half chords to either side of the middle, within which the paint of a stroke is counted
+COUNTED_REACH = 1.6  # half chords to either side of the middle, within which the paint of a stroke is counted
 BINS = 64  # along them, to find where its paint begins and ends
 FIRST_PAINT, LAST_PAINT = 0.03, 0.97  # shares of the paint between which a stroke is said to extend
 DIAGONAL = 1.42  # sides of a square
@@ -205,7 +205,7 @@ def _see(texels, first, side, places, coats, opacity, shape):
                     count += 1
                     extent[n, Extent.X] += x + 0.5
                     extent[n, Extent.Y] += y + 0.5
-                    bins[min(max(int((t + REACH) / (2 * REACH) * BINS), 0), BINS - 1)] += 1
+                    bins[min(max(int((t + COUNTED_REACH) / (2 * COUNTED_REACH) * BINS), 0), BINS - 1)] += 1
                 adds = opacity[n] * cover * light[y, x]
                 if adds > best[y, x]:
                     best[y, x], labels[y, x] = adds, n
@@ -237,7 +237,7 @@ def _quantile(bins, count):
     total = 0.0
     for i in range(BINS):
         if total + bins[i] >= count and bins[i] > 0:
-            return (i + (count - total) / bins[i]) / BINS * (2 * REACH) - REACH
+            return (i + (count - total) / bins[i]) / BINS * (2 * COUNTED_REACH) - COUNTED_REACH
         total += bins[i]
     return 0.0
 

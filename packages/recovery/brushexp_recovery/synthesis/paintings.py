@@ -24,7 +24,7 @@ from brushexp_recovery.synthesis.windows import draw_strokes
 
 Array = NDArray[Any]
 
-SIDE = 512  # pixels of a painting
+PAINTING_SIDE = 512  # pixels of a painting
 STROKES = (120, 2600)  # fewest and most of a painting
 PLAIN_SHARE = 0.55  # share of paintings by a plain hand
 BARE_SHARE = 0.05  # share of paintings without a stroke
@@ -70,7 +70,7 @@ def paint(seed: int, number: int, pictures: Sequence[str]) -> KnownPainting:
     layout = lay_strokes(picture, n, Hand() if is_plain else choose_hand(random), random)
     if not is_plain and random.random() < MARKS_SHARE:
         coats = float(random.uniform(1, 3))
-        windows = draw_marks(layout, choose_marks(random), (SIDE, SIDE), random)
+        windows = draw_marks(layout, choose_marks(random), (PAINTING_SIDE, PAINTING_SIDE), random)
     else:
         coats = look.coats
         windows = draw_strokes(layout, look, int(random.integers(2**32)))
@@ -110,4 +110,4 @@ def cut_square(name: str, random: Random) -> Array:
     top, left = (int(random.integers(extent - side + 1)) for extent in whole.shape[:2])
     part = np.rot90(whole[top : top + side, left : left + side], int(random.integers(4)))
     part = part[:, ::-1] if random.random() < 0.5 else part
-    return np.clip(resize(part, (SIDE, SIDE), anti_aliasing=True), 0, 1).astype(np.float32)
+    return np.clip(resize(part, (PAINTING_SIDE, PAINTING_SIDE), anti_aliasing=True), 0, 1).astype(np.float32)

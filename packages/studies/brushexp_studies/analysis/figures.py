@@ -38,7 +38,7 @@ HISTOGRAM_BINS = 32
 RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of directions
 NUMBERS = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
 MUTED = "#6a6a6a"
-SHORT = 44  # letters of the name of an axis
+LABEL_LENGTH = 44  # letters of the name of an axis
 STROKES_SIDE = 900  # pixels: longer side of the drawn strokes
 LEAST_AROUND = 3  # strokes within the radius of a place from which on it has a coherence
 CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # colours of directions in CIE LCh; more is not in sRGB
@@ -145,7 +145,7 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
     beyond = max(float(((values < low) | (values > high)).mean()) for values, _, _ in filled)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
     label += f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005)
-    axes.set(xlabel=label + f"\nset by {without_math(setters)[:SHORT]}" * bool(setters), xlim=(low, high))
+    axes.set(xlabel=label + f"\nset by {without_math(setters)[:LABEL_LENGTH]}" * bool(setters), xlim=(low, high))
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:

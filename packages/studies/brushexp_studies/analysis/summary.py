@@ -12,7 +12,7 @@ from brushexp.results.stroke_table import (
     DIRECTION_BINS,
     MEASURES,
     RADIUS_PITCHES,
-    SIZES,
+    SIZE_MEASURES,
     Array,
     StrokeTable,
     direction_shares,
@@ -55,7 +55,7 @@ class Analysis:
     pitch: float  # sqrt(pixels of the canvas / N)
     radius: float  # pixels: within which neighbours were counted
     measures: StrokeTable  # measures of the N strokes, see `measure_strokes`
-    sizes_by: str = ""  # the setting that gave the strokes their ``SIZES``, see `sizes_set_by`
+    sizes_by: str = ""  # the setting that gave the strokes their ``SIZE_MEASURES``, see `sizes_set_by`
 
     def values(self, key: str) -> Array:
         """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
@@ -131,7 +131,7 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
         measures[key] = {"unit": measure.unit, **statistics_of(analysis.values(key), measure.axial)}
-        if key in SIZES and analysis.sizes_by:
+        if key in SIZE_MEASURES and analysis.sizes_by:
             measures[key]["set_by"] = analysis.sizes_by
         if measure.power:
             relative = statistics_of(analysis.relative(key))

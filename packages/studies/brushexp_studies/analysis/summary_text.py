@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, markdown_table
-from brushexp.results.stroke_table import MEASURES, SIZES
+from brushexp.results.stroke_table import MEASURES, SIZE_MEASURES
 from brushexp.strokes.measures import MIN_OPACITY, Measure
 from brushexp.system.files import write_json, write_text
 from brushexp_studies.analysis.summary import (
@@ -87,7 +87,7 @@ def sizes_warning(analysis: Analysis) -> str:
 
 def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
     """Name the settings that gave a measure instead of the picture; "" if none did."""
-    return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZES))
+    return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZE_MEASURES))
 
 
 def marked(key: str, analyses: Sequence[Analysis]) -> str:

@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 
 from brushexp.compositing.layers import Size
 from brushexp.registry import plugins
-from brushexp.strokes.catalogue import FARTHEST, Strokes
+from brushexp.strokes.catalogue import FARTHEST_POSITION, Strokes
 
 # Height and width of canvases: no multiples of a tile, and not square.
 CANVAS, SMALL = (24, 37), (16, 25)
@@ -110,11 +110,15 @@ def _thick(strokes: Strokes) -> Fields:
     return {"position": strokes.position + aside, "start": -end, "control": 0 * end, "end": end, "width": width}
 
 
+def _far_off(strokes: Strokes) -> dict[str, Tensor]:
+    return {"position": torch.where(strokes.start > 0, FARTHEST_POSITION, -FARTHEST_POSITION)}
+
+
 def _far_windows(strokes: Strokes) -> Fields:
     """Move the windows of strokes on the canvas 1e6 px away, where float32 has steps of 1/16 px."""
-    near = 8 + 0.7 * strokes.position - FARTHEST
+    near = 8 + 0.7 * strokes.position - FARTHEST_POSITION
     points = {name: (near + 8 * getattr(strokes, name)) / 1000 for name in ("start", "control", "end")}
-    position, scale = torch.full_like(strokes.start, FARTHEST), torch.full_like(strokes.scale, 2000.0)
+    position, scale = torch.full_like(strokes.start, FARTHEST_POSITION), torch.full_like(strokes.scale, 2000.0)
     return points | {"position": position, "scale": scale, "width": 16 / 2000 * strokes.width}
 
 
@@ -137,7 +141,7 @@ ONE_PICTURE = {
     "length 10,000 px": Scene(_long),
     "width 0": Scene(lambda s: {"width": 0 * s.width}),
     "width 1,000 px": Scene(_thick, scale=(8000.0, 8000.0)),
-    "1e6 px off the canvas": Scene(lambda s: {"position": torch.where(s.start > 0, FARTHEST, -FARTHEST)}),
+    "1e6 px off the canvas": Scene(_far_off),
     "windows 1e6 px away": Scene(_far_windows),
     "canvas 1 x 1": Scene(canvas=(1, 1)),
     "canvas 8192 x 8": Scene(n=2, canvas=(8, 8192), scale=(100.0, 4000.0)),

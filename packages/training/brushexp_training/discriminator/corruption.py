@@ -7,13 +7,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.strokes.prior import INSET, SHORTEST_CHORD, WIDTH
+from brushexp.strokes.prior import INSET, SHORTEST_CHORD, THICKEST, THINNEST, width_of, width_parameter
 from brushexp_training.discriminator.discriminator import SHAPE
 
 GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
-NEAREST = 0.005  # half-windows: distance from the valid square
-FARTHEST = 3e3  # half-windows: no invalid stroke is meant to be farther off (`strokes.catalogue.FIELDS` ends at 1e3)
-THICKEST = 1e3  # sides of the window, as in FIELDS
+SMALLEST_INTRUSION = 0.005  # half-windows: distance from the valid square
+FARTHEST_INVALID = 3e3  # half-windows; `strokes.catalogue.FIELDS` ends at 1e3
+THICKEST_INVALID = 1e3  # sides of the window, as in FIELDS
 
 
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
@@ -35,7 +35,7 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Draw points from a larger box than that of valid strokes, up to 3000 half-windows, and widths to 1000 sides."""
     n = len(valid)
-    points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST, generator)
+    points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, valid[:, 6:], _thickness(n, generator))
     return torch.cat([points, width], dim=1)
 
@@ -43,7 +43,8 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its form."""
     points, width = valid.split([6, 1], dim=1)
-    reach = (INSET + _log_uniform(len(valid), NEAREST, FARTHEST, generator)) / points.abs().amax(1, keepdim=True)
+    farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
+    reach = farthest / points.abs().amax(1, keepdim=True)
     return torch.cat([points * reach, width], dim=1)
 
 
@@ -55,7 +56,7 @@ def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
     room = INSET - (side * points.reshape(n, 3, 2).transpose(0, 1)).amax(0)  # (n, 2) until it touches the border
     axes = _uniform(n, 2, generator) < 0.5
     axes[:, 0] |= ~axes.any(1)
-    shift = axes * side * (room + _log_uniform(n, NEAREST, FARTHEST, generator))
+    shift = axes * side * (room + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator))
     return torch.cat([points + shift.repeat(1, 3), width], dim=1)
 
 
@@ -65,7 +66,7 @@ def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Add normal noise to all numbers, of a strength between a tenth of a half-window and many windows."""
-    strength = _log_uniform(len(valid), 0.1, FARTHEST, generator)
+    strength = _log_uniform(len(valid), 0.1, FARTHEST_INVALID, generator)
     return valid + strength * torch.randn(valid.shape, generator=generator)
 
 
@@ -83,7 +84,7 @@ def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Put one coordinate of one point beyond the square of all points of valid strokes, often just beyond."""
     n = len(valid)
     where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
-    beyond = INSET + _log_uniform(n, NEAREST, FARTHEST, generator)
+    beyond = INSET + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
     return torch.where(where, torch.where(valid < 0, -beyond, beyond), valid)
 
 
@@ -92,8 +93,8 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
     start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
     middle, chord = 0.5 * (start + end), end - start
     length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
-    thickness = WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width + 1)
-    shrink = _uniform(len(valid), 1, generator) * (SHORTEST_CHORD / WIDTH[0]) * thickness / length
+    thickness = width_of(width)
+    shrink = _uniform(len(valid), 1, generator) * (SHORTEST_CHORD / THINNEST) * thickness / length
     return torch.cat([*(middle + shrink * (point - middle) for point in (start, control, end)), width], dim=1)
 
 
@@ -102,7 +103,7 @@ def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)
-    offset = torch.cat([angle.cos(), angle.sin()], dim=1) * _log_uniform(len(valid), 0.5, FARTHEST, generator)
+    offset = torch.cat([angle.cos(), angle.sin()], dim=1) * _log_uniform(len(valid), 0.5, FARTHEST_INVALID, generator)
     return torch.cat([start, 0.5 * (start + end) + length * offset, end, width], dim=1)
 
 
@@ -121,9 +122,9 @@ def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) ->
 
 def _thickness(n: int, generator: torch.Generator) -> Tensor:
     """Draw widths (n, 1) outside `WIDTH`, as `strokes.prior.parameters_of` writes them."""
-    thin, thick = WIDTH[0] * _uniform(n, 1, generator), _log_uniform(n, WIDTH[1], THICKEST, generator)
+    thin, thick = THINNEST * _uniform(n, 1, generator), _log_uniform(n, THICKEST, THICKEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, thin, thick)
-    return (2 * width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
+    return width_parameter(width)
 
 
 def _one_group(n: int, generator: torch.Generator) -> Tensor:

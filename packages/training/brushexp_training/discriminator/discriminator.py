@@ -13,18 +13,18 @@ from brushexp.strokes.prior import SHORTEST_CHORD, bend_of, parameters_of, strok
 from brushexp.system.checkpoint import CheckpointFormat
 from brushexp.system.precision import at_least_single
 
-NAME = "discriminator"
+DISCRIMINATOR = "discriminator"
 DISCRIMINATORS = CheckpointFormat(
     noun="discriminator",
     family="loss",
-    key=f"loss.{NAME}.checkpoint",
-    task=f"task=train_{NAME}",
+    key=f"loss.{DISCRIMINATOR}.checkpoint",
+    task=f"task=train_{DISCRIMINATOR}",
     without="the one that comes with the program",
     folders=lambda: [Path(__file__).parent / "weights"],
 )
 SHAPE = 7  # numbers of a stroke that are judged: start 2, control 2, end 2, width 1
 SEEN = SHAPE + 3  # the network is told besides: the length, and the bend along and across it
-WIDTH = 64  # width of the hidden layers
+HIDDEN_WIDTH = 64  # width of the hidden layers
 STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window, logarithmic beyond
 
 
@@ -39,8 +39,9 @@ class Discriminator(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        hidden = (layer for before in (SEEN, WIDTH, WIDTH) for layer in (nn.Linear(before, WIDTH), nn.SiLU()))
-        self.layers = nn.Sequential(*hidden, nn.Linear(WIDTH, 1))
+        widths = (SEEN, HIDDEN_WIDTH, HIDDEN_WIDTH)
+        hidden = (layer for width in widths for layer in (nn.Linear(width, HIDDEN_WIDTH), nn.SiLU()))
+        self.layers = nn.Sequential(*hidden, nn.Linear(HIDDEN_WIDTH, 1))
         self.register_buffer("threshold", torch.zeros(()))
 
     def forward(self, shapes: Tensor) -> Tensor:
@@ -53,7 +54,7 @@ class Discriminator(nn.Module):
         return self.layers((STRETCH * inputs).asinh())[:, 0]
 
 
-@register("loss", NAME)
+@register("loss", DISCRIMINATOR)
 class Discriminated(Loss):
     """Hinge loss max(0, threshold - score) of a discriminator that was trained to recognise valid strokes.
 
@@ -76,7 +77,7 @@ class Discriminated(Loss):
     def __init__(self, *, checkpoint: str | None = None) -> None:
         super().__init__()
         self.network = Discriminator()
-        DISCRIMINATORS.restore(self.network, NAME, checkpoint or NAME, {})
+        DISCRIMINATORS.restore(self.network, DISCRIMINATOR, checkpoint or DISCRIMINATOR, {})
         self.network.requires_grad_(False)
 
     def forward(self, view: PaintedView) -> Tensor:

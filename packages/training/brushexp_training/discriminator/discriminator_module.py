@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from brushexp.strokes.prior import sample_prior
 from brushexp_training.discriminator.corruption import CORRUPTIONS, corrupt
-from brushexp_training.discriminator.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
+from brushexp_training.discriminator.discriminator import DISCRIMINATOR, DISCRIMINATORS, Discriminator, shapes_of
 from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe
 from brushexp_training.fitting.network_module import NetworkModule
 from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
@@ -130,7 +130,7 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
         "training": training,
         "figures": figures,
     }
-    digest = DISCRIMINATORS.save(path, NAME, network.cpu(), recipe, half=False)
+    digest = DISCRIMINATORS.save(path, DISCRIMINATOR, network.cpu(), recipe, half=False)
     parameters = sum(parameter.numel() for parameter in network.parameters())
     return {**figures, "discriminator_hash": digest, "parameters": parameters, "bytes": path.stat().st_size}
 
@@ -154,7 +154,7 @@ class DiscriminatorJob(NetworkJob):
         self.cfg = cfg
         self.data = ShapeData(batch_size=cfg.batch_size, seed=cfg.seed)
         self.module = DiscriminatorModule(Discriminator(), cfg.lr)
-        self.weights = folder / f"{NAME}.safetensors"
+        self.weights = folder / f"{DISCRIMINATOR}.safetensors"
         self.use = f"brushexp 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:

@@ -15,7 +15,7 @@ VERTICES = 10
 HEIGHT = F(2.0)  # height of the handle above the canvas, brush scales
 SEGMENT = F(0.5)  # length between two vertices at rest, brush scales
 TOUCH = F(0.13333)  # a bristle this near to the canvas touches it, brush scales
-CLOSE = F(0.01)  # least distance that is divided by (Fluid Paint's constants, like the two below)
+SMALLEST_DISTANCE = F(0.01)  # least distance that is divided by (Fluid Paint's constants, like the two below)
 SHORT = F(1e-4)
 FLAT = F(1e-4)
 
@@ -28,7 +28,7 @@ def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
     for i in range(len(xa)):
         dx, dy, dz = xb[i] - xa[i], yb[i] - ya[i], zb[i] - za[i]
         d = np.sqrt(dx * dx + dy * dy + dz * dz)
-        way = (d - rest) / max(d, CLOSE)
+        way = (d - rest) / max(d, SMALLEST_DISTANCE)
         xa[i] += share_a * way * dx
         ya[i] += share_a * way * dy
         za[i] += share_a * way * dz

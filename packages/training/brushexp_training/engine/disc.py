@@ -16,7 +16,7 @@ from brushexp.system.runtime import share
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction
 MIN_RADIUS = 1.0  # no disc is smaller, in pixels of that canvas
-FARTHEST, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+FARTHEST_POINT, WIDEST_STROKE = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
 
 F = np.float32
 
@@ -45,8 +45,8 @@ class Disc(Engine):
         strokes = strokes_of(parameters.detach().cpu().float())
         side = SUPERSAMPLE * self.window
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
-        curve = (points.clamp(-FARTHEST, FARTHEST) + 1) * (0.5 * side)
-        radius = (0.5 * side * strokes.width.double().clamp(0, WIDEST)).clamp_min(MIN_RADIUS)
+        curve = (points.clamp(-FARTHEST_POINT, FARTHEST_POINT) + 1) * (0.5 * side)
+        radius = (0.5 * side * strokes.width.double().clamp(0, WIDEST_STROKE)).clamp_min(MIN_RADIUS)
         alpha = torch.empty(len(curve), self.window, self.window)
         share(_paint, len(curve), curve.numpy(), radius.numpy(), alpha.numpy())
         color = strokes.color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *alpha.shape[1:])

@@ -19,7 +19,7 @@ GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
 STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
 SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
-FARTHEST = 4.0  # half-windows: largest coordinate of points
+FARTHEST_POINT = 4.0  # half-windows: largest coordinate of points
 THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush; the opacities below are of their splats
 LEAST_OPACITY, MOST_OPACITY_THIN, MOST_OPACITY_THICK = 0.002, 0.08, 0.025
 DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
@@ -101,7 +101,7 @@ class Fluid(Engine):
             self._draw_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
         units = 0.5 * float(UNITS)
-        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
+        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)
         scale = (BAND * strokes.width * units).clamp(*SCALES)
         rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
         brush = (first + np.arange(len(rows))) % self.brushes

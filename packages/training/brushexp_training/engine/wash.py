@@ -14,8 +14,9 @@ from brushexp.registry import register
 from brushexp.strokes.bezier import closest_parameter, point_at
 from brushexp.strokes.prior import strokes_of
 
-FARTHEST, THINNEST, WIDEST = 4.0, 0.01, 4.0  # half-windows, windows and windows: bounds of places and widths
-SIDE = 64  # cells of the noise of a stroke, which repeats beyond them
+FARTHEST_POINT = 4.0  # half-windows
+THINNEST_STROKE, WIDEST_STROKE = 0.01, 4.0  # windows
+PERIOD = 64  # cells after which the noise of a stroke repeats
 COARSE, FINE = 1.2, 0.1  # half widths between two of its cells: of the wandering outline, of the grain of the paper
 RIM = 0.14  # half widths from the edge to where the rim has faded to 1/e
 SOFT = 0.06  # half widths over which the outline rises
@@ -55,12 +56,12 @@ class Wash(Engine):
         """Compute the coverage (1, S, S) of one stroke (1, 10), so that its bits do not depend on others."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
-        curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
+        curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)
         curve = (0.5 * self.window * curve).expand(len(points), -1, -1)
-        half = 0.5 * self.window * strokes.width.clamp(THINNEST, WIDEST)
+        half = 0.5 * self.window * strokes.width.clamp(THINNEST_STROKE, WIDEST_STROKE)
         away = (point_at(curve, closest_parameter(curve, points)) - points).norm(dim=-1) / half
         source = np.random.Generator(np.random.Philox(key=np.array([seed, number], np.uint64)))
-        outline, paper = torch.from_numpy(source.standard_normal((2, SIDE, SIDE), np.float32))
+        outline, paper = torch.from_numpy(source.standard_normal((2, PERIOD, PERIOD), np.float32))
         place = points / half
         inside = 1 + self.wander * (_look_up(outline, place / COARSE) - 1).clamp(-2, 0) - away  # half widths
         film = self.film + self.rim * torch.exp(-(inside / RIM).clamp_min(0))
@@ -69,12 +70,12 @@ class Wash(Engine):
 
 
 def _look_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Interpolate noise (SIDE, SIDE), which repeats, smoothly at places (P, 2) in cells."""
+    """Interpolate noise (PERIOD, PERIOD), which repeats, smoothly at places (P, 2) in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)
     above, below = (
-        torch.lerp(noise[down % SIDE, column % SIDE], noise[down % SIDE, (column + 1) % SIDE], share[:, 0])
+        torch.lerp(noise[down % PERIOD, column % PERIOD], noise[down % PERIOD, (column + 1) % PERIOD], share[:, 0])
         for down in (row, row + 1)
     )
     return torch.lerp(above, below, share[:, 1])

@@ -21,7 +21,8 @@ from brushexp_training.stroke_sets.datamodule import StrokeBatch
 BETAS = (0.9, 0.99)  # betas of Adam for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
 SLOPE = 0.2  # slope of the critic's leaky ReLU
-SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
+SMALLEST_FEATURE_MAP = 4  # pixels on the side of what the critic's dense layers see
+MOST_CHANNELS = 256
 DENSE = (256, 64)
 START_STEPS = 200  # a start is judged after so many steps, and after as many again if it was begun anew
 MOST_STARTS = 3  # new ones
@@ -63,15 +64,15 @@ class Critic(nn.Module):
         super().__init__()
         layers: list[nn.Module] = []
         before, side = 4, window
-        while side > SMALLEST:
-            channels = min(width * window // side, WIDEST)
+        while side > SMALLEST_FEATURE_MAP:
+            channels = min(width * window // side, MOST_CHANNELS)
             for _ in range(3):
                 layers += [nn.Conv2d(before, channels, 3, padding=1), nn.LeakyReLU(SLOPE)]
                 before = channels
             layers.append(nn.AvgPool2d(2))
             side //= 2
         layers.append(nn.Flatten())
-        sizes = [before * SMALLEST**2, *DENSE]
+        sizes = [before * SMALLEST_FEATURE_MAP**2, *DENSE]
         for inputs, outputs in zip(sizes, DENSE, strict=False):
             layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(SLOPE)]
         layers.append(nn.Linear(DENSE[-1], 1))

@@ -13,7 +13,7 @@ from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
 from brushexp.registry import register
-from brushexp.strokes.prior import WIDTH
+from brushexp.strokes.prior import width_of
 from brushexp.system.reading import in_short
 from brushexp_training.renderers.neural import initialise
 
@@ -27,8 +27,8 @@ WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per ha
 PLANES = 3 + 2 * WAVES
 LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
 THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
-LARGEST = 10**9  # weights, which take 4 GB
-FARTHEST = 3.0  # half widths from the axis
+MOST_WEIGHTS = 10**9  # weights, which take 4 GB
+FARTHEST_COORDINATE = 3.0  # half widths from the axis
 
 COORDINATES = ("none", "window", "stroke")
 ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
@@ -172,8 +172,8 @@ def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
             raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
         widths = channels
     numbers = 9 * sum(a * b for a, b in pairwise(widths))
-    if numbers > LARGEST:
-        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
+    if numbers > MOST_WEIGHTS:
+        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {MOST_WEIGHTS:.0e}")
     return widths
 
 
@@ -231,8 +231,7 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     line = line.reshape(-1, zoom).T  # (z, side / z)
     start, control, end, width, _ = parameters[:, :, None, None, None].split([2, 2, 2, 1, 3], dim=1)
-    half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
-    half = half.clamp_min(THINNEST)
+    half = width_of(width).clamp_min(THINNEST)  # a width in windows is a half width in half-windows
     chord, lift = end - start, control - start
     square = chord.square().sum(1, keepdim=True).clamp_min(LEAST_SQUARED_CHORD)
     length = square.sqrt()
@@ -246,9 +245,9 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     slope = 2 * bend / length * (1 - 2 * t)
     across = ((dx * y - dy * x) / length - 2 * bend * t * (1 - t)) / half * torch.rsqrt(1 + slope.square())
     beyond = ((along - 0.5).abs() - 0.5).clamp_min(0) * length / half
-    v = across.clamp(-FARTHEST, FARTHEST)
+    v = across.clamp(-FARTHEST_COORDINATE, FARTHEST_COORDINATE)
     near = torch.exp(-0.25 * v.square())
-    planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST)]
+    planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST_COORDINATE)]
     cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
     for _ in range(WAVES):
         cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # they belong to twice the angle

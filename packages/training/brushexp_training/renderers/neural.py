@@ -11,22 +11,22 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.bounds import between, one_of
-from brushexp.compositing.layers import EDGE, REACH, SPREAD
+from brushexp.compositing.layers import PAINT_REACH, SOFT_EDGE, SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import Loop, sheets_of
 from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import WIDTH, clamp_to_prior, control_offset, parameters_of, rewindow
+from brushexp.strokes.prior import clamp_to_prior, control_offset, parameters_of, rewindow, width_of
 
 THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
 COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
-SIZES = 3  # a texture has no more: for windows as large as in training, half and a quarter as large
+TEXTURE_SIZES = 3  # a texture has no more: for windows as large as in training, half and a quarter as large
 EMPTY = -1.5  # where opacity starts, before the sigmoid
 LAST_GAIN = 0.1  # gain of the last convolution at first
 NUMBERS = 12  # numbers that describe a stroke, see `shape_numbers`
-SHORTEST = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
+SHORTEST_CHORD = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
 CHUNK = 256  # strokes that go through the network at once
 
 
@@ -98,12 +98,12 @@ class Neural(Renderer):
         valid = clamp_to_prior(rewindow(strokes)) if self.project and not self.training else strokes
         with torch.set_grad_enabled(self.training and torch.is_grad_enabled()):
             textures = self.textures(parameters_of(valid), strokes.brush % self.brushes)
-        smaller = (self.window / valid.scale.detach().clamp_min(1)).log2().floor().clamp(0, SIZES - 1).long()
+        smaller = (self.window / valid.scale.detach().clamp_min(1)).log2().floor().clamp(0, TEXTURE_SIZES - 1).long()
         sizes = 1 + max(smaller.tolist(), default=0)
         each = torch.arange(len(strokes), device=half.device)
         return TexturedProfile(
             curve_of(strokes),
-            softened * (REACH / SPREAD),
+            softened * (PAINT_REACH / SPREAD),
             strokes.color,
             strokes.opacity * half / softened,
             look=each * sizes + smaller,
@@ -138,7 +138,7 @@ class Neural(Renderer):
         return TEXELS // (math.prod(COARSEST) << 2 * len(self.stages) + 5)
 
     def rows(self, strokes: Strokes) -> Tensor:
-        curve, reach = curve_of(strokes)[:, :, 1:], REACH * half_width_of(strokes)[:, None] + EDGE
+        curve, reach = curve_of(strokes)[:, :, 1:], PAINT_REACH * half_width_of(strokes)[:, None] + SOFT_EDGE
         return torch.cat([curve.amin(1) - reach, curve.amax(1) + reach], dim=1)
 
 
@@ -163,9 +163,9 @@ def shape_numbers(parameters: Tensor) -> Tensor:
     These are length, absolutely and in half widths, bend, thickness, direction and colour.
     """
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
-    half = (WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)).clamp_min(1e-3)  # a width in windows, so half-windows
-    length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True).clamp_min(SHORTEST)
-    along, across = control_offset(torch.stack([start, control, end], dim=1), SHORTEST).split(1, dim=1)
+    half = width_of(width).clamp_min(1e-3)  # a width in windows is a half width in half-windows
+    length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True).clamp_min(SHORTEST_CHORD)
+    along, across = control_offset(torch.stack([start, control, end], dim=1), SHORTEST_CHORD).split(1, dim=1)
     thick = 1.5 * (half.log() + 2.4)
     sizes = [1.5 * (length - 0.8), (length / half).log() - 2, width, thick]
     return torch.cat([*sizes, 4 * along, 2 * across, 0.25 * across * length / half, (end - start) / length, color], 1)

@@ -26,7 +26,7 @@ SUBSTEPS = 4  # points of a stroke on each side of its middle
 FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # reach of structure (in pitches), and its weight
 UNDER = 1.5  # width of the strokes of an underpainting over that of the others
 DIM = 0.1  # brightness below which darkness no longer makes a difference larger, 0 to 1
-SHORTEST = 0.5  # least length of a stroke that ends at an edge, over its full length
+SHORTEST_STROKE = 0.5  # least length of a stroke that ends at an edge, over its full length
 FEWER, SHORTER = 2, 0.6  # layers of a face than of the picture around it, and length of its strokes
 SWELLS, SWING = 4, 0.26  # pitches from one turn of the calm direction to the next; its deviation from level, radians
 
@@ -135,7 +135,7 @@ class InLayers(Initializer):
         for number in range(1, SUBSTEPS + 1):
             following = point + step * ahead
             differs = np.abs(sampled_at(picture, *following.T).T - color).max(1) > self.edges
-            going &= ~differs | (number <= SHORTEST * SUBSTEPS)
+            going &= ~differs | (number <= SHORTEST_STROKE * SUBSTEPS)
             point = np.where(going[:, None], following, point)
             angle = sampled_at(flow, *point.T)
             turned = np.stack([np.cos(angle), np.sin(angle)], 1)

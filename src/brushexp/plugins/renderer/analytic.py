@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from brushexp.bounds import between
-from brushexp.compositing.layers import EDGE
+from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
@@ -30,7 +30,7 @@ class Analytic(Renderer):
         self, *, soft: Annotated[float, between(0.1, 100)] = 2.0, taper: Annotated[float, between(0, 1)] = 0.0
     ) -> None:
         super().__init__()
-        self.soft, self.edge = soft, max(EDGE, soft / 2)
+        self.soft, self.edge = soft, max(SOFT_EDGE, soft / 2)
         self.taper = taper
 
     def forward(self, strokes: Strokes) -> Profile:

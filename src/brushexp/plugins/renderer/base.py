@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.layers import EDGE, REACH, Layers
+from brushexp.compositing.layers import PAINT_REACH, SOFT_EDGE, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
@@ -26,14 +26,14 @@ from brushexp.system.words import table_of_words
 
 LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
-FEW = 16  # strokes whose drawing is measured
+SAMPLE_STROKES = 16  # strokes whose drawing is measured
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
 PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weights and pictures have 32 bits either way
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
     """Bound how far (N,), in pixels, strokes paint from their curves; ``edge`` is that of their renderer."""
-    return REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
+    return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
 def weight_folders() -> list[Path]:
@@ -71,7 +71,7 @@ class Renderer(nn.Module, ABC):
     strokes: ClassVar[str] = "all"  # strokes that it can draw
     warm_up: str | None = None  # a slow renderer names the one that had better take most of the steps of a painting
     weights_hash: str = ""  # hash of the trained weights; "" without any
-    edge: float = EDGE  # pixels beyond ``REACH`` half widths, and softness, in which a stroke may still paint
+    edge: float = SOFT_EDGE  # pixels beyond ``PAINT_REACH`` half widths, and softness, where a stroke may still paint
     at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 
     def restore(self, checkpoint: str | None, **options: Any) -> None:
@@ -160,14 +160,14 @@ class PatchRenderer(Renderer):
 
     def seconds_per_stroke(self) -> float:
         """Measure on a few strokes how long it takes to draw one with its gradient."""
-        parameters, was_training, times = torch.zeros(FEW, 10, requires_grad=True), self.training, []
+        parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
         self.eval()  # as it paints
         for _ in range(2):  # the first one has what is done once
             begin = time.monotonic()
             torch.autograd.grad(self.forward(strokes_of(parameters)).images.sum(), parameters)
             times.append(time.monotonic() - begin)
         self.train(was_training)
-        return min(times) / FEW
+        return min(times) / SAMPLE_STROKES
 
     @property
     def at_once(self) -> int:  # type: ignore[override]

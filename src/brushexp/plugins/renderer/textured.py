@@ -11,14 +11,14 @@ from torch.nn import functional
 from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import LONG, Loop, Sheets, cap_of, coordinates_of, sheets_of, texel_distances
+from brushexp.compositing.textures import TEXEL_ASPECT, Loop, Sheets, cap_of, coordinates_of, sheets_of, texel_distances
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import WIDTH
+from brushexp.strokes.prior import width_parameter
 
 LEVELS = 7  # sizes of a texture, for texels down to a 64th of a pixel; the first has twice the texels of the weights
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
@@ -27,10 +27,10 @@ SAMPLES = 4  # samples of a texel in each direction, when it is read off a pictu
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
 FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
-REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
+HAIR_REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
 AGAIN = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
-NEAR = 9  # texels over which the strength of detail is measured
+DETAIL_WINDOW = 9  # texels over which the strength of detail is measured
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weights of Gauss and Legendre's rule
 
 
@@ -102,7 +102,7 @@ class Textured(Renderer):
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
         rows, columns = self.textures.shape[2:]
-        along = length / half * (rows / (2 * SPREAD * LONG))  # columns that the curve has room for
+        along = length / half * (rows / (2 * SPREAD * TEXEL_ASPECT))  # columns that the curve has room for
         once = columns - 2 * cap_of(rows)
         return ((along - once) / self.loop.length + 1).round().clamp_min(0).long()
 
@@ -111,10 +111,10 @@ class Textured(Renderer):
         """Read the textures off straight strokes, each painted with another brush."""
         rows, columns = self.textures.shape[2:]
         long = columns + columns // 2
-        width = STRETCH * rows / (2 * SPREAD * LONG) / (0.5 * long - cap_of(rows))  # in sides of the window
+        width = STRETCH * rows / (2 * SPREAD * TEXEL_ASPECT) / (0.5 * long - cap_of(rows))  # in sides of the window
         parameters = torch.zeros(1, 10)
         parameters[:, 0], parameters[:, 4] = -STRETCH, STRETCH
-        parameters[:, 6] = (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
+        parameters[:, 6] = width_parameter(width)
         for variant in range(self.variants):
             stroke = simulate(parameters, variant)
             pictures = torch.stack([stroke.images[0, 3], stroke.heights[0]])
@@ -200,7 +200,7 @@ def weights_of_texels(texels: Tensor) -> Tensor:
     Where there is more paint than around it, bristles hold more pigment and are paler; where there is less, darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
-    coverage, height = texels.clamp_min(0) * ((REACH[1] - astray) / (REACH[1] - REACH[0])).clamp(0, 1)
+    coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
     films = (height / height[coverage > 0.5].quantile(FULL).clamp_min(1e-6)).clamp(0, 1)
     rows = height.shape[0]
     spread = 2 * round(0.5 * AROUND * rows / (2 * SPREAD)) + 1
@@ -223,7 +223,7 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
     with torch.no_grad():
         fine = textures - larger(functional.avg_pool2d(textures, 2))
-        strength = functional.avg_pool2d(fine.square(), NEAR, 1, NEAR // 2).sqrt()
+        strength = functional.avg_pool2d(fine.square(), DETAIL_WINDOW, 1, DETAIL_WINDOW // 2).sqrt()
         own = fine / strength.clamp_min(1e-3)
         middle = own[:, :, rows // 4 : rows - rows // 4, loop.begin : loop.begin + loop.length]
         times = [-(-2 * side // piece) for side, piece in zip((rows, columns), middle.shape[2:], strict=True)]
