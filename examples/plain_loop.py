@@ -13,8 +13,7 @@ import torch
 from PIL import Image
 
 import brushexp
-from brushexp.strokes.bezier import strokes_along
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.strokes import Strokes, strokes_along
 
 SIDE = 256  # pixels on the longer side of the painting
 STROKES = 1000

@@ -16,9 +16,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between, multiple_of, one_of
-from brushexp.plugins.renderer.base import PRECISIONS, PatchRenderer
-from brushexp.registry import register
+from brushexp.contracts import between, multiple_of, one_of, register
+from brushexp.contracts.families import PRECISIONS, PatchRenderer
 
 
 @register("renderer", "dual")

@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Loss, PaintedView
 
 
 def slopes(image: Tensor) -> Tensor:

@@ -11,11 +11,9 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, between
-from brushexp.plugins.init.base import Initializer
-from brushexp.registry import register
-from brushexp.strokes.bezier import roomy_window, strokes_along
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import above, between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.strokes import Strokes, roomy_window, strokes_along
 
 
 @register("init", "scatter")

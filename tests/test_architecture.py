@@ -1,17 +1,20 @@
 """The tree is the architecture: imports go one way, the map names real modules, and plugins know only contracts."""
 
 import ast
+import inspect
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 import brushexp_training
 import pytest
 from program import ROOT, run
 from skimage import data, io
 
-from brushexp import painting
+from brushexp import contracts, painting
 from brushexp.config.tasks import TASKS
 from brushexp.registry import FAMILIES, FOLDERS, plugins
 
@@ -70,7 +73,7 @@ def test_no_imports_go_in_circles_within_a_package(package):
     TopologicalSorter({name: taken & graph.keys() for name, taken in graph.items()}).prepare()
 
 
-def test_layers_of_the_design_are_those_of_the_imports_and_the_tutorial_says_what_a_plugin_may_import():
+def test_layers_of_the_design_are_those_of_the_imports():
     table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("`src/hydra_plugins`")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head
     order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
@@ -80,9 +83,6 @@ def test_layers_of_the_design_are_those_of_the_imports_and_the_tutorial_says_wha
     } == set(order)  # fmt: skip
     for place, name in enumerate(order):
         assert graph.get(name, set()) - {"conf"} <= set(order[:place]), name
-    text = (ROOT / "docs" / "tutorial.md").read_text()
-    for package in sorted(LIBRARIES | TOOLS):
-        assert f"`brushexp.{package}`" in text, package
 
 
 def twice(found: dict[str, set[str]]) -> set[str]:
@@ -102,21 +102,34 @@ def test_no_public_name_stands_twice_and_no_task_imports_a_task():
         assert not {module for module in imports(path) if module.startswith("tasks")}, path.name
 
 
-def plugin_files() -> list[Path]:
-    return [
-        *(SOURCE / "plugins").glob("*/*.py"),
-        *(ROOT / "plugins").glob("*.py"),
-        *(ROOT / "examples" / "plugins").glob("*.py"),
-    ]
-
-
-@pytest.mark.parametrize("path", plugin_files(), ids=lambda path: f"{path.parent.name}/{path.stem}")
+@pytest.mark.parametrize(
+    "path", [*(SOURCE / "plugins").glob("*/*.py")], ids=lambda path: f"{path.parent.name}/{path.stem}"
+)
 def test_plugins_know_libraries_and_contracts_only(path):
     contracts = {f"plugins.{FOLDERS[family]}.base" for family in FAMILIES}
     for module in imports(path):
         package = module.partition(".")[0]
         own = module.startswith(f"plugins.{path.parent.name}.")
         assert package in LIBRARIES | TOOLS or module in contracts or own, f"{module}: pass it what it needs instead"
+
+
+@pytest.mark.parametrize("folder", ["plugins", "examples"])
+def test_examples_import_what_a_plugin_may(folder):
+    for path in (ROOT / folder).rglob("*.py"):
+        assert all(module.startswith(("contracts", "testing")) for module in imports(path)), path
+
+
+def test_what_plugins_may_import_stands_at_one_place_and_is_explained():
+    modules = [
+        contracts,
+        *(import_module(found.name) for found in iter_modules(contracts.__path__, f"{contracts.__name__}.")),
+    ]
+    names = [name for module in modules for name in module.__all__]
+    assert len(names) == len(set(names))
+    for module in modules[1:]:
+        assert f"- `{module.__name__.rpartition('.')[2]}`: " in contracts.__doc__
+        for thing in (getattr(module, name) for name in module.__all__):
+            assert inspect.getdoc(thing) or not (inspect.isroutine(thing) or inspect.isclass(thing)), thing
 
 
 @pytest.mark.parametrize("path", [painting, brushexp_training], ids=lambda path: path.__name__)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import enum
 import inspect
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from textwrap import shorten
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -12,6 +15,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
+from brushexp import contracts
 from brushexp.bounds import Bounds, Rule
 from brushexp.config.compose import presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
@@ -38,7 +42,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages; mkdocs calls it."""
     prepare(ROOT)
-    pages = {"plugins.md": families_page(), "tasks.md": tasks_page()}
+    pages = {"plugins.md": families_page(), "tasks.md": tasks_page(), "contracts.md": contracts_page()}
     pages |= {f"plugins/{family}.md": family_page(family) for family in FAMILIES}
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
@@ -86,6 +90,27 @@ def tasks_page() -> str:
         parts += [f"## {name}", inspect.getdoc(schema) or "", _keys(own)]
         parts += [f"Chosen with `family=name`: {families}."] if families else []
     return "\n\n".join(parts) + "\n"
+
+
+def contracts_page() -> str:
+    """What plugins and packages may import, module by module, with a line on each name."""
+    modules = [
+        contracts,
+        *(import_module(found.name) for found in iter_modules(contracts.__path__, f"{contracts.__name__}.")),
+    ]
+    parts = ["# Contracts", "Made from `brushexp.contracts` when this site is built.", inspect.getdoc(contracts) or ""]
+    for module in modules:
+        rows = [f"| `{name}` | {_cell(_about(getattr(module, name)))} |" for name in module.__all__]
+        about = "" if module is contracts else inspect.getdoc(module) or ""
+        parts += [f"## {module.__name__}", about, "\n".join(["| name | |", "|---|---|", *rows])]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _about(thing: object) -> str:
+    """The first line of a docstring, or the value of a constant."""
+    if inspect.isroutine(thing) or inspect.isclass(thing) or inspect.ismodule(thing):
+        return (inspect.getdoc(thing) or "").partition("\n")[0]
+    return f"`{shorten(str(thing), 60)}`"
 
 
 def _keys(keys: dict[str, Key]) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from brushexp.plugins.logger.base import Logger, Run
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Logger, Run
 
 if TYPE_CHECKING:  # Lightning takes seconds to import
     from lightning.pytorch.loggers import Logger as LightningLogger

@@ -4,9 +4,8 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import above
-from brushexp.plugins.color.base import ColorSpace
-from brushexp.registry import register
+from brushexp.contracts import above, register
+from brushexp.contracts.families import ColorSpace
 
 
 @register("color", "gamma")

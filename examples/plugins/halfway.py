@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp.plugins.callbacks.base import Callback
-from brushexp.registry import register
-from brushexp.system.files import write_picture
+from brushexp.contracts import register
+from brushexp.contracts.families import Callback
+from brushexp.contracts.files import write_picture
 
 if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
     import lightning as L

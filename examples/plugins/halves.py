@@ -2,10 +2,10 @@
 
 import torch
 
-from brushexp.pictures.region import Region
-from brushexp.plugins.sampler.base import Sampler, View
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import register
+from brushexp.contracts.families import Sampler, View
+from brushexp.contracts.pictures import Region
+from brushexp.contracts.strokes import Strokes
 
 
 @register("sampler", "halves")

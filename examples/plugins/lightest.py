@@ -4,10 +4,9 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import at_least
-from brushexp.plugins.order.base import Order
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import at_least, register
+from brushexp.contracts.families import Order
+from brushexp.contracts.strokes import Strokes
 
 
 @register("order", "lightest")

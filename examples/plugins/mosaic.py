@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import torch
 from torch.nn import functional
 
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
-from brushexp.strokes.bezier import strokes_along
+from brushexp.contracts import register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.strokes import strokes_along
 
 
 @register("painter", "mosaic")

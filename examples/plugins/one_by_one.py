@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
-from brushexp.plugins.blend.base import Blend, match_dtype, pixel_centres
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Blend, match_dtype, pixel_centres
+from brushexp.contracts.layers import Canvas, Layers, Size, accuracy_of
 
 
 @register("blend", "one_by_one")

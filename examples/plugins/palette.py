@@ -4,9 +4,9 @@ from pathlib import Path
 
 import torch
 
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.registry import register
-from brushexp.system.files import write_text
+from brushexp.contracts import register
+from brushexp.contracts.families import Exporter, ExportJob
+from brushexp.contracts.files import write_text
 
 
 @register("to", "palette")

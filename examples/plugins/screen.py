@@ -5,9 +5,8 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.paper.base import Paper, Rows
-from brushexp.registry import register
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Paper, Rows
 
 DEEP = 0.002  # of a hole, in longer sides of the canvas
 

@@ -5,9 +5,8 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.palette.base import Palette
-from brushexp.registry import register
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Palette
 
 INK = (0.36, 0.23, 0.13)
 

@@ -5,9 +5,8 @@ from typing import Annotated
 
 from torch import nn, optim
 
-from brushexp.bounds import above, between
-from brushexp.plugins.optimizer.base import Optimizer
-from brushexp.registry import register
+from brushexp.contracts import above, between, register
+from brushexp.contracts.families import Optimizer
 
 
 @register("optimizer", "stairs")

@@ -1,7 +1,7 @@
 """A metric in one file: ``'metric=[psnr,ssim,tint]'``."""
 
-from brushexp.plugins.metric.base import Comparison, Metric
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Comparison, Metric
 
 
 @register("metric", "tint")

@@ -2,10 +2,9 @@
 
 from typing import Annotated
 
-from brushexp.bounds import between
-from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import between, register
+from brushexp.contracts.families import DensificationState, DensificationUpdate, Density
+from brushexp.contracts.strokes import Strokes
 
 
 @register("density", "unfaint")

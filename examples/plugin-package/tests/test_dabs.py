@@ -11,9 +11,8 @@ from brushexp_training.engine.disc import Disc
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.errors import UserError
-from brushexp.registry import build_named
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.contracts import UserError, build_named
+from brushexp.contracts.strokes import parameters_of, sample_prior
 
 LEVEL = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]])  # 0.2 windows wide
 

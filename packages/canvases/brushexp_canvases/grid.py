@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brushexp.pictures.region import Region
+from brushexp.contracts.pictures import Region
 
 
 @dataclass(frozen=True, order=True)

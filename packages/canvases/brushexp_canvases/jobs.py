@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.errors import UserError
-from brushexp.system.runtime import give_memory_back
+from brushexp.contracts import UserError
+from brushexp.contracts.machine import give_memory_back
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.tile import Canvas, draw_tile, paint_tile
 

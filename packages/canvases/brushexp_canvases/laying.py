@@ -6,11 +6,10 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.painting.canvas_memory import boxes_of
-from brushexp.painting.components import first_strokes
-from brushexp.pictures.region import Region
-from brushexp.plugins.density.fixed import Fixed
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.members import Fixed
+from brushexp.contracts.painting import boxes_of, first_strokes
+from brushexp.contracts.pictures import Region
+from brushexp.contracts.strokes import Strokes
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.store import CanvasStore
 

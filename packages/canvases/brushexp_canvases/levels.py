@@ -9,8 +9,8 @@ from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from brushexp.plugins.export.base import ExportJob
-from brushexp.system.files import replacing, to_bytes
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import replacing, to_bytes
 from brushexp_canvases.pyramid import Level, grey_of, halve
 
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that the same painting gives the same bytes

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.errors import UserError
-from brushexp.pictures.region import Region
-from brushexp.system.files import TEMPORARY, write_json, write_text
-from brushexp.system.run_files import note_files
+from brushexp.contracts import UserError
+from brushexp.contracts.files import TEMPORARY, note_files, write_json, write_text
+from brushexp.contracts.pictures import Region
 
 TILE = 512  # pixels of a side of the files
 QUALITY = 90  # of JPEG

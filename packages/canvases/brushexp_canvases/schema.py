@@ -7,13 +7,9 @@ from typing import Any
 
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from brushexp.bounds import at_least, between, one_of
-from brushexp.config.keys import key
-from brushexp.config.rules import check_painting
-from brushexp.config.schema import PaintTask
-from brushexp.errors import UserError
-from brushexp.plugins.painter.base import Painter
-from brushexp.registry import keep_built, plugin_of
+from brushexp.contracts import UserError, at_least, between, keep_built, one_of, plugin_of
+from brushexp.contracts.families import Painter
+from brushexp.contracts.tasks import PaintTask, check_painting, key
 
 OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,

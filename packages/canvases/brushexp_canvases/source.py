@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 
 STRIP = 256  # rows that are in memory at a time
 HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and its levels for each of 8 bits

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.pictures.region import Region
-from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.contracts import UserError
+from brushexp.contracts.pictures import Region
+from brushexp.contracts.strokes import FIELDS, Strokes
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.pyramid import slices_of
 

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.errors import UserError
-from brushexp.pictures.region import Region
-from brushexp.pictures.similarity import psnr_of
-from brushexp.system.files import write_json, write_picture
-from brushexp.system.progress import counting, with_progress
-from brushexp.system.runtime import cores, peak_memory
-from brushexp.system.status import Status
+from brushexp.contracts import UserError
+from brushexp.contracts.files import counting, with_progress, write_json, write_picture
+from brushexp.contracts.machine import cores, peak_memory
+from brushexp.contracts.pictures import Region, psnr_of
+from brushexp.contracts.runs import Status
 from brushexp_canvases.grid import Grid
 from brushexp_canvases.jobs import paint_all, workers
 from brushexp_canvases.page import write_viewer

@@ -11,23 +11,21 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.painting.build import clip_of, compute_focus
-from brushexp.painting.components import build_components, build_stages
-from brushexp.painting.finished import bare_job
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.pictures.load import background_color
-from brushexp.pictures.region import Region
-from brushexp.plugins.blend.base import Compositor
-from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.order.base import Order, front_to_back
-from brushexp.plugins.sampler.base import Sampler, View
-from brushexp.registry import take_built
-from brushexp.registry.loading import load_plugins
-from brushexp.runs.trainer import conclude, fit, make_trainer
-from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp.system.device import device_of
-from brushexp.system.runtime import peak_memory, use_threads
+from brushexp.contracts import take_built
+from brushexp.contracts.families import Compositor, ExportJob, Order, Sampler, View, front_to_back
+from brushexp.contracts.machine import device_of, peak_memory, use_threads
+from brushexp.contracts.members import Fixed
+from brushexp.contracts.painting import (
+    StrokeOptimizer,
+    bare_job,
+    build_components,
+    build_stages,
+    clip_of,
+    compute_focus,
+)
+from brushexp.contracts.pictures import Region, background_color
+from brushexp.contracts.runs import conclude, fit, load_plugins, make_trainer
+from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_canvases.grid import Tile
 from brushexp_canvases.laying import lay, reaching
 from brushexp_canvases.pyramid import grey_of, slices_of

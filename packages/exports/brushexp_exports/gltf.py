@@ -9,11 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 
-from brushexp.bounds import above, between
-from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.registry import build_named, register
-from brushexp.system.files import replacing
+from brushexp.contracts import UserError, above, between, build_named, register
+from brushexp.contracts.families import Exporter, ExportJob
+from brushexp.contracts.files import replacing
 from brushexp_exports.ribbons import ACROSS, POINTS, TRIANGLES, Ribbons, ribbons_of, triangles_of
 
 LARGEST_FILE = 2**32  # bytes of a file: its lengths have 32 bits

@@ -9,12 +9,10 @@ from typing import Annotated
 import numpy as np
 from PIL import Image, ImageCms
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.export._prints import PrintExporter
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
-from brushexp.system.files import replacing
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import replacing
+from brushexp.contracts.members import PrintExporter
 
 LARGEST_SIDE = 65_500  # pixels, of libjpeg
 MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was made: year, month, day, ...

@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import build_named
-from brushexp.shading.light import overlay
-from brushexp.strokes.bezier import half_width_of
+from brushexp.contracts import build_named
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.layers import overlay
+from brushexp.contracts.strokes import half_width_of
 
 ROUNDING = 2  # levels of 255 by which layers of 8 bits may differ from the painting
 

@@ -10,11 +10,10 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 from PIL import Image
 
-from brushexp.bounds import between
-from brushexp.plugins.export._prints import PrintExporter
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
-from brushexp.system.files import replacing
+from brushexp.contracts import between, register
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import replacing
+from brushexp.contracts.members import PrintExporter
 from brushexp_exports.layers import Layer, layers_of
 
 THUMBNAIL = 256  # pixels of its longer side at most

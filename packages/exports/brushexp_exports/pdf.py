@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._prints import DPI, Compression, PrintExporter
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
-from brushexp.system.files import replacing
+from brushexp.contracts import register
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import replacing
+from brushexp.contracts.members import DPI, Compression, PrintExporter
 
 POINTS = 72  # points in an inch
 PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"

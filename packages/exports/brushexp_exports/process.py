@@ -12,22 +12,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between, one_of
-from brushexp.compositing.bands import Drawer, cuts
-from brushexp.pictures.video import filming, largest_side
-from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.color.base import ColorSpace
-from brushexp.plugins.color.rgb import Rgb
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.svg import profile_of
-from brushexp.plugins.paper.base import Rows
-from brushexp.registry import register
-from brushexp.shading.height import Impasto, typical_width
-from brushexp.shading.light import normals_of, shade_picture
-from brushexp.strokes.bezier import cut_short
-from brushexp.strokes.catalogue import LATER_FIELDS, Strokes
-from brushexp.system.files import to_bytes
-from brushexp.system.progress import with_progress
+from brushexp.contracts import between, one_of, register
+from brushexp.contracts.families import Blend, ColorSpace, Exporter, ExportJob, Rows
+from brushexp.contracts.files import to_bytes, with_progress
+from brushexp.contracts.layers import Drawer, Impasto, cuts, normals_of, shade_picture, typical_width
+from brushexp.contracts.members import Rgb, profile_of
+from brushexp.contracts.pictures import filming, largest_side
+from brushexp.contracts.strokes import LATER_FIELDS, Strokes, cut_short
 
 log = logging.getLogger(__name__)
 GROWTH = 0.25  # seconds from the beginning of a stroke to its end

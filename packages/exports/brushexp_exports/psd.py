@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from PIL import Image
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.export._prints import PrintExporter, over_white
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
-from brushexp.system.files import replacing
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import replacing
+from brushexp.contracts.members import PrintExporter, over_white
 from brushexp_exports.jpg import srgb
 from brushexp_exports.layers import layers_of
 

@@ -9,12 +9,11 @@ import torch
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.registry import register
-from brushexp.shading.light import UNLIT, normals_of, shade_picture
-from brushexp.system.files import replacing, to_bytes, write_picture
-from brushexp.system.runtime import check_memory
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import register
+from brushexp.contracts.families import Exporter, ExportJob
+from brushexp.contracts.files import as_shown, replacing, to_bytes, write_picture
+from brushexp.contracts.layers import UNLIT, normals_of, shade_picture
+from brushexp.contracts.machine import check_memory
 
 log = logging.getLogger(__name__)
 WHITE = 2**16 - 1  # level of the highest point in height.png

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.svg import profile_of, soft_edge
-from brushexp.strokes.bezier import point_at
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.members import profile_of, soft_edge
+from brushexp.contracts.strokes import point_at
 
 BODY, CAPS, ACROSS = 9, 3, 3  # sections of a ribbon on its curve, and of each round end; points of a section
 SECTIONS = BODY + 2 * CAPS

@@ -10,18 +10,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from brushexp.painting.canvas_memory import boxes_of
-from brushexp.painting.components import Components
-from brushexp.painting.densification import importance
-from brushexp.painting.picture import Picture
-from brushexp.pictures.region import Region
-from brushexp.plugins.density._worst_places import new_strokes
-from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.loss.base import restore, state_of, weighted_sum
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.sampler.base import View
-from brushexp.strokes.bezier import curve_of, half_width_of, point_at
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.contracts.families import DensificationState, Renderer, View, restore, state_of, weighted_sum
+from brushexp.contracts.members import new_strokes
+from brushexp.contracts.painting import Components, Picture, boxes_of, importance
+from brushexp.contracts.pictures import Region
+from brushexp.contracts.strokes import Catalogue, Strokes, curve_of, half_width_of, point_at
 from brushexp_films.changes import Changes, optical_flow
 
 log = logging.getLogger(__name__)

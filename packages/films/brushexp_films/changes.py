@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.pictures.load import downsample
+from brushexp.contracts.pictures import downsample
 
 BLUR = 1.5  # pixels over which differences are averaged: the noise of a codec is that of single pixels
 GROWN = 2  # pixels by which a change is larger than what was found: half-covered pixels belong to it

@@ -13,12 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brushexp.errors import UserError
-from brushexp.pictures.cut_short import boxes, has_end
-from brushexp.pictures.decode import MOVING, decode_image, picture_size
-from brushexp.pictures.kinds import FILM_SUFFIXES
-from brushexp.pictures.limits import MAX_PIXELS, open_of_any_size
-from brushexp.system.reading import check_file, in_short
+from brushexp.contracts import UserError
+from brushexp.contracts.files import check_file, in_short
+from brushexp.contracts.pictures import (
+    FILM_SUFFIXES,
+    MAX_PIXELS,
+    MOVING,
+    boxes,
+    decode_image,
+    has_end,
+    open_of_any_size,
+    picture_size,
+)
 from brushexp_films.frames import size_of, srgb_of
 
 log = logging.getLogger(__name__)

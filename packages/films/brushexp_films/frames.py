@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.pictures.colorimetry import HIGH_RANGE, encoding_of, unless_srgb
+from brushexp.contracts.pictures import HIGH_RANGE, encoding_of, unless_srgb
 
 FULL = 2  # FFmpeg's number for numbers that use their whole range
 RED, BLUE = 0.2627, 0.0593  # weights of BT.2020 in brightness

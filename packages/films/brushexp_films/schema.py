@@ -9,14 +9,10 @@ from typing import Any, ClassVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.bounds import above, at_least, between
-from brushexp.config.keys import key
-from brushexp.config.rules import check_painting
-from brushexp.config.schema import PaintTask
-from brushexp.errors import UserError
-from brushexp.pictures.load import size_at
-from brushexp.plugins.painter.base import Painter
-from brushexp.registry import keep_built, plugin_of
+from brushexp.contracts import UserError, above, at_least, between, keep_built, plugin_of
+from brushexp.contracts.families import Painter
+from brushexp.contracts.pictures import size_at
+from brushexp.contracts.tasks import PaintTask, check_painting, key
 from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)

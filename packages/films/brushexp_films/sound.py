@@ -9,8 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from brushexp.pictures.video import FAST_START
-from brushexp.system.files import replacing
+from brushexp.contracts.files import replacing
+from brushexp.contracts.pictures import FAST_START
 from brushexp_films.clips import LOCAL, beginning_of, is_moving
 
 log = logging.getLogger(__name__)

@@ -16,28 +16,32 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.painting.build import build_painter
-from brushexp.painting.components import build_components
-from brushexp.painting.finished import bare_job
-from brushexp.painting.goals import goals_of
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.pictures.load import planes_of, size_at
-from brushexp.pictures.similarity import psnr_of
-from brushexp.pictures.video import filming
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import take_built
-from brushexp.runs.closing import how_to_go_on
-from brushexp.runs.resume import RECORD_KEY, record_of, restore_run
-from brushexp.runs.trainer import conclude, fit, make_trainer
-from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.device import device_of
-from brushexp.system.files import replacing, to_bytes, write_json, write_picture
-from brushexp.system.progress import showing
-from brushexp.system.run_files import CHECKPOINT
-from brushexp.system.runtime import interruptible, peak_memory
-from brushexp.system.status import Status
-from brushexp.system.terminal import IN_LOG, as_shown
+from brushexp.contracts import UserError, take_built
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import (
+    CHECKPOINT,
+    IN_LOG,
+    as_shown,
+    replacing,
+    showing,
+    to_bytes,
+    write_json,
+    write_picture,
+)
+from brushexp.contracts.machine import device_of, interruptible, peak_memory
+from brushexp.contracts.painting import StrokeOptimizer, bare_job, build_components, build_painter, goals_of
+from brushexp.contracts.pictures import filming, planes_of, psnr_of, size_at
+from brushexp.contracts.runs import (
+    RECORD_KEY,
+    Status,
+    conclude,
+    fit,
+    how_to_go_on,
+    make_trainer,
+    record_of,
+    restore_run,
+)
+from brushexp.contracts.strokes import Saved, load_catalogue, save_catalogue
 from brushexp_films.carrying import Carrier, Cel, Reel
 from brushexp_films.changes import Flicker
 from brushexp_films.clips import Shown, open_clip, pictures_between

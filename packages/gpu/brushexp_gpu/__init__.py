@@ -7,9 +7,8 @@ from importlib.util import find_spec
 
 from torch import Tensor
 
-from brushexp.compositing import profile, textured_profile
-from brushexp.compositing.layers import KernelInput, Layers, Size
-from brushexp.compositing.rasterization import Rasterizer
+from brushexp.contracts.kernels import Rasterizer, profile, textured_profile
+from brushexp.contracts.layers import KernelInput, Layers, Size
 
 
 def rasterize(

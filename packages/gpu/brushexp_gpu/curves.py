@@ -7,8 +7,8 @@ are those of `brushexp.compositing`: `nearest`, `texture_places`.
 
 import triton.language as tl
 
-from brushexp.compositing import nearest as processor
-from brushexp.compositing import tile_lists
+from brushexp.contracts.kernels import nearest as processor
+from brushexp.contracts.kernels import tile_lists
 from brushexp_gpu.launch import inline
 
 TILE = tl.constexpr(tile_lists.TILE)

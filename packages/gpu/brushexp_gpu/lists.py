@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Size
-from brushexp.compositing.tile_lists import TILE
+from brushexp.contracts.kernels import TILE
+from brushexp.contracts.layers import Size
 from brushexp_gpu.launch import launch
 from brushexp_gpu.list_kernels import arrange_kernel, box_kernel, find_kernel
 

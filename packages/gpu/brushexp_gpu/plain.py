@@ -3,7 +3,7 @@
 
 import triton.language as tl
 
-from brushexp.compositing import profile
+from brushexp.contracts.kernels import profile
 from brushexp_gpu.curves import LEAST_SLOPE, clip, store_moments, sum_pixels
 from brushexp_gpu.launch import inline
 

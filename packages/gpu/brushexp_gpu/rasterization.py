@@ -4,10 +4,9 @@ import torch
 import triton
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers, Size
-from brushexp.compositing.profile import DRIFTING
-from brushexp.compositing.textured_profile import KERNEL as TEXTURED
-from brushexp.compositing.tile_lists import AREA
+from brushexp.contracts.kernels import AREA
+from brushexp.contracts.layers import DRIFTING, KernelInput, Layers, Size
+from brushexp.contracts.layers import KERNEL as TEXTURED
 from brushexp_gpu.launch import launch
 from brushexp_gpu.lists import CHUNK, tile_lists
 from brushexp_gpu.passes import backward_pass, behind_pass, forward_pass, sum_rows

@@ -3,8 +3,8 @@
 
 import triton.language as tl
 
-from brushexp.compositing import frame as frames_of
-from brushexp.compositing import textures
+from brushexp.contracts.kernels import frame as frames_of
+from brushexp.contracts.kernels import textures
 from brushexp_gpu.curves import clip, store_moments, sum_pixels
 from brushexp_gpu.launch import inline
 

@@ -8,9 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from brushexp.bounds import DURATION, at_least, one_of
-from brushexp.plugins.callbacks.base import Callback
-from brushexp.registry import register
+from brushexp.contracts import DURATION, at_least, one_of, register
+from brushexp.contracts.families import Callback
 
 if TYPE_CHECKING:
     import lightning as L

@@ -10,10 +10,9 @@ import numpy as np
 import yaml  # type: ignore[import-untyped,unused-ignore]
 from PIL import Image
 
-from brushexp.errors import UserError
-from brushexp.plugins.logger.base import Logger, Run
-from brushexp.registry import register
-from brushexp.reporting.tables import markdown_table
+from brushexp.contracts import UserError, register
+from brushexp.contracts.families import Logger, Run
+from brushexp.contracts.results import markdown_table
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger

@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from PIL import Image
 
-from brushexp.bounds import one_of
-from brushexp.errors import UserError
-from brushexp.plugins.logger.base import Logger, Run
-from brushexp.registry import register
-from brushexp.system.status import Status
+from brushexp.contracts import UserError, one_of, register
+from brushexp.contracts.families import Logger, Run
+from brushexp.contracts.runs import Status
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger

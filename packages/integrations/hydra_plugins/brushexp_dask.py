@@ -42,8 +42,8 @@ class DaskLauncher(Launcher):
         """Run the jobs, and wait for all of them."""
         from distributed import Client, LocalCluster  # noqa: PLC0415
 
-        from brushexp.errors import UserError  # noqa: PLC0415
-        from brushexp.system.runtime import jobs_at_once  # noqa: PLC0415
+        from brushexp.contracts import UserError  # noqa: PLC0415
+        from brushexp.contracts.machine import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
         logging.getLogger("distributed").setLevel(logging.WARNING)  # else it logs the start of every worker

@@ -54,7 +54,7 @@ class StudySweeper(Sweeper):
         self.resume, self.direction, self.options = resume, direction, options
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        from brushexp.errors import UserError  # noqa: PLC0415
+        from brushexp.contracts import UserError  # noqa: PLC0415
 
         if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
             cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
@@ -69,9 +69,12 @@ class StudySweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Check the ends of the search space, then run the trials that have not ended."""
-        from brushexp.errors import UserError  # noqa: PLC0415
-        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
-        from brushexp.runs.sweep_report import renew_sweep_report  # noqa: PLC0415
+        from brushexp.contracts import UserError  # noqa: PLC0415
+        from brushexp.contracts.runs import (  # noqa: PLC0415
+            begin_sweep,
+            check_jobs,
+            renew_sweep_report,
+        )
 
         words = [*(f"{key}={value}" for key, value in (self.options["params"] or {}).items()), *arguments]
         overrides = OverridesParser.create(config_loader=self.loader).parse_overrides(words)
@@ -93,7 +96,7 @@ class StudySweeper(Sweeper):
         """Add the trials in the folder of the sweep to the study; those that were killed are repeated first."""
         import optuna  # noqa: PLC0415
 
-        from brushexp.results.runs import has_ended, read_result, words_of  # noqa: PLC0415
+        from brushexp.contracts.results import has_ended, read_result, words_of  # noqa: PLC0415
 
         space, study = self.space_of(words)[0], self.open_study()
         recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
@@ -130,8 +133,8 @@ class StudySweeper(Sweeper):
 
 def better_direction(objective: str | None, typed: str | None) -> str:
     """Return ``maximize`` or ``minimize``, as the tables have it or as ``typed`` for a metric that they lack."""
-    from brushexp.errors import UserError  # noqa: PLC0415
-    from brushexp.results.quantities import quantities  # noqa: PLC0415
+    from brushexp.contracts import UserError  # noqa: PLC0415
+    from brushexp.contracts.results import quantities  # noqa: PLC0415
 
     option, choices = "hydra.sweeper.direction", tuple(DIRECTIONS.values())
     if objective is None:
@@ -152,8 +155,8 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
     """Record a trial that has ended for Optuna."""
     import optuna  # noqa: PLC0415
 
-    from brushexp.results.runs import objective_in  # noqa: PLC0415
-    from brushexp.system.status import Status  # noqa: PLC0415
+    from brushexp.contracts.results import objective_in  # noqa: PLC0415
+    from brushexp.contracts.runs import Status  # noqa: PLC0415
 
     failed, states = result["status"] == Status.FAILED, optuna.trial.TrialState
     state, value = (states.FAIL, None) if failed else (states.COMPLETE, objective_in(result, objective))

@@ -30,7 +30,7 @@ class ProcessesLauncherConf:
 
 def works_here() -> bool:
     """Tell whether processes may be forked: libraries do not survive it elsewhere than on Linux, nor CUDA anywhere."""
-    from brushexp.system.device import device_of  # noqa: PLC0415  (torch)
+    from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"
 
@@ -55,7 +55,7 @@ class ProcessesLauncher(Launcher):
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """Run the jobs, and wait for all of them; a job that dies ends the sweep."""
-        from brushexp.system.runtime import jobs_at_once  # noqa: PLC0415
+        from brushexp.contracts.machine import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
         with self._forks(min(len(jobs), jobs_at_once(self.n_jobs))) as pipes:
@@ -101,7 +101,7 @@ class ProcessesLauncher(Launcher):
 
 def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, JobReturn]:
     """Send each process a job, and the next when it has ended; return the results by the numbers of the jobs."""
-    from brushexp.errors import UserError  # noqa: PLC0415
+    from brushexp.contracts import UserError  # noqa: PLC0415
 
     queue, idle, at_work, results = list(jobs), list(pipes), dict[Pipe, int](), dict[int, JobReturn]()
     while queue or at_work:

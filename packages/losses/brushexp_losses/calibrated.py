@@ -1,8 +1,6 @@
 """LPIPS with its published weights, or the distance in the network that comes with the program."""
 
-from brushexp.features import open_backbone
-from brushexp.features.base import packaged_file, read_tensors
-from brushexp.features.distance import Distance, bundled_distance
+from brushexp.contracts.pictures import Distance, bundled_distance, open_backbone, packaged_file, read_tensors
 
 # The published weights of the channels (LPIPS 0.1), which come with torchmetrics, and the taps they are for.
 PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.errors import UserError
-from brushexp.features.base import Backbone
+from brushexp.contracts import UserError
+from brushexp.contracts.pictures import Backbone
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, as torchvision trains its networks
 VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block

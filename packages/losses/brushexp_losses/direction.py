@@ -5,12 +5,9 @@ from typing import Annotated, Any
 import torch
 from torch import Tensor
 
-from brushexp.bounds import at_least
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
-from brushexp.strokes.bezier import shape_of
-from brushexp.strokes.measures import NEIGHBOURS, direction_of, neighbours_of
-from brushexp.system.precision import at_least_single
+from brushexp.contracts import at_least, register
+from brushexp.contracts.families import Loss, PaintedView
+from brushexp.contracts.strokes import NEIGHBOURS, at_least_single, direction_of, neighbours_of, shape_of
 
 
 @register("loss", "direction")

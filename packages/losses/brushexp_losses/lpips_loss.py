@@ -4,9 +4,8 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import FILE, one_of
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
+from brushexp.contracts import FILE, one_of, register
+from brushexp.contracts.families import Loss, PaintedView
 from brushexp_losses.calibrated import CALIBRATED, open_distance
 
 

@@ -2,9 +2,8 @@
 
 from typing import Annotated
 
-from brushexp.bounds import FILE, one_of
-from brushexp.plugins.metric.base import Comparison, Metric
-from brushexp.registry import register
+from brushexp.contracts import FILE, one_of, register
+from brushexp.contracts.families import Comparison, Metric
 from brushexp_losses.calibrated import CALIBRATED, open_distance
 
 

@@ -8,11 +8,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.bounds import at_least
-from brushexp.pictures.load import downsample
-from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
-from brushexp.registry import register
-from brushexp.system.precision import at_least_single
+from brushexp.contracts import at_least, register
+from brushexp.contracts.families import Loss, PaintedView, Surroundings
+from brushexp.contracts.pictures import downsample
+from brushexp.contracts.strokes import at_least_single
 
 FIRST_BLUR = 2.0  # blur of the first potentials: the largest cost on a square
 MIN_EPSILON = 0.01  # least blur: exp(-4 / epsilon) is no zero in double precision

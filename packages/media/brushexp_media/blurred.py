@@ -5,9 +5,8 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Loss, PaintedView
 from brushexp_media.picture.smoothing import gaussian_blur
 
 

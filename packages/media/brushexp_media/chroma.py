@@ -4,10 +4,9 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
-from brushexp.system.precision import at_least_single
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Loss, PaintedView
+from brushexp.contracts.strokes import at_least_single
 
 
 @register("loss", "chroma")

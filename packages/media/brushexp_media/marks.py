@@ -6,14 +6,10 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import one_of
-from brushexp.compositing.layers import SPREAD
-from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import Loop, Sheets, coordinates_of, sheets_of
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import one_of, register
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.layers import SPREAD, Loop, Sheets, TexturedProfile, coordinates_of, sheets_of
+from brushexp.contracts.strokes import Strokes, curve_of, half_width_of
 from brushexp_media.picture.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192

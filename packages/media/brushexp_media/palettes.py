@@ -8,12 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.pictures.abstraction import flattened
-from brushexp.pictures.color import palette, recolor, to_lab, to_rgb
-from brushexp.pictures.load import PICTURE, load_picture
-from brushexp.plugins.palette.base import Palette
-from brushexp.registry import register
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Palette
+from brushexp.contracts.pictures import flattened, load_picture, palette, recolor, to_lab, to_rgb
+from brushexp.contracts.tasks import PICTURE
 from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray

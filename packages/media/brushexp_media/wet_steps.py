@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
-from brushexp.bounds import at_least, between
-from brushexp.plugins.callbacks.base import Callback
-from brushexp.registry import register
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import Callback
 
 if TYPE_CHECKING:
     from pathlib import Path

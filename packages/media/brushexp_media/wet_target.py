@@ -5,9 +5,9 @@ from typing import Any
 import lightning as L
 import torch
 
-from brushexp.errors import UserError
-from brushexp.painting.wet import drag_paint
-from brushexp.runs.resume import RunRecord
+from brushexp.contracts import UserError
+from brushexp.contracts.painting import drag_paint
+from brushexp.contracts.runs import RunRecord
 
 
 class WetTarget(L.Callback):

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from brushexp.plugins.painter.base import PaintState
-from brushexp.strokes.bezier import strokes_along
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.families import PaintState
+from brushexp.contracts.strokes import Strokes, strokes_along
 
 PORTIONS = 60  # states that a painter yields, at most
 LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue in papers of the time

@@ -6,11 +6,10 @@ from typing import Annotated
 
 import numpy as np
 
-from brushexp.bounds import at_least, between
-from brushexp.pictures.structure import sampled_at
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST_CANDIDATE, SMALLEST_CANDIDATE, worst_places
 

@@ -7,13 +7,11 @@ from typing import Annotated
 import numpy as np
 import torch
 
-from brushexp.bounds import FILE, above, at_least, one_of
-from brushexp.features import NETWORKS
-from brushexp.pictures.load import PICTURE
-from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import build_named, register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import FILE, above, at_least, build_named, one_of, register
+from brushexp.contracts.families import PaintedView, Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import NETWORKS
+from brushexp.contracts.strokes import Strokes
+from brushexp.contracts.tasks import PICTURE
 from brushexp_painters._laying import PORTIONS, strokes_from_arrays
 
 

@@ -7,11 +7,10 @@ from typing import Annotated
 
 import numpy as np
 
-from brushexp.bounds import at_least, between
-from brushexp.compat.compiled import function, inline
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
-from brushexp.system.runtime import share
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.kernels import function, inline
+from brushexp.contracts.machine import share
 from brushexp_painters._laying import Array, numpy_generator, portions, strokes_from_arrays, vectors
 
 SAMPLES = 400  # pixels at which the error of a candidate is measured, about

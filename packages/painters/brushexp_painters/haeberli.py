@@ -7,10 +7,9 @@ from typing import Annotated
 import numpy as np
 import torch
 
-from brushexp.bounds import above, between, one_of
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
+from brushexp.contracts import above, between, one_of, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
 from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays, vectors
 
 

@@ -6,12 +6,10 @@ from typing import Annotated
 
 import numpy as np
 
-from brushexp.bounds import above, at_least, between
-from brushexp.errors import UserError
-from brushexp.pictures.structure import sampled_at, worst_of_cells
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import UserError, above, at_least, between, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import sampled_at, worst_of_cells
+from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
 FIRST_LAYER = 0.2  # share of the strokes that the layer of the largest brush takes, about

@@ -7,12 +7,10 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, at_least
-from brushexp.pictures.load import PICTURE
-from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import build_named, register
-from brushexp.strokes.catalogue import Catalogue
+from brushexp.contracts import above, at_least, build_named, register
+from brushexp.contracts.families import PaintedView, Painter, PaintRequest, PaintState
+from brushexp.contracts.strokes import Catalogue
+from brushexp.contracts.tasks import PICTURE
 from brushexp_painters._laying import PORTIONS
 
 

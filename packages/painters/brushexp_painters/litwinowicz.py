@@ -6,10 +6,9 @@ from typing import Annotated
 
 import numpy as np
 
-from brushexp.bounds import at_least, between
-from brushexp.pictures.structure import sampled_at
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import sampled_at
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
 DATA_WEIGHT = 1e3  # weight of the reliable directions, beside the bending of the field

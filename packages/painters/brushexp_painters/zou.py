@@ -9,12 +9,10 @@ import torch
 from torch import Tensor
 from torch.optim import Optimizer, RMSprop
 
-from brushexp.bounds import above, at_least, between
-from brushexp.pictures.structure import sampled_at
-from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import build_named, register
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.contracts import above, at_least, between, build_named, register
+from brushexp.contracts.families import PaintedView, Painter, PaintRequest, PaintState
+from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
 IN_A_BLOCK = 10  # strokes in a block, about, where the number of levels is not chosen

@@ -6,10 +6,9 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import at_least, between
-from brushexp.plugins.order.base import UNTIL, Order
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import UNTIL, Order
+from brushexp.contracts.strokes import Strokes
 
 
 @register("order", "accuracy")

@@ -8,11 +8,10 @@ from typing import Annotated, Any
 import torch
 from torch import Tensor
 
-from brushexp.bounds import at_least, one_of
-from brushexp.pictures.region import Region
-from brushexp.plugins.sampler.base import Sampler, View
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import at_least, one_of, register
+from brushexp.contracts.families import Sampler, View
+from brushexp.contracts.pictures import Region
+from brushexp.contracts.strokes import Strokes
 
 SAMPLED_POINTS = 200  # random points that estimate how many strokes are active at one
 

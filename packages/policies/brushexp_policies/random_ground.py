@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import torch
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.callbacks.base import Callback
-from brushexp.plugins.sampler.whole import Whole
-from brushexp.registry import register
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import Callback
+from brushexp.contracts.members import Whole
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,11 +7,9 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from brushexp.bounds import Rule, above
-from brushexp.errors import UserError
-from brushexp.plugins.callbacks.base import Callback
-from brushexp.registry import register
-from brushexp.strokes.bezier import half_width_of
+from brushexp.contracts import Rule, UserError, above, register
+from brushexp.contracts.families import Callback
+from brushexp.contracts.strokes import half_width_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     import lightning as L
     from torch import Tensor
 
-    from brushexp.strokes.catalogue import Strokes
+    from brushexp.contracts.strokes import Strokes
 
 LEAST = 1e-6  # pixels: no thickness is smaller where one is divided by it
 

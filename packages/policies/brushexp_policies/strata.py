@@ -5,10 +5,9 @@ from typing import Annotated
 
 from torch import Tensor
 
-from brushexp.bounds import at_least, between
-from brushexp.plugins.density.base import DensificationState
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import DensificationState
+from brushexp.contracts.strokes import Strokes
 from brushexp_policies.traced import Traced
 
 

@@ -7,12 +7,10 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import at_least
-from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import Canvas, Layers, Size
-from brushexp.plugins.blend.base import Blend, match_dtype
-from brushexp.plugins.blend.dense import over
-from brushexp.registry import register
+from brushexp.contracts import at_least, register
+from brushexp.contracts.families import Blend, match_dtype
+from brushexp.contracts.layers import Canvas, Layers, Size, paint_tiles
+from brushexp.contracts.members import over
 
 
 @register("blend", "topk")

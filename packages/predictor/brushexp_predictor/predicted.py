@@ -6,11 +6,10 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.order.area import Area
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.members import Area
+from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.checkpoints import WEIGHTS
 from brushexp_predictor.lay.colors import ROUNDS
 

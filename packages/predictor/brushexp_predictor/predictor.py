@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from brushexp.bounds import between
-from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
-from brushexp.registry import register
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Painter, PaintRequest, PaintState
 from brushexp_predictor.lay.checkpoints import WEIGHTS
 from brushexp_predictor.lay.colors import ROUNDS, best_colors
 

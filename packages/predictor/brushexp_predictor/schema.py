@@ -7,10 +7,8 @@ from typing import Any, ClassVar
 from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import FILE, above, at_least, between, one_of
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
-from brushexp.pictures.load import PICTURE
+from brushexp.contracts import FILE, above, at_least, between, one_of
+from brushexp.contracts.tasks import PICTURE, Task, key
 
 DATA = "pictures to learn from, or folders of them; null = those of scikit-image and scikit-learn"
 WEIGHTS = "weights of the network: a .safetensors file, or the name of one that comes with the program"

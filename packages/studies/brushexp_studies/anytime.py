@@ -9,10 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from pandas import DataFrame
 
-from brushexp.reporting.tables import markdown_table
-from brushexp.results.anytime_curves import LEAD, Curve, curves_by_image, leaders, mean_curve, mean_curves
-from brushexp.results.tables import run_count
-from brushexp.system.files import write_text
+from brushexp.contracts.files import write_text
+from brushexp.contracts.results import (
+    LEAD,
+    Curve,
+    curves_by_image,
+    leaders,
+    markdown_table,
+    mean_curve,
+    mean_curves,
+    run_count,
+)
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, DASHES, FAINT, FIGURE_SIZE, INK
 

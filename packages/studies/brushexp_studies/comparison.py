@@ -4,8 +4,7 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from brushexp.results.comparisons import PageTable, RunComparison
-from brushexp.results.tables import is_album
+from brushexp.contracts.results import PageTable, RunComparison, is_album
 from brushexp_studies import paired
 from brushexp_studies.anytime import write_anytime, write_curves
 from brushexp_studies.contact_sheet import write_contact_sheet

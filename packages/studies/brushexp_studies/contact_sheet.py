@@ -11,13 +11,11 @@ from matplotlib import get_data_path
 from pandas import DataFrame
 from PIL import Image, ImageDraw, ImageFont
 
-from brushexp.errors import UserError
-from brushexp.pictures.decode import open_picture
-from brushexp.results.quantities import digits
-from brushexp.results.runs import shorten
-from brushexp.results.tables import is_album, numbers, run_count, varying_settings
-from brushexp.system.files import write_picture
-from brushexp.system.status import Status
+from brushexp.contracts import UserError
+from brushexp.contracts.files import write_picture
+from brushexp.contracts.pictures import open_picture
+from brushexp.contracts.results import digits, is_album, numbers, run_count, shorten, varying_settings
+from brushexp.contracts.runs import Status
 from brushexp_studies.plotting import wrap_text
 
 THUMBNAIL_SIDE = 400  # pixels: longer side of a picture, where the sheet has room

@@ -7,9 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from brushexp.results.quantities import quantities
-from brushexp.results.runs import differences, shorten
-from brushexp.results.tables import over_seeds, run_count, varying_settings
+from brushexp.contracts.results import differences, over_seeds, quantities, run_count, shorten, varying_settings
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, FIGURE_SIZE, LABEL, MARKERS, TALLEST
 

@@ -14,11 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from pandas import DataFrame
 
-from brushexp.reporting.tables import csv_table, markdown_table
-from brushexp.results.quantities import Quantity, quantities
-from brushexp.results.runs import differences
-from brushexp.results.tables import numbers
-from brushexp.system.files import write_text
+from brushexp.contracts.files import write_text
+from brushexp.contracts.results import Quantity, csv_table, differences, markdown_table, numbers, quantities
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
 

@@ -9,10 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from brushexp.reporting.tables import csv_table, markdown_table
-from brushexp.results.quantities import quantities
-from brushexp.results.tables import over_seeds
-from brushexp.system.files import write_text
+from brushexp.contracts.files import write_text
+from brushexp.contracts.results import csv_table, markdown_table, over_seeds, quantities
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from brushexp.bounds import FOLDER
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
+from brushexp.contracts import FOLDER
+from brushexp.contracts.tasks import Task, key
 
 
 @dataclass

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.results.runs import gather
-from brushexp.results.tables import over_seeds, write_run_tables
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError
+from brushexp.contracts.files import as_shown
+from brushexp.contracts.pages import write_sweep_page
+from brushexp.contracts.results import gather, over_seeds, write_run_tables
 from brushexp_studies.comparison import write_front_and_curves
 
 log = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import background_tasks, run, ui
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_studio.elements import Button, Drop, Slide, Tag, chips
 from brushexp_studio.photos import SAMPLES, Photo
 from brushexp_studio.visit import PHOTOGRAPH, Visit

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.errors import UserError
-from brushexp.pages.html import encode
-from brushexp.pictures.decode import read_picture
-from brushexp.pictures.load import check_ratio, samples
-from brushexp.system.files import write_picture
+from brushexp.contracts import UserError
+from brushexp.contracts.files import write_picture
+from brushexp.contracts.pages import encode
+from brushexp.contracts.pictures import check_ratio, read_picture, samples
 
 LARGEST_UPLOAD = 2**26  # bytes of a file from the browser
 LONGEST_NAME = 60  # letters

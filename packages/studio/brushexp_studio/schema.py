@@ -7,10 +7,8 @@ from typing import Any, ClassVar
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import Rule, between
-from brushexp.config.keys import key
-from brushexp.config.rules import canvas_of
-from brushexp.config.schema import Task
+from brushexp.contracts import Rule, between
+from brushexp.contracts.tasks import Task, canvas_of, key
 
 PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 

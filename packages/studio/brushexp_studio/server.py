@@ -24,7 +24,7 @@ from starlette.requests import ClientDisconnect
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
 from brushexp_studio.serving import HOST, port_error
 from brushexp_studio.tab import add_page

@@ -12,8 +12,8 @@ from threading import Thread
 from typing import Any
 from urllib.parse import unquote
 
-from brushexp.errors import UserError
-from brushexp.system.reading import check_file
+from brushexp.contracts import UserError
+from brushexp.contracts.files import check_file
 
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect

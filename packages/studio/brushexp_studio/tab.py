@@ -6,9 +6,9 @@ from pathlib import Path
 from fastapi import FastAPI
 from nicegui import ui
 
-from brushexp.config.looks import look_names
-from brushexp.errors import UserError
-from brushexp.pages.html import TEMPLATES
+from brushexp.contracts import UserError
+from brushexp.contracts.pages import TEMPLATES
+from brushexp.contracts.tasks import look_names
 from brushexp_studio.controls import Controls
 from brushexp_studio.easel import Easel
 from brushexp_studio.elements import Button, Tag

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_studio.serving import show_until_interrupted
 
 log = logging.getLogger(__name__)

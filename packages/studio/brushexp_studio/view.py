@@ -6,19 +6,14 @@ from pathlib import Path
 import numpy as np
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
-from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.painting.finished import Finished
-from brushexp.painting.reopen import export_job, with_renderer
-from brushexp.pictures.decode import open_picture
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import build
-from brushexp.results.runs import gather, read_result
-from brushexp.strokes.storage import load_catalogue
-from brushexp.system.files import write_text
-from brushexp.system.run_files import METRICS_FILE
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError, build
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import METRICS_FILE, as_shown, write_text
+from brushexp.contracts.pages import LARGEST_SIDE, PAGE_NAME, page_in, run_page, write_sweep_page
+from brushexp.contracts.painting import Finished, export_job, with_renderer
+from brushexp.contracts.pictures import open_picture
+from brushexp.contracts.results import gather, read_result
+from brushexp.contracts.strokes import load_catalogue
 from brushexp_studio.serving import serve, show_until_interrupted
 
 log = logging.getLogger(__name__)

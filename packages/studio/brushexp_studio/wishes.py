@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from brushexp.api.settings import settings_of
-from brushexp.painting.components import stroke_budget
-from brushexp.pictures.load import size_at
-from brushexp.registry import build, plugin_of
+from brushexp.contracts import build, plugin_of
+from brushexp.contracts.painting import stroke_budget
+from brushexp.contracts.pictures import size_at
+from brushexp.contracts.runs import settings_of
 from brushexp_studio.photos import Photo
 
 QUALITIES = ("draft", "normal", "fine", "best")

@@ -12,8 +12,8 @@ from typing import Any
 from PIL import Image
 
 import brushexp
-from brushexp.errors import UserError
-from brushexp.pages.html import encode
+from brushexp.contracts import UserError
+from brushexp.contracts.pages import encode
 from brushexp_studio.photos import JPEG, in_plain_letters
 from brushexp_studio.wishes import Wishes
 

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
-from brushexp.plugins.engine.base import Simulated
-from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+from brushexp.contracts.families import Simulated
+from brushexp.contracts.strokes import parameters_of, sample_prior, strokes_of
 from brushexp_testing.families import Check, Make
 
 WINDOW = 32

@@ -9,17 +9,19 @@ from typing import Any
 
 import torch
 
-from brushexp.errors import UserError
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.logger.base import Run
-from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.metric.base import Comparison
-from brushexp.plugins.order.base import front_to_back
-from brushexp.plugins.painter.base import Painter, PaintRequest
-from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.strokes.catalogue import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
-from brushexp.system.status import Status
+from brushexp.contracts import UserError
+from brushexp.contracts.families import (
+    Comparison,
+    DensificationState,
+    PaintedView,
+    Painter,
+    PaintRequest,
+    Run,
+    front_to_back,
+)
+from brushexp.contracts.members import Analytic, Tiled
+from brushexp.contracts.runs import Status
+from brushexp.contracts.strokes import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
 
 Make = Callable[..., Any]  # builds a fresh plugin from options
 Check = Callable[[Make], None]

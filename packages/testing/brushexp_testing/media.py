@@ -2,7 +2,7 @@
 
 import torch
 
-from brushexp.plugins.paper.base import Rows
+from brushexp.contracts.families import Rows
 from brushexp_testing.families import SIZE, Check, Make
 
 

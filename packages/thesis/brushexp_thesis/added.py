@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.errors import UserError
-from brushexp.painting.metrics import measure, standard_metrics
-from brushexp.painting.reopen import export_job
-from brushexp.pictures.folders import picture_suffixes
-from brushexp.pictures.load import load_picture
-from brushexp.registry import build_named
-from brushexp.strokes.storage import load_catalogue
-from brushexp.system.files import to_bytes, write_json, write_picture
-from brushexp.system.run_files import METRICS_FILE
-from brushexp.system.status import Status
+from brushexp.contracts import UserError, build_named
+from brushexp.contracts.files import METRICS_FILE, to_bytes, write_json, write_picture
+from brushexp.contracts.painting import export_job, measure, standard_metrics
+from brushexp.contracts.pictures import load_picture, picture_suffixes
+from brushexp.contracts.runs import Status
+from brushexp.contracts.strokes import load_catalogue
 
 CATALOGUES = (".h5", ".json")
 

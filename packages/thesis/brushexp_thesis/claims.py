@@ -9,8 +9,8 @@ from brushexp_studies.paired import LEAST_UNITS, NOT_DECIDED, Difference
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
-from brushexp.errors import UserError
-from brushexp.results.quantities import quantities
+from brushexp.contracts import UserError
+from brushexp.contracts.results import quantities
 from brushexp_thesis.entries import entries_in, read_plain_yaml
 from brushexp_thesis.evidence import Bounds
 

@@ -8,15 +8,11 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.pages.run_page import list_settings
-from brushexp.reporting.tables import escape_markdown, markdown_table
-from brushexp.results.runs import gather
-from brushexp.strokes.saved import config_of
-from brushexp.strokes.storage import load_catalogue
-from brushexp.system.files import write_text
-from brushexp.system.reading import read_text, yaml_of
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError
+from brushexp.contracts.files import as_shown, read_text, write_text, yaml_of
+from brushexp.contracts.pages import list_settings
+from brushexp.contracts.results import escape_markdown, gather, markdown_table
+from brushexp.contracts.strokes import config_of, load_catalogue
 
 log = logging.getLogger(__name__)
 THESIS = Path(__file__).with_name("thesis.yaml")

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.errors import UserError
-from brushexp.system.reading import in_short, read_text, yaml_of
+from brushexp.contracts import UserError
+from brushexp.contracts.files import in_short, read_text, yaml_of
 
 Kind = TypeVar("Kind")
 

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from brushexp.pictures.similarity import psnr_of
-from brushexp.plugins.metric.base import Comparison, Metric
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Comparison, Metric
+from brushexp.contracts.pictures import psnr_of
 
 WINDOWS = 16  # along the shorter side of a picture
 

@@ -16,13 +16,11 @@ from brushexp_studies.plotting import COLORS, DASHES, FIGURE_SIZE, INK
 from matplotlib.axes import Axes
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.pages.html import page
-from brushexp.pages.sweep_page import side_for, thumbnail
-from brushexp.results.runs import gather, words_of
-from brushexp.system.files import write_text
-from brushexp.system.status import Status
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError
+from brushexp.contracts.files import as_shown, write_text
+from brushexp.contracts.pages import page, side_for, thumbnail
+from brushexp.contracts.results import gather, words_of
+from brushexp.contracts.runs import Status
 from brushexp_thesis import standings_tables as tables
 from brushexp_thesis.added import add_paintings
 from brushexp_thesis.published import SHIPPED_FIGURES, PublishedFigures, read_published

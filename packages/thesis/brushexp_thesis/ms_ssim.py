@@ -1,7 +1,7 @@
 """Structural similarity at several scales, as papers on Gaussians for pictures report it."""
 
-from brushexp.plugins.metric.base import Comparison, Metric
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Comparison, Metric
 
 SMALLEST_SIDE = 176  # side in pixels of which a sixteenth still holds the window of 11 x 11
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_thesis.entries import entries_in, entry_of, read_plain_yaml
 
 SHIPPED_FIGURES = Path(__file__).with_suffix(".yaml")

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from brushexp.bounds import FILE, FOLDER, at_least, one_of
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
+from brushexp.contracts import FILE, FOLDER, at_least, one_of
+from brushexp.contracts.tasks import Task, key
 
 RUNS = "folder of a run, of a sweep, or above many of them; several with commas"
 

@@ -16,11 +16,19 @@ from brushexp_studies.anytime import TIMES, quality_at
 from brushexp_studies.paired import interval
 from pandas import DataFrame
 
-from brushexp.reporting.tables import MISSING
-from brushexp.results.anytime_curves import Curve, curve_from, mean_curve
-from brushexp.results.quantities import Quantity, quantities
-from brushexp.results.runs import differences, image_name, setting_of, words_of
-from brushexp.system.status import UNFINISHED
+from brushexp.contracts.results import (
+    MISSING,
+    Curve,
+    Quantity,
+    curve_from,
+    differences,
+    image_name,
+    mean_curve,
+    quantities,
+    setting_of,
+    words_of,
+)
+from brushexp.contracts.runs import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 SHOWN = ["psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"]
@@ -29,7 +37,7 @@ COLUMNS = {key: quantities()[key] for key in SHOWN} | {"peak_memory_mb": Quantit
 IGNORED_KEYS = {
     *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
-    *("checkpoint_every", "metric", "lpips_weights", "lpips_backbone"),
+    *("checkpoint_every", "metric"),
 }  # these are none of the settings that distinguish two rows
 
 

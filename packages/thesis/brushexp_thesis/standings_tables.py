@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from brushexp_studies.paired import CONFIDENCE, interval
 
-from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, latex_table, markdown_table
-from brushexp.results.runs import make_unique
-from brushexp.system.files import write_text
+from brushexp.contracts.files import write_text
+from brushexp.contracts.results import MISSING, csv_table, escape_markdown, latex_table, make_unique, markdown_table
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of
 

@@ -16,13 +16,10 @@ from pathlib import Path
 import pandas as pd
 from brushexp_studies.paired import Difference, paired_differences, paired_table
 
-from brushexp.errors import UserError
-from brushexp.results.quantities import quantities
-from brushexp.results.runs import JOBS, gather
-from brushexp.system.files import write_text
-from brushexp.system.reading import json_of, read_text
-from brushexp.system.run_files import METRICS_FILE
-from brushexp.system.status import UNFINISHED
+from brushexp.contracts import UserError
+from brushexp.contracts.files import METRICS_FILE, json_of, read_text, write_text
+from brushexp.contracts.results import JOBS, gather, quantities
+from brushexp.contracts.runs import UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT, PICTURE_WORD = "experiment=", "image="

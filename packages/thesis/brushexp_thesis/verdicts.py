@@ -11,13 +11,8 @@ from typing import Any
 from brushexp_studies import paired
 from omegaconf import DictConfig
 
-from brushexp.reporting.tables import markdown_table
-from brushexp.results.quantities import quantities
-from brushexp.results.runs import words_of
-from brushexp.system.files import write_text
-from brushexp.system.reading import read_text, yaml_of
-from brushexp.system.terminal import as_shown
-from brushexp.system.words import SHIPPED
+from brushexp.contracts.files import SHIPPED, as_shown, read_text, write_text, yaml_of
+from brushexp.contracts.results import markdown_table, quantities, words_of
 from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
 from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in

@@ -4,14 +4,10 @@ import time
 from os import PathLike
 from typing import Any
 
-from brushexp.api.parts import create
-from brushexp.api.settings import settings_of, undisturbed
-from brushexp.plugins.engine.base import Simulated
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, plugin_of
-from brushexp.runs.run_folder import note_words, release_folder, take_folder
-from brushexp.runs.runner import perform
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.contracts import build, plugin_of
+from brushexp.contracts.families import Renderer, Simulated
+from brushexp.contracts.runs import create, note_words, perform, release_folder, settings_of, take_folder, undisturbed
+from brushexp.contracts.strokes import parameters_of, sample_prior
 
 
 def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:

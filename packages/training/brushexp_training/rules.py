@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import Rule
-from brushexp.config.rules import check_monitors
-from brushexp.errors import UserError
-from brushexp.registry import keep_built
-from brushexp.system.runtime import check_memory
+from brushexp.contracts import Rule, UserError, keep_built
+from brushexp.contracts.machine import check_memory
+from brushexp.contracts.tasks import check_monitors
 
 if TYPE_CHECKING:
-    from brushexp.plugins.renderer.base import Renderer
+    from brushexp.contracts.families import Renderer
     from brushexp_training.stroke_sets.dataset import Origin
 
 BYTES_PER_TRAINED_PIXEL = 48  # a network's strokes need RGBA of the picture, of what it should be, and of its gradient

@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import FILE, INTERRUPTED_RUN, above, at_least, between, one_of
-from brushexp.config.keys import key
-from brushexp.config.schema import RESUME, Task, TrainerOptions
+from brushexp.contracts import FILE, INTERRUPTED_RUN, above, at_least, between, one_of
+from brushexp.contracts.tasks import RESUME, Task, TrainerOptions, key
 from brushexp_training import rules
 from brushexp_training.rules import STROKES
 

@@ -23,7 +23,7 @@ TITLE = "Paint pictures out of brush strokes by gradient descent, and study how 
 TOPICS = {  # --help=topic
     "all": "every key and every plugin of a task",
     "tasks": "everything else that the program does",
-    "research": "tasks for researchers: training, benchmarks, evidence",
+    "research": "tasks and studies for researchers: training, benchmarks, evidence",
 }
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
@@ -47,11 +47,11 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     A family that is typed, ``renderer=`` or ``renderer=neural``, shows its members and the options of the chosen ones.
     """
     typed = [word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides]
-    families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task", "experiment"}]
+    families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task"}]
     if topic == "all":
         lines = _all_of(cfg, folders, families)
     elif topic:
-        lines = _tasks_of(topic)
+        lines = _tasks_of(topic, folders)
     elif families:
         lines = [line for family in families for line in _group(family, cfg, folders, with_options=True)]
     elif cfg.task == "paint":
@@ -108,13 +108,13 @@ def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -
     return [*lines, "", MORE]
 
 
-def _tasks_of(topic: str) -> list[str]:
-    """List the tasks of a topic, one line each."""
+def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
+    """List the tasks of a topic, one line each, and the studies for researchers."""
     lines = [f"{TOPICS[topic].capitalize()}; the keys of each: brushexp NAME --help", ""]
     for name in TASKS:
         if TASKS[name].is_research == (topic == "research"):
             lines += two_columns(name, (TASKS[name].__doc__ or "").partition("\n")[0])
-    return lines
+    return [*lines, "", "Studies: experiment=inits", *_members("experiment", folders)] if topic == "research" else lines
 
 
 def usage_of(task: str, alone: str) -> str:
@@ -153,7 +153,7 @@ def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
     for folder in folders:
         rows |= presets_of(folder / group)
     for name, summary in sorted(rows.items()):
-        yield from two_columns(name, summary)
+        yield from two_columns(name, summary.partition(" Run: ")[0])
 
 
 def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:

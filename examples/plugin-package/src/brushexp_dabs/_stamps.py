@@ -6,9 +6,9 @@ Lengths are in pixels of that canvas, which is finer than the picture; the pictu
 import numpy as np
 import torch
 
-from brushexp.compat.compiled import function
-from brushexp.plugins.engine.base import Simulated
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.families import Simulated
+from brushexp.contracts.kernels import function
+from brushexp.contracts.strokes import Strokes
 
 F = np.float32
 U = np.uint64

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.registry import register
-from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import Engine, Simulated
+from brushexp.contracts.machine import share
+from brushexp.contracts.strokes import strokes_of
 from brushexp_dabs._stamps import curves_of, dabs, one_colour, opacity_of
 
 SMALLEST_RADIUS = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64

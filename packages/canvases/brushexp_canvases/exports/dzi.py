@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import Exporter, ExportJob
 from brushexp_canvases.levels import archive, levels_of
 
 

@@ -6,9 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
-from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.registry import register
+from brushexp.contracts import UserError, register
+from brushexp.contracts.families import Exporter, ExportJob
 from brushexp_canvases.levels import archive, levels_of
 from brushexp_canvases.pyramid import Level, describe, slices_of
 

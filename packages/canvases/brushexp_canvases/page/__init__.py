@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from brushexp.pages.html import page
-from brushexp.pages.replay import pack_strokes, pack_textures, textured_of
-from brushexp.pictures.region import Region
-from brushexp.plugins.export.base import ExportJob
-from brushexp.system.files import write_text
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import write_text
+from brushexp.contracts.pages import pack_strokes, pack_textures, page, textured_of
+from brushexp.contracts.pictures import Region
 from brushexp_canvases.laying import reaching
 from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
 

@@ -9,9 +9,9 @@ from itertools import groupby
 import numpy as np
 import shapely
 
-from brushexp.errors import UserError
-from brushexp.pictures.color import hex_of
-from brushexp.plugins.export.base import ExportJob
+from brushexp.contracts import UserError
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.pictures import hex_of
 from brushexp_exports.plotters.pen_plan import Layer, on_paper, ordered
 from brushexp_exports.plotters.pens import MM, Array, PenExporter, PenPlan, load_vpype
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import ExportJob
 from brushexp_exports.plotters.pens import PenExporter, PenPlan, load_vpype, quiet_vpype
 
 Speed = Annotated[float, between(1, 1_000_000)]

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import register
+from brushexp.contracts import UserError, between, register
+from brushexp.contracts.families import ExportJob
 from brushexp_exports.plotters.pens import MM, PenExporter, PenPlan, load_vpype
 
 UNKNOWN_PLOTTER = "brushexp"  # under which vpype knows one whose origin is the lower left corner of the paper

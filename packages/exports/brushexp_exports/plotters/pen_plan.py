@@ -11,11 +11,10 @@ import numpy as np
 import shapely
 from PIL import Image, ImageDraw
 
-from brushexp.pictures.color import hex_of, nearest_ink, palette, to_lab, to_rgb
-from brushexp.plugins.export.base import ExportJob
-from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp.strokes.catalogue import Strokes
-from brushexp.system.progress import with_progress
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import with_progress
+from brushexp.contracts.pictures import hex_of, nearest_ink, palette, to_lab, to_rgb
+from brushexp.contracts.strokes import Strokes, curve_of, half_width_of
 from brushexp_exports.plotters.pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 
 Array = np.ndarray

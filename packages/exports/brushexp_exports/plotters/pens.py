@@ -14,9 +14,8 @@ from typing import Annotated, Any
 import numpy as np
 from PIL import ImageColor
 
-from brushexp.bounds import between, one_of
-from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter
+from brushexp.contracts import UserError, between, one_of
+from brushexp.contracts.families import Exporter
 
 Array = np.ndarray
 MM = 96 / 25.4  # pixels of CSS, the unit of vpype, in a millimetre

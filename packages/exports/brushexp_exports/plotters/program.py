@@ -3,8 +3,8 @@
 import logging
 from pathlib import Path
 
-from brushexp.plugins.export.base import ExportJob
-from brushexp.system.files import write_text
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.files import write_text
 from brushexp_exports.plotters.brush_plan import brush_plan
 from brushexp_exports.plotters.pen_plan import pen_plan
 from brushexp_exports.plotters.pens import PenExporter

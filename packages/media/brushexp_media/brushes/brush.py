@@ -9,11 +9,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.renderer.textured import FADED, Textured
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import register
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.layers import TexturedProfile
+from brushexp.contracts.members import FADED, Textured
+from brushexp.contracts.strokes import Strokes
 from brushexp_media.brushes.marks import ROWS, Mark, columns_for, read_marks, texture_of
 from brushexp_media.brushes.rule import BRUSH
 

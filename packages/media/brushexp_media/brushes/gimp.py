@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 
 MAGIC = b"GIMP"
 BEFORE_NAME = {1: 20, 2: 28}  # bytes of the header by its version; the name follows, to its end

@@ -10,12 +10,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.compositing.layers import SPREAD
-from brushexp.compositing.textures import TEXEL_ASPECT, Loop
-from brushexp.errors import UserError
-from brushexp.pictures.folders import picture_suffixes
-from brushexp.pictures.load import BRIGHTNESS, load_cutout, nearest_files
-from brushexp.plugins.renderer.textured import close_loop
+from brushexp.contracts import UserError
+from brushexp.contracts.layers import SPREAD, TEXEL_ASPECT, Loop
+from brushexp.contracts.members import close_loop
+from brushexp.contracts.pictures import BRIGHTNESS, load_cutout, nearest_files, picture_suffixes
 from brushexp_media.brushes.gimp import Stamp, read_stamps
 
 STAMPS = (".gbr", ".gih")

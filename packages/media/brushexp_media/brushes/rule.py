@@ -1,7 +1,6 @@
 """What the keys that name brushes hold; nothing here is slow to import."""
 
-from brushexp.bounds import Rule
-from brushexp.errors import UserError
+from brushexp.contracts import Rule, UserError
 
 
 def _check(path: str, option: str) -> None:

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
+from brushexp.contracts.tasks import Task, key
 from brushexp_media.brushes.rule import BRUSH
 
 

@@ -9,9 +9,8 @@ import torch
 from omegaconf import DictConfig
 from PIL import Image, ImageDraw
 
-from brushexp.plugins.renderer.base import window_pictures
-from brushexp.system.files import write_picture
-from brushexp.system.terminal import as_shown
+from brushexp.contracts.families import window_pictures
+from brushexp.contracts.files import as_shown, write_picture
 from brushexp_media.brushes.brush import Brush, marks_of
 from brushexp_media.brushes.marks import Mark
 

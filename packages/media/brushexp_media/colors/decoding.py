@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import Compiled, function, inline
-from brushexp.system.runtime import share
+from brushexp.contracts.kernels import Compiled, function, inline
+from brushexp.contracts.machine import share
 
 F = np.float32
 STEEPEST, KNEE, KNEE_SHOWN = 12.92, 0.0031308, 0.04045  # slope of the curve of displays at black, and where that ends

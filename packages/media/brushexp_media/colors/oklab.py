@@ -4,9 +4,9 @@
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import inline
-from brushexp.plugins.color.base import ColorSpace
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import ColorSpace
+from brushexp.contracts.kernels import inline
 from brushexp_media.colors.decoding import Decoder, F, linear_of
 
 # Response of each kind of cone to linear red, green and blue (Ottosson, 2020).

@@ -6,9 +6,9 @@ import math
 import torch
 from torch import Tensor
 
-from brushexp.compat.compiled import inline
-from brushexp.plugins.color.base import ColorSpace
-from brushexp.registry import register
+from brushexp.contracts import register
+from brushexp.contracts.families import ColorSpace
+from brushexp.contracts.kernels import inline
 from brushexp_media.colors.decoding import Decoder, F, linear_of
 
 # Share of the light that paint of pure colours reflects, in bands from violet to red; white reflects all. Chosen by

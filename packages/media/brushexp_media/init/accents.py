@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from brushexp.pictures.structure import sampled_at
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.drawing import contours
 
 Array = np.ndarray

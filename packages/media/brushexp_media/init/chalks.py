@@ -8,12 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, between
-from brushexp.pictures.structure import sampled_at, structure_tensor
-from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.init.layers import InLayers
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import above, between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.members import InLayers
+from brushexp.contracts.pictures import sampled_at, structure_tensor
+from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
 from brushexp_media.init.drawing import ANGLES, forms, hatching, noise_of, strokes_of
 from brushexp_media.marks import RUBBED, VARIANTS

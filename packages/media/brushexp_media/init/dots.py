@@ -6,12 +6,11 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, between
-from brushexp.pictures.color import to_lab, to_rgb
-from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.init.layers import InLayers
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import above, between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.members import InLayers
+from brushexp.contracts.pictures import to_lab, to_rgb
+from brushexp.contracts.strokes import Strokes
 
 CALMER = 0.8  # power of the size of dots with which they go apart: in details less
 DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 leave the colour of their place

@@ -9,15 +9,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import Rule, above, between
-from brushexp.errors import UserError
-from brushexp.pictures.abstraction import flattened
-from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor, worst_of_cells
-from brushexp.plugins.init.base import Initializer
-from brushexp.registry import register
-from brushexp.strokes.bezier import strokes_along
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import Rule, UserError, above, between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.pictures import (
+    along_edges,
+    flattened,
+    named_color,
+    sampled_at,
+    structure_tensor,
+    worst_of_cells,
+)
+from brushexp.contracts.strokes import Strokes, strokes_along
 from brushexp_media.init.washes import between_tones, cleaned, filled
 from brushexp_media.picture.lines import anisotropy_of, edge_lines, find_apart, followed, luminance
 from brushexp_media.picture.noise import fractal_noise

@@ -10,13 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import Rule, above, between
-from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import FarStructure, along_edges, sampled_at
-from brushexp.plugins.init.base import Initializer
-from brushexp.plugins.init.layers import FAR_AWAY, InLayers
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import Rule, above, between, register
+from brushexp.contracts.families import Initializer
+from brushexp.contracts.members import FAR_AWAY, InLayers
+from brushexp.contracts.pictures import FarStructure, along_edges, named_color, sampled_at
+from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
 from brushexp_media.init.drawing import rgb_of, strokes_of
 from brushexp_media.picture.noise import fractal_noise

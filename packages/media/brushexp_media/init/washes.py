@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp.contracts.pictures import along_edges, structure_tensor
 from brushexp_media.picture.lines import TIMES, followed, points_of
 
 Array = np.ndarray

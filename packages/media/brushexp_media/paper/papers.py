@@ -8,9 +8,8 @@ from typing import Annotated
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, at_least, between
-from brushexp.plugins.paper.base import Paper, Rows
-from brushexp.registry import register
+from brushexp.contracts import above, at_least, between, register
+from brushexp.contracts.families import Paper, Rows
 from brushexp_media.paper.wetness import density_of_edges, gather_pigment, wandered
 from brushexp_media.picture.noise import LINE_REACH, drawn_out, evened, fractal_noise, gradient_noise
 from brushexp_media.picture.smoothing import direction_of_edges, gaussian_blur, with_clean_edges

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brushexp.pictures.structure import sampled_at
+from brushexp.contracts.pictures import sampled_at
 
 Array = np.ndarray
 SIGMA = 0.0022  # deviation of the smaller Gaussian, in longer sides: as fine as a pen

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp.contracts.pictures import along_edges, structure_tensor
 from brushexp_media.picture.lines import LUMA, anisotropy_of
 
 SAMPLES = 15  # places along a line at which a picture is looked up

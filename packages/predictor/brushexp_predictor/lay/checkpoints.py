@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from brushexp.bounds import Rule
+from brushexp.contracts import Rule
 
 
 def check_weights(checkpoint: str, option: str) -> None:

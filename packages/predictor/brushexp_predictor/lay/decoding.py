@@ -6,13 +6,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.plugins.blend.base import Compositor
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.color.rgb import Rgb
-from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.textured import Textured
-from brushexp.strokes.bezier import strokes_along
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.families import Compositor
+from brushexp.contracts.members import Analytic, Rgb, Textured, Tiled
+from brushexp.contracts.strokes import Strokes, strokes_along
 
 LARGEST_SHIFT = 1.5  # cells from the middle of a cell to that of its stroke
 BEND = 2.0  # half lengths from the chord to the control point, at most

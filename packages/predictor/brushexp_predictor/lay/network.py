@@ -7,8 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, gelu, layer_norm
 
-from brushexp.errors import UserError
-from brushexp.system.checkpoint import CheckpointFormat
+from brushexp.contracts import UserError
+from brushexp.contracts.files import CheckpointFormat
 from brushexp_predictor.lay.decoding import FORMS
 
 CELL = 8  # pixels of a cell's side, as the network sees it

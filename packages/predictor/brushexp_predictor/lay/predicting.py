@@ -6,8 +6,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from brushexp.pictures.similarity import psnr_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.pictures import psnr_of
+from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.colors import ROUNDS, best_colors
 from brushexp_predictor.lay.decoding import Form, draw
 from brushexp_predictor.lay.network import CELL, RECEPTIVE_FIELD, StrokePredictor, Told

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
 
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.decoding import Form, areas_of, draw, strokes_of
 from brushexp_predictor.lay.network import CELL, Told
 

@@ -12,14 +12,11 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.painting.components import standard_components
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.plugins.init.layers import InLayers
-from brushexp.reporting.tables import csv_table, markdown_table
-from brushexp.strokes.catalogue import Catalogue
-from brushexp.system.files import write_text
-from brushexp.system.progress import showing
-from brushexp.system.terminal import as_shown
+from brushexp.contracts.files import as_shown, showing, write_text
+from brushexp.contracts.members import InLayers
+from brushexp.contracts.painting import StrokeOptimizer, standard_components
+from brushexp.contracts.results import csv_table, markdown_table
+from brushexp.contracts.strokes import Catalogue
 from brushexp_predictor.lay.decoding import FORMS
 from brushexp_predictor.lay.network import PREDICTORS, load_predictor
 from brushexp_predictor.lay.predicting import Sample, paint_samples, sample_of

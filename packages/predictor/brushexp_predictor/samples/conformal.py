@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
-from brushexp.system.files import write_json
-from brushexp.system.reading import check_plain, explaining, json_of, read_text
+from brushexp.contracts import UserError
+from brushexp.contracts.files import check_plain, explaining, json_of, read_text, write_json
 from brushexp_predictor.samples.kinds import HALF_TURN, Kind, axial_mean
 
 Array = NDArray[Any]

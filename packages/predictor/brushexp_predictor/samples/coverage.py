@@ -10,8 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts.strokes import Strokes, closest_parameter, curve_of, half_width_of, point_at
 from brushexp_predictor.lay.predicting import Sample
 from brushexp_predictor.samples.conformal import Doubt, Scalings, doubt_of, fit_scaling, holds, weights_of
 from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_each, measure_painting

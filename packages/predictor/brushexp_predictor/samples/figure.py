@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.system.files import to_bytes
+from brushexp.contracts.files import to_bytes
 from brushexp_predictor.samples.conformal import COVERAGE, RIGHT
 from brushexp_predictor.samples.sampled import SampledBrushwork
 

@@ -8,11 +8,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.results.stroke_table import measure_strokes
-from brushexp.strokes import measures as ruler
-from brushexp.strokes.bezier import curve_of, half_width_of, length_of
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import is_visible, pitch_of
+from brushexp.contracts.results import measure_strokes
+from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, is_visible, length_of, pitch_of
+from brushexp.contracts.strokes import measures as ruler
 
 Array = NDArray[Any]
 

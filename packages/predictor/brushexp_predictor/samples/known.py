@@ -11,11 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.api.parts import render
-from brushexp.pictures.load import load_picture
-from brushexp.plugins.init.layers import InLayers
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import rewindow
+from brushexp.contracts.members import InLayers
+from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.runs import render
+from brushexp.contracts.strokes import Strokes, rewindow
 from brushexp_predictor.lay.pyramid import resized
 from brushexp_predictor.samples.kinds import measure_each
 

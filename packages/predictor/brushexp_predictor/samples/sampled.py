@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.api.settings import settings_of, undisturbed
-from brushexp.pictures.load import load_picture
-from brushexp.system.progress import showing
+from brushexp.contracts.files import showing
+from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.runs import settings_of, undisturbed
 from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, load_predictor
 from brushexp_predictor.lay.predicting import TEMPERATURE, Sample, paint_samples
 from brushexp_predictor.samples.conformal import Scalings, doubt_of, read_scalings

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from omegaconf import DictConfig
 
-from brushexp.reporting.tables import MISSING, markdown_table
-from brushexp.system.files import write_json, write_picture, write_text
-from brushexp.system.terminal import as_shown
+from brushexp.contracts.files import as_shown, write_json, write_picture, write_text
+from brushexp.contracts.results import MISSING, markdown_table
 from brushexp_predictor.samples.conformal import COVERAGE
 from brushexp_predictor.samples.figure import write_figure
 from brushexp_predictor.samples.kinds import HALF_TURN, OF_PAINTINGS

@@ -12,11 +12,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.api.parts import render
-from brushexp.errors import UserError
-from brushexp.pictures.folders import pictures_of
-from brushexp.pictures.load import load_picture
-from brushexp.strokes.bezier import strokes_along
+from brushexp.contracts import UserError
+from brushexp.contracts.pictures import load_picture, pictures_of
+from brushexp.contracts.runs import render
+from brushexp.contracts.strokes import strokes_along
 from brushexp_predictor.lay.pyramid import resized
 
 Array = NDArray[Any]

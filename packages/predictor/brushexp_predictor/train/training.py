@@ -15,9 +15,9 @@ from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, optim
 
-from brushexp.pictures.similarity import psnr_of
-from brushexp.registry import build_named
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.contracts import build_named
+from brushexp.contracts.pictures import psnr_of
+from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_predictor.lay.decoding import draw
 from brushexp_predictor.lay.network import CELL, StrokePredictor
 from brushexp_predictor.lay.pyramid import Laid, Level, errors_of, lay, levels_of, resized

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
+from brushexp.contracts.strokes import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
 from brushexp_recovery.benchmark.prediction import Prediction
 from brushexp_recovery.benchmark.truth import Truth
 from brushexp_recovery.curves.bezier import arc_lengths

@@ -7,7 +7,7 @@ import numpy as np
 from brushexp_studies.plotting import COLORS, INK, MARKERS, new_figure, save_figure, tidy
 from PIL import Image
 
-from brushexp.system.files import write_picture
+from brushexp.contracts.files import write_picture
 from brushexp_recovery.benchmark.report_tables import Row, by_method, clean_rows
 from brushexp_recovery.confidence.calibration import ReliabilityBin
 from brushexp_recovery.raster.labels import color_labels

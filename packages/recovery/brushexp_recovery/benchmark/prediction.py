@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.strokes.bezier import curve_of
-from brushexp.strokes.saved import Saved
+from brushexp.contracts.strokes import Saved, curve_of
 from brushexp_recovery.benchmark.truth import VISIBLE_PIXELS, VISIBLE_SHARE
 from brushexp_recovery.curves.coverage import cover_strokes, visible_labels
 from brushexp_recovery.curves.round_line import width_of_line

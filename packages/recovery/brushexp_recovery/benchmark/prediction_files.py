@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from brushexp.errors import UserError
-from brushexp.strokes.storage import load_catalogue
-from brushexp.system.hdf5 import opened
+from brushexp.contracts import UserError
+from brushexp.contracts.files import opened
+from brushexp.contracts.strokes import load_catalogue
 from brushexp_recovery.benchmark.prediction import (
     GREY,
     Prediction,

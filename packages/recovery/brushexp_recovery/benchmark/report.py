@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from brushexp.reporting.tables import csv_table, latex_table, markdown_table
-from brushexp.system.files import write_json, write_text
+from brushexp.contracts.files import write_json, write_text
+from brushexp.contracts.results import csv_table, latex_table, markdown_table
 from brushexp_recovery.benchmark.plots import draw_examples, plot_reliability, plot_scores
 from brushexp_recovery.benchmark.report_tables import (
     Row,

@@ -8,8 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.strokes.bezier import curve_of
-from brushexp.strokes.saved import Saved
+from brushexp.contracts.strokes import Saved, curve_of
 from brushexp_recovery.benchmark.brushes import BRUSHES, draw_with
 from brushexp_recovery.benchmark.subjects import make_subject, prime_canvas
 from brushexp_recovery.benchmark.truth import Truth, truth_from

@@ -4,7 +4,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from brushexp.pictures.load import load_picture
+from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.benchmark.prediction_files import read_prediction
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import read_truth

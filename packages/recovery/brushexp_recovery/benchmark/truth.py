@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_recovery.curves.coverage import cover_strokes, overlapping_pairs, visible_labels
 from brushexp_recovery.raster.labels import count_pixels, mean_colors
 from brushexp_recovery.raster.npz import read_npz, write_npz

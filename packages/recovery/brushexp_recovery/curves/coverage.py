@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function
+from brushexp.contracts.kernels import function
 from brushexp_recovery.curves.bezier import points_on
 from brushexp_recovery.raster.boxes import Box
 

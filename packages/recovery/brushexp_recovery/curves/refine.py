@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp import create
-from brushexp.strokes.bezier import strokes_along
+from brushexp.contracts.runs import create
+from brushexp.contracts.strokes import strokes_along
 from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.raster.boxes import Box
 from brushexp_recovery.raster.threads import Progress, map_on_threads

@@ -1,7 +1,7 @@
 """The size of a photograph, which must be large enough to tell strokes apart."""
 
-from brushexp.errors import UserError
-from brushexp.pictures.load import size_of_picture
+from brushexp.contracts import UserError
+from brushexp.contracts.pictures import size_of_picture
 
 SHORTEST_SIDE = 48  # pixels
 

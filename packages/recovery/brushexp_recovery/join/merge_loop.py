@@ -5,7 +5,7 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 from brushexp_recovery.join.pair_features import SCRATCH_ROWS, write_pair_features
 from brushexp_recovery.join.shape import DESCRIPTION
 from brushexp_recovery.model.features import PairFeature

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 from brushexp_recovery.join.shape import DESCRIPTION, Shape, describe
 from brushexp_recovery.model.features import PairFeature
 from brushexp_recovery.segment.moments import Moment

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
-from brushexp.pictures.load import load_picture
+from brushexp.contracts import UserError
+from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.measure.scale import SIDES_APART
 
 Array = NDArray[Any]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from brushexp_studies.plotting import COLORS, INK, new_figure, tidy, without_math
 
-from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
-from brushexp.system.files import write_bytes
+from brushexp.contracts.files import write_bytes
+from brushexp.contracts.results import DIRECTION_BINS, direction_shares
 from brushexp_recovery.measure.figure_tables import DIRECTIONS
 from brushexp_recovery.measure.stroke_table import StrokeTable
 

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.strokes import measures as ruler
-from brushexp.strokes.bezier import curve_of
+from brushexp.contracts.strokes import curve_of
+from brushexp.contracts.strokes import measures as ruler
 from brushexp_recovery.measure.measures import MEASURES, measure_strokes, summarise, summarise_neighbours
 from brushexp_recovery.measure.views import View
 from brushexp_recovery.raster.labels import count_pixels

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from brushexp.reporting.tables import csv_table, latex_table, markdown_table
-from brushexp.system.files import write_bytes, write_json, write_text
+from brushexp.contracts.files import write_bytes, write_json, write_text
+from brushexp.contracts.results import csv_table, latex_table, markdown_table
 from brushexp_recovery.measure.drawings import write_drawings
 from brushexp_recovery.measure.figure_tables import (
     DIRECTIONS,

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.strokes import measures as ruler
-from brushexp.strokes.bezier import length_of
+from brushexp.contracts.strokes import length_of
+from brushexp.contracts.strokes import measures as ruler
 
 Array = NDArray[Any]
 

@@ -2,7 +2,7 @@
 
 import re
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 
 SIDES_APART = 0.03  # by which width and height may give different scales, as a share
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.strokes import measures as ruler
-from brushexp.strokes.bezier import curve_of
+from brushexp.contracts.strokes import curve_of
+from brushexp.contracts.strokes import measures as ruler
 from brushexp_recovery.measure.contours import outlines_of
 from brushexp_recovery.measure.measures import measure_strokes
 from brushexp_recovery.raster.labels import count_pixels

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from torch import nn
 
-from brushexp.system.checkpoint import CheckpointFormat
+from brushexp.contracts.files import CheckpointFormat
 from brushexp_recovery.model.features import ConfidenceFeature, NodeFeature, NodeScore, OrderFeature, PairFeature
 from brushexp_recovery.model.perceptron import Perceptron, PerceptronWeights
 from brushexp_recovery.model.unet import StrokeNetwork

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.pages.html import embed, page
-from brushexp.system.files import write_text
+from brushexp.contracts.files import write_text
+from brushexp.contracts.pages import embed, page
 from brushexp_recovery.measure.figure_tables import APART, DIRECTIONS, MEANING
 from brushexp_recovery.measure.stroke_table import StrokeTable
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
-from brushexp.system.files import write_bytes
+from brushexp.contracts import UserError
+from brushexp.contracts.files import write_bytes
 
 Array = NDArray[Any]
 

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import torch
 
-from brushexp.system.runtime import give_memory_back, keep_memory
+from brushexp.contracts.machine import give_memory_back, keep_memory
 
 Progress = Callable[[float, str], None]  # shows the share of the work that is done, and its state in words
 Item = TypeVar("Item")

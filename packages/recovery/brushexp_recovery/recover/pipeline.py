@@ -7,11 +7,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.api.settings import settings_of, undisturbed
-from brushexp.pictures.load import load_picture
-from brushexp.strokes.bezier import strokes_along
-from brushexp.strokes.saved import Saved
-from brushexp.system.progress import showing
+from brushexp.contracts.files import showing
+from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.runs import settings_of, undisturbed
+from brushexp.contracts.strokes import Saved, strokes_along
 from brushexp_recovery.confidence.features import confidence_features
 from brushexp_recovery.curves.fit import StrokeCurves, fit_curves
 from brushexp_recovery.curves.refine import refine_curves

@@ -8,11 +8,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
-from brushexp.strokes.storage import CATALOGUE_NAME, Saved, load_catalogue, save_catalogue
-from brushexp.system.files import replacing
-from brushexp.system.hdf5 import HDF5, dataset_of, fixed, numbers_of, opened
-from brushexp.system.reading import explaining
+from brushexp.contracts import UserError
+from brushexp.contracts.files import HDF5, dataset_of, explaining, fixed, numbers_of, opened, replacing
+from brushexp.contracts.strokes import CATALOGUE_NAME, Saved, load_catalogue, save_catalogue
 
 Array = NDArray[Any]
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.shading.light import Light, normals_of, shade_picture
+from brushexp.contracts.layers import Light, normals_of, shade_picture
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.synthesis.hand import Random

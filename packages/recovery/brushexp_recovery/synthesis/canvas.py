@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function, inline
-from brushexp.strokes.bezier import length_of
+from brushexp.contracts.kernels import function, inline
+from brushexp.contracts.strokes import length_of
 from brushexp_recovery.curves.bezier import chords_of
 from brushexp_recovery.curves.round_line import width_of_line
 from brushexp_recovery.synthesis.layout import StrokeLayout

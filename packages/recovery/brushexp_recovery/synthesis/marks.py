@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 from brushexp_recovery.curves.bezier import points_on
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis.hand import Random

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.pictures.load import load_picture
+from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.synthesis.ageing import crack, shine, smudge
 from brushexp_recovery.synthesis.canvas import StrokeGeometry, compose, geometry_of
 from brushexp_recovery.synthesis.choices import (

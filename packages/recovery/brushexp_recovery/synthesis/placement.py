@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.compat.compiled import function
+from brushexp.contracts.kernels import function
 from brushexp_recovery.synthesis.hand import Random
 
 Array = NDArray[Any]

@@ -39,7 +39,7 @@ def main(parent: str, folder: str, seed: str, first: str, end: str, step: str, *
     """Fill a pool, as a process of its own, with the paintings ``range(first, end, step)``."""
     import torch  # noqa: PLC0415
 
-    from brushexp.registry.loading import load_plugins  # noqa: PLC0415
+    from brushexp.contracts.runs import load_plugins  # noqa: PLC0415
 
     os.nice(NICENESS)
     torch.set_num_threads(1)

@@ -10,11 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build_named, plugins
-from brushexp.strokes.bezier import curve_of, strokes_along
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow
+from brushexp.contracts import build_named, plugins
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.strokes import Strokes, clamp_to_prior, curve_of, parameters_of, rewindow, strokes_along
 from brushexp_recovery.synthesis.layout import StrokeLayout
 
 Array = NDArray[Any]

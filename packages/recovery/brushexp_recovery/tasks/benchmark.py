@@ -13,9 +13,8 @@ import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.system.files import write_picture
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError
+from brushexp.contracts.files import as_shown, write_picture
 from brushexp_recovery.benchmark.baselines.methods import METHODS, TRAINED, Method
 from brushexp_recovery.benchmark.prediction import Prediction
 from brushexp_recovery.benchmark.prediction_files import read_prediction

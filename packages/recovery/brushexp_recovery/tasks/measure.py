@@ -11,11 +11,9 @@ import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.pictures.load import load_picture
-from brushexp.system.files import to_bytes
-from brushexp.system.progress import showing
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError
+from brushexp.contracts.files import as_shown, showing, to_bytes
+from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.measure.areas import WHOLE, areas_of
 from brushexp_recovery.measure.draws import Draws, Sighting, draw_figures, sight
 from brushexp_recovery.measure.figure_tables import MEANING, difference_rows, format_number, interval_rows

@@ -8,14 +8,11 @@ from typing import Any
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
-from brushexp.api.parts import render
-from brushexp.pictures.load import load_picture
-from brushexp.reporting.tables import csv_table
-from brushexp.system.files import to_bytes, write_json, write_picture, write_text
-from brushexp.system.progress import showing
-from brushexp.system.runtime import peak_memory
-from brushexp.system.status import Status
-from brushexp.system.terminal import as_shown
+from brushexp.contracts.files import as_shown, showing, to_bytes, write_json, write_picture, write_text
+from brushexp.contracts.machine import peak_memory
+from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.results import csv_table
+from brushexp.contracts.runs import Status, render
 from brushexp_recovery.measure.scale import millimetres_per_pixel
 from brushexp_recovery.measure.stroke_table import StrokeTable, columns_with_units, remark_on, tabulate_strokes
 from brushexp_recovery.model.recovery_model import load_model

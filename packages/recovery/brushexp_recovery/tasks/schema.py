@@ -8,12 +8,8 @@ from typing import Any, ClassVar
 from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.bounds import FILE, FOLDER, above, at_least, between
-from brushexp.config.keys import key
-from brushexp.config.rules import CATALOGUE
-from brushexp.config.schema import Task
-from brushexp.errors import UserError
-from brushexp.pictures.load import PICTURE
+from brushexp.contracts import FILE, FOLDER, UserError, above, at_least, between
+from brushexp.contracts.tasks import CATALOGUE, PICTURE, Task, key
 from brushexp_recovery.find.photograph import size_of_photograph
 
 WIDTH_HELP = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"

@@ -6,8 +6,8 @@ import torch
 from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
-from brushexp.pictures.folders import pictures_of
-from brushexp.system.progress import showing
+from brushexp.contracts.files import showing
+from brushexp.contracts.pictures import pictures_of
 from brushexp_recovery.model.recovery_model import CHECKPOINTS, SHIPPED_WEIGHTS, RecoveryModel, load_model
 from brushexp_recovery.model.unet import StrokeNetwork
 from brushexp_recovery.synthesis.paintings import PICTURES

@@ -13,7 +13,7 @@ import lightning as L
 import numpy as np
 from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_recovery.synthesis.paintings import KnownPainting
 from brushexp_recovery.synthesis.pool import load_painting
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop

@@ -3,10 +3,9 @@
 from os import PathLike
 from pathlib import Path
 
-from brushexp import Painting
-from brushexp.api.settings import undisturbed
-from brushexp.config.keys import keys_of
-from brushexp.strokes.storage import load_catalogue
+from brushexp.contracts.runs import Painting, undisturbed
+from brushexp.contracts.strokes import load_catalogue
+from brushexp.contracts.tasks import keys_of
 from brushexp_studies.analysis.schema import AnalyseTask
 from brushexp_studies.analysis.summary import Analysis, analysis_of
 

@@ -5,10 +5,9 @@ import lzma
 import numpy as np
 import torch
 
-from brushexp.plugins.metric.base import Comparison, Metric
-from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, softness_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.contracts import register
+from brushexp.contracts.families import Comparison, Metric
+from brushexp.contracts.strokes import Strokes, curve_of, drift_of, half_width_of, softness_of
 
 PLACES = 4  # steps of a pixel: of control points, width and softness
 LEVELS = 255  # of a colour

@@ -17,11 +17,9 @@ from scipy.spatial import cKDTree
 from skimage.color import lab2rgb
 from torch import Tensor
 
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direction_shares
-from brushexp.strokes.bezier import curve_of
-from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
+from brushexp.contracts.members import Analytic, Tiled
+from brushexp.contracts.results import DIRECTION_BINS, MEASURES, Array, direction_shares
+from brushexp.contracts.strokes import NEIGHBOURS, centre_of, curve_of, direction_of, mean_direction, nearest_strokes
 from brushexp_studies.analysis.summary import OVERALL, Analysis
 from brushexp_studies.analysis.summary_text import overall_texts, relative_unit, setters_of, strokes_in, three_digits
 from brushexp_studies.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math

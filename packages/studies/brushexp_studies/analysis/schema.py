@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from brushexp.bounds import at_least, between
-from brushexp.config.keys import key
-from brushexp.config.rules import CATALOGUE
-from brushexp.config.schema import Task
+from brushexp.contracts import at_least, between
+from brushexp.contracts.tasks import CATALOGUE, Task, key
 
 
 @dataclass

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.errors import UserError
-from brushexp.results.stroke_table import (
+from brushexp.contracts import UserError
+from brushexp.contracts.results import (
     DIRECTION_BINS,
     MEASURES,
     RADIUS_PITCHES,
@@ -19,9 +19,16 @@ from brushexp.results.stroke_table import (
     measure_strokes,
     sizes_set_by,
 )
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import MIN_OPACITY, MIN_WIDTH_PITCHES, NEIGHBOURS, Measure, is_visible, pitch_of
-from brushexp.strokes.storage import Saved
+from brushexp.contracts.strokes import (
+    MIN_OPACITY,
+    MIN_WIDTH_PITCHES,
+    NEIGHBOURS,
+    Measure,
+    Saved,
+    Strokes,
+    is_visible,
+    pitch_of,
+)
 
 EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
 STATISTICS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}

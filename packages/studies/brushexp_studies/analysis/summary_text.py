@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, markdown_table
-from brushexp.results.stroke_table import MEASURES, SIZE_MEASURES
-from brushexp.strokes.measures import MIN_OPACITY, Measure
-from brushexp.system.files import write_json, write_text
+from brushexp.contracts.files import write_json, write_text
+from brushexp.contracts.results import MEASURES, MISSING, SIZE_MEASURES, csv_table, escape_markdown, markdown_table
+from brushexp.contracts.strokes import MIN_OPACITY, Measure
 from brushexp_studies.analysis.summary import (
     OVERALL,
     STATISTICS,

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.results.runs import shorten
-from brushexp.results.stroke_table import MEASURES
-from brushexp.strokes.storage import load_catalogue
-from brushexp.system.terminal import as_shown
+from brushexp.contracts.files import as_shown
+from brushexp.contracts.results import MEASURES, shorten
+from brushexp.contracts.strokes import load_catalogue
 from brushexp_studies.analysis.figures import write_figure
 from brushexp_studies.analysis.summary import analysis_of, statistics_of
 from brushexp_studies.analysis.summary_text import write_summary

@@ -11,16 +11,12 @@ import torch
 from lightning.pytorch.callbacks import Timer
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers, Size
-from brushexp.errors import UserError
-from brushexp.painting.components import Stage, standard_components
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.plugins.blend.base import Blend, Compositor, pixel_centres
-from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.optimizer.torch import TorchOptim
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build_named
-from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes, drawable
+from brushexp.contracts import UserError, build_named
+from brushexp.contracts.families import Blend, Compositor, Renderer, pixel_centres
+from brushexp.contracts.layers import Layers, Size
+from brushexp.contracts.members import Dense, TorchOptim
+from brushexp.contracts.painting import Stage, StrokeOptimizer, standard_components
+from brushexp.contracts.strokes import FIELDS, PRECISE, Catalogue, Strokes, drawable
 from brushexp_thesis.extremes.scenes import Scene
 
 EXACT, DEGRADED, REFUSED, BROKEN = VERDICTS = ("exact", "degraded", "refused", "broken")  # see docs/numerics.md

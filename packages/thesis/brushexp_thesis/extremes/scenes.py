@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from brushexp.compositing.layers import Size
-from brushexp.registry import plugins
-from brushexp.strokes.catalogue import FARTHEST_POSITION, Strokes
+from brushexp.contracts import plugins
+from brushexp.contracts.layers import Size
+from brushexp.contracts.strokes import FARTHEST_POSITION, Strokes
 
 # Height and width of canvases: no multiples of a tile, and not square.
 CANVAS, SMALL = (24, 37), (16, 25)

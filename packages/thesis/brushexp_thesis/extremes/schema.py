@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import at_least
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
+from brushexp.contracts import at_least
+from brushexp.contracts.tasks import Task, key
 
 
 @dataclass

@@ -14,14 +14,12 @@ from brushexp_studies.plotting import INK, new_figure, save_figure, without_math
 from matplotlib.colors import ListedColormap
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build_named, plugins
-from brushexp.reporting.tables import csv_table
-from brushexp.system.files import write_json, write_text
-from brushexp.system.progress import with_progress
-from brushexp.system.runtime import peak_memory
-from brushexp.system.status import Status
+from brushexp.contracts import UserError, build_named, plugins
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.files import with_progress, write_json, write_text
+from brushexp.contracts.machine import peak_memory
+from brushexp.contracts.results import csv_table
+from brushexp.contracts.runs import Status
 from brushexp_thesis.extremes.check import (
     BROKEN,
     DEGRADED,

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.strokes.prior import INSET, SHORTEST_CHORD, THICKEST, THINNEST, width_of, width_parameter
+from brushexp.contracts.strokes import INSET, SHORTEST_CHORD, THICKEST, THINNEST, width_of, width_parameter
 from brushexp_training.discriminator.discriminator import SHAPE
 
 GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width

@@ -6,12 +6,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import SHORTEST_CHORD, bend_of, parameters_of, strokes_of
-from brushexp.system.checkpoint import CheckpointFormat
-from brushexp.system.precision import at_least_single
+from brushexp.contracts import register
+from brushexp.contracts.families import Loss, PaintedView
+from brushexp.contracts.files import CheckpointFormat
+from brushexp.contracts.strokes import SHORTEST_CHORD, Strokes, at_least_single, bend_of, parameters_of, strokes_of
 
 DISCRIMINATOR = "discriminator"
 DISCRIMINATORS = CheckpointFormat(

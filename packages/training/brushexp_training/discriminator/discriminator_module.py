@@ -13,7 +13,7 @@ from scipy.stats import mannwhitneyu
 from torch import Tensor, optim
 from torch.nn import functional
 
-from brushexp.strokes.prior import sample_prior
+from brushexp.contracts.strokes import sample_prior
 from brushexp_training.discriminator.corruption import CORRUPTIONS, corrupt
 from brushexp_training.discriminator.discriminator import DISCRIMINATOR, DISCRIMINATORS, Discriminator, shapes_of
 from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe

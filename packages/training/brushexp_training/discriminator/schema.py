@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from brushexp.bounds import above, at_least, between
-from brushexp.config.keys import key
+from brushexp.contracts import above, at_least, between
+from brushexp.contracts.tasks import key
 from brushexp_training.schema import EMA, NetworkTask
 
 

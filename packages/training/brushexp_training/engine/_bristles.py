@@ -6,7 +6,7 @@ Lengths are in units of the canvas (a window is `UNITS` wide), z points up from 
 
 import numpy as np
 
-from brushexp.compat.compiled import function
+from brushexp.contracts.kernels import function
 
 F = np.float32
 UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given

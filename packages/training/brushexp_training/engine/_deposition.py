@@ -5,7 +5,7 @@ Grids are flat arrays of rows with one cell of margin around the canvas, so that
 
 import numpy as np
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, F, move
 from brushexp_training.engine._lit_paint import picture
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 from brushexp_training.engine._bristles import UNITS, F
 
 

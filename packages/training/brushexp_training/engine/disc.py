@@ -6,12 +6,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.compat.compiled import function
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.registry import register
-from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Engine, Simulated
+from brushexp.contracts.kernels import function
+from brushexp.contracts.machine import share
+from brushexp.contracts.strokes import strokes_of
 
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction

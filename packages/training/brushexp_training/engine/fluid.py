@@ -7,11 +7,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.registry import register
-from brushexp.strokes.prior import strokes_of
-from brushexp.system.runtime import share
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Engine, Simulated
+from brushexp.contracts.machine import share
+from brushexp.contracts.strokes import strokes_of
 from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, settle
 from brushexp_training.engine._deposition import draw
 

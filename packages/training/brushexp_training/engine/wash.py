@@ -8,11 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.registry import register
-from brushexp.strokes.bezier import closest_parameter, point_at
-from brushexp.strokes.prior import strokes_of
+from brushexp.contracts import between, register
+from brushexp.contracts.families import Engine, Simulated
+from brushexp.contracts.strokes import closest_parameter, point_at, strokes_of
 
 FARTHEST_POINT = 4.0  # half-windows
 THINNEST_STROKE, WIDEST_STROKE = 0.01, 4.0  # windows

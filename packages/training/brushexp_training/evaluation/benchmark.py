@@ -8,11 +8,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import Renderer, window_pictures
-from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
-from brushexp.system.progress import with_progress
+from brushexp.contracts.families import Blend, Engine, Renderer, window_pictures
+from brushexp.contracts.files import with_progress
+from brushexp.contracts.strokes import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp_training.evaluation.evaluation import (
     FeatureDistance,
     bristle_figures,

@@ -16,11 +16,10 @@ from torch.nn import functional
 from torchmetrics.image.fid import FrechetInceptionDistance
 from torchmetrics.image.kid import KernelInceptionDistance
 
-from brushexp.errors import UserError
-from brushexp.features import open_backbone
-from brushexp.pictures.similarity import psnr_of
-from brushexp.strokes.prior import strokes_of
-from brushexp.system.files import write_picture
+from brushexp.contracts import UserError
+from brushexp.contracts.files import write_picture
+from brushexp.contracts.pictures import open_backbone, psnr_of
+from brushexp.contracts.strokes import strokes_of
 
 TAP, TAP_CHANNELS = "b10", 112  # a tap of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048

@@ -16,17 +16,11 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import plugin_of
-from brushexp.runs.resume import restore_run
-from brushexp.runs.tracking import make_trackers
-from brushexp.runs.trainer import conclude, fit, make_trainer
-from brushexp.system.device import device_of
-from brushexp.system.files import write_json
-from brushexp.system.runtime import peak_memory
-from brushexp.system.status import Status
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import UserError, plugin_of
+from brushexp.contracts.families import RENDERERS
+from brushexp.contracts.files import as_shown, write_json
+from brushexp.contracts.machine import device_of, peak_memory
+from brushexp.contracts.runs import Status, conclude, fit, make_trackers, make_trainer, restore_run
 from brushexp_training.fitting.network_module import NetworkModule
 from brushexp_training.fitting.renderer_module import RendererModule, RendererSettings
 from brushexp_training.stroke_sets.datamodule import StrokeData

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.system.status import Status
+from brushexp.contracts.runs import Status
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # share of the highest learning rate at the end

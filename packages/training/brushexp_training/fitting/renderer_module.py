@@ -11,8 +11,8 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
-from brushexp.pictures.similarity import psnr_of
-from brushexp.plugins.renderer.base import Renderer, window_pictures
+from brushexp.contracts.families import Renderer, window_pictures
+from brushexp.contracts.pictures import psnr_of
 from brushexp_training.evaluation.evaluation import error_figures, error_sums, fine_detail, premultiply
 from brushexp_training.fitting.network_module import NetworkModule
 from brushexp_training.rules import check_trainable

@@ -9,12 +9,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between, one_of
-from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
-from brushexp.registry import register
-from brushexp.strokes.prior import width_of
-from brushexp.system.reading import in_short
+from brushexp.contracts import UserError, between, one_of, register
+from brushexp.contracts.families import PRECISIONS, RENDERERS, PatchRenderer
+from brushexp.contracts.files import in_short
+from brushexp.contracts.strokes import width_of
 from brushexp_training.renderers.neural import initialise
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make

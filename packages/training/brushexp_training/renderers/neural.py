@@ -10,15 +10,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between, one_of
-from brushexp.compositing.layers import PAINT_REACH, SOFT_EDGE, SPREAD
-from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import Loop, sheets_of
-from brushexp.plugins.renderer.base import PRECISIONS, TEXELS, Renderer
-from brushexp.registry import register
-from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import clamp_to_prior, control_offset, parameters_of, rewindow, width_of
+from brushexp.contracts import between, one_of, register
+from brushexp.contracts.families import PRECISIONS, TEXELS, Renderer
+from brushexp.contracts.layers import PAINT_REACH, SOFT_EDGE, SPREAD, Loop, TexturedProfile, sheets_of
+from brushexp.contracts.strokes import (
+    Strokes,
+    clamp_to_prior,
+    control_offset,
+    curve_of,
+    half_width_of,
+    parameters_of,
+    rewindow,
+    width_of,
+)
 
 THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
 COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions

@@ -7,7 +7,7 @@ from copy import deepcopy
 import torch
 from torch import Tensor, nn
 
-from brushexp.errors import UserError
+from brushexp.contracts import UserError
 from brushexp_training.evaluation.evaluation import squared_error
 from brushexp_training.renderers.inverse_vgg import COARSEST, Coarsest, InverseVGG
 from brushexp_training.stroke_sets.datamodule import StrokeBatch

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine
-from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.contracts import UserError
+from brushexp.contracts.families import Engine
+from brushexp.contracts.strokes import parameters_of, sample_prior
 from brushexp_training.stroke_sets.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet, pictures_of
 
 GROUP = 32  # blocks whose strokes are shuffled together

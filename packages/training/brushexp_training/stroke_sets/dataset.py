@@ -18,11 +18,19 @@ import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine
-from brushexp.registry import plugin_of
-from brushexp.system.hdf5 import check_chunk, dataset_of, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.reading import explaining, in_short, json_of
+from brushexp.contracts import UserError, plugin_of
+from brushexp.contracts.families import Engine
+from brushexp.contracts.files import (
+    check_chunk,
+    dataset_of,
+    explaining,
+    in_short,
+    json_of,
+    numbers_of,
+    opened,
+    text_of,
+    whole_number_of,
+)
 
 FORMAT = "brushexp strokes"
 VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader

@@ -9,10 +9,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import build, plugin_of
+from brushexp.contracts import UserError, build, plugin_of
+from brushexp.contracts.families import RENDERERS, Engine
 from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp_training.stroke_sets.dataset import Origin, first_difference, origin_of
 from brushexp_training.stroke_sets.writer import simulate_set

@@ -4,8 +4,8 @@ from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
 from torch import Tensor
 
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.system.files import to_bytes
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.files import to_bytes
 from brushexp_training.evaluation.benchmark import EXTREMES, ExtremeDrawings, draw_batch
 from brushexp_training.evaluation.evaluation import over_white
 from brushexp_training.stroke_sets.datamodule import StrokeBatch

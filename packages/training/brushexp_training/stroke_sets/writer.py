@@ -18,13 +18,11 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.system.files import TEMPORARY, write_bytes
-from brushexp.system.hdf5 import HDF5, fixed
-from brushexp.system.progress import counting
-from brushexp.system.runtime import interruptible
+from brushexp.contracts import UserError
+from brushexp.contracts.families import Engine, Simulated
+from brushexp.contracts.files import HDF5, TEMPORARY, counting, fixed, write_bytes
+from brushexp.contracts.machine import interruptible
+from brushexp.contracts.strokes import parameters_of, sample_prior
 from brushexp_training.stroke_sets.dataset import (
     BLOCK,
     FORMAT,

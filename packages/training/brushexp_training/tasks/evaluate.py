@@ -9,13 +9,11 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import build, build_named, plugin_of
-from brushexp.reporting.tables import csv_table
-from brushexp.system.checkpoint import weights_hash
-from brushexp.system.device import device_of
-from brushexp.system.files import write_picture, write_text
+from brushexp.contracts import build, build_named, plugin_of
+from brushexp.contracts.families import RENDERERS, Engine
+from brushexp.contracts.files import weights_hash, write_picture, write_text
+from brushexp.contracts.machine import device_of
+from brushexp.contracts.results import csv_table
 from brushexp_training.evaluation.benchmark import draw_extremes, evaluate, speed_and_size
 from brushexp_training.evaluation.evaluation import effl0_distance, inception_distance
 from brushexp_training.stroke_sets.dataset import Split

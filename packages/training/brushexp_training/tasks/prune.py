@@ -10,15 +10,12 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.plugins.renderer.base import RENDERERS, Renderer
-from brushexp.registry import build, plugin_of
-from brushexp.reporting.tables import csv_table, markdown_table
-from brushexp.runs.tracking import make_trackers
-from brushexp.runs.trainer import conclude
-from brushexp.system.device import device_of
-from brushexp.system.files import write_picture, write_text
-from brushexp.system.status import Status
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import build, plugin_of
+from brushexp.contracts.families import RENDERERS, Renderer
+from brushexp.contracts.files import as_shown, write_picture, write_text
+from brushexp.contracts.machine import device_of
+from brushexp.contracts.results import csv_table, markdown_table
+from brushexp.contracts.runs import Status, conclude, make_trackers
 from brushexp_training.evaluation.benchmark import device_of_weights, evaluate, speed_and_size
 from brushexp_training.evaluation.evaluation import HeldOutSheet, effl0_distance
 from brushexp_training.fitting.network_fitting import fit_network, renderer_settings, save_renderer

@@ -6,11 +6,8 @@ from typing import Any, ClassVar
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import above, at_least, between
-from brushexp.config.keys import key
-from brushexp.config.schema import Task
-from brushexp.errors import UserError
-from brushexp.registry import build
+from brushexp.contracts import UserError, above, at_least, between, build
+from brushexp.contracts.tasks import Task, key
 from brushexp_training.rules import STROKES, check_batch, check_ends
 from brushexp_training.schema import DATA, EMA, LIMIT, NETWORK_FIT, NetworkTrainerOptions
 

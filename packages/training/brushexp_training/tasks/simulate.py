@@ -9,10 +9,9 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.plugins.engine.base import Engine
-from brushexp.registry import build
-from brushexp.system.files import write_picture
-from brushexp.system.terminal import as_shown
+from brushexp.contracts import build
+from brushexp.contracts.families import Engine
+from brushexp.contracts.files import as_shown, write_picture
 from brushexp_training.evaluation.evaluation import stroke_sheet
 from brushexp_training.stroke_sets.dataset import StrokeSet, origin_of, pictures_of
 from brushexp_training.stroke_sets.writer import simulate_set

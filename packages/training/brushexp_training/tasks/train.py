@@ -9,10 +9,8 @@ import lightning as L
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.bounds import Bounds
-from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, build_named, plugin_of, plugins
+from brushexp.contracts import Bounds, build, build_named, plugin_of, plugins
+from brushexp.contracts.families import Engine, Renderer
 from brushexp_training.evaluation.benchmark import draw_batch, evaluate
 from brushexp_training.evaluation.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp_training.fitting.network_fitting import NetworkJob, renderer_settings, save_renderer, train_network

@@ -164,8 +164,8 @@ class Exporter(ABC):
     >>> from tempfile import TemporaryDirectory
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
-    >>> saved = Saved(sample_prior(3), torch.arange(3, dtype=torch.int32), (24, 32), torch.ones(3))
-    >>> parts = (build_named(*part, {}) for part in (("renderer", "analytic"), ("blend", "tiled"), ("color", "rgb")))
+    >>> saved = Saved(sample_prior(3), torch.arange(3, dtype=torch.int32), (24, 32), torch.ones(3), "analytic")
+    >>> parts = [build_named(*part, {}) for part in (("renderer", "analytic"), ("blend", "tiled"), ("color", "rgb"))]
     >>> job = ExportJob(saved, *parts)
     >>> with TemporaryDirectory() as folder:
     ...     Sizes().write(job, Path(folder))[0].read_text()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from brushexp.compat.compiled import function, inline
+from brushexp.contracts.kernels import function, inline
 
 Array = NDArray[Any]
 

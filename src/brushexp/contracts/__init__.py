@@ -1,0 +1,57 @@
+"""What plugins, packages and your own programs may build on.
+
+Everything here keeps its name and meaning within a major version; the rest of ``brushexp`` may change. This module has
+what every plugin needs: registration, bounds of options, and the error that users see. Its modules have the rest:
+
+- `families`: the contract of each family of plugins.
+- `members`: shipped plugins that others are made of.
+- `strokes`: what a stroke is: curves, catalogues, the prior, measures.
+- `pictures`: pictures from files and to files, colour, structure, feature networks.
+- `layers`: strokes composited as layers, and the light on them.
+- `kernels`: compiled code, and what a rasteriser for other hardware needs.
+- `painting`: the parts of a painting, its optimisation and its result.
+- `tasks`: keys and rules of a task.
+- `runs`: output folders, the Trainer, resuming, sweeps, and the functions of ``brushexp``.
+- `machine`: threads, memory and devices.
+- `results`: finished runs as tables, and measures of their strokes.
+- `pages`: HTML pages of runs and sweeps.
+- `files`: files read and written safely, progress, text for terminals.
+"""
+
+from brushexp.bounds import (
+    DURATION,
+    FILE,
+    FOLDER,
+    INTERRUPTED_RUN,
+    Bounds,
+    Rule,
+    above,
+    at_least,
+    between,
+    multiple_of,
+    one_of,
+)
+from brushexp.errors import UserError
+from brushexp.registry import build, build_named, keep_built, plugin_of, plugins, register, take_built
+
+__all__ = [
+    "DURATION",
+    "FILE",
+    "FOLDER",
+    "INTERRUPTED_RUN",
+    "Bounds",
+    "Rule",
+    "UserError",
+    "above",
+    "at_least",
+    "between",
+    "build",
+    "build_named",
+    "keep_built",
+    "multiple_of",
+    "one_of",
+    "plugin_of",
+    "plugins",
+    "register",
+    "take_built",
+]

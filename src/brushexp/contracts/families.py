@@ -1,0 +1,64 @@
+"""The contract of each family of plugins: a base class, and what passes between members."""
+
+from brushexp.plugins.blend.base import Blend, Compositor, match_dtype, pixel_centres
+from brushexp.plugins.callbacks.base import Callback
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.plugins.engine.base import Engine, Simulated
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.logger.base import Logger, Run
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, restore, state_of, weighted_sum
+from brushexp.plugins.metric.base import Comparison, Metric
+from brushexp.plugins.optimizer.base import Optimizer
+from brushexp.plugins.order.base import UNTIL, Order, front_to_back
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
+from brushexp.plugins.palette.base import Palette
+from brushexp.plugins.paper.base import Paper, Rows
+from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, TEXELS, PatchRenderer, Renderer, window_pictures
+from brushexp.plugins.sampler.base import Sampler, View
+
+__all__ = [
+    "PRECISIONS",
+    "RENDERERS",
+    "TEXELS",
+    "UNTIL",
+    "Blend",
+    "Callback",
+    "ColorSpace",
+    "Comparison",
+    "Compositor",
+    "DensificationState",
+    "DensificationUpdate",
+    "Density",
+    "Engine",
+    "ExportJob",
+    "Exporter",
+    "Initializer",
+    "Logger",
+    "Loss",
+    "Metric",
+    "Optimizer",
+    "Order",
+    "PaintRequest",
+    "PaintState",
+    "PaintedView",
+    "Painter",
+    "Palette",
+    "Paper",
+    "PatchRenderer",
+    "Renderer",
+    "Rows",
+    "Run",
+    "Sampler",
+    "Simulated",
+    "Surroundings",
+    "View",
+    "front_to_back",
+    "match_dtype",
+    "pixel_centres",
+    "restore",
+    "state_of",
+    "weighted_sum",
+    "window_pictures",
+]

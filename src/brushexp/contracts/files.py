@@ -1,0 +1,46 @@
+"""Files read with errors that help and written whole; progress; text for terminals."""
+
+from brushexp.system.checkpoint import CheckpointFormat, weights_hash
+from brushexp.system.files import TEMPORARY, replacing, to_bytes, write_bytes, write_json, write_picture, write_text
+from brushexp.system.hdf5 import HDF5, check_chunk, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
+from brushexp.system.progress import counting, showing, with_progress
+from brushexp.system.reading import check_file, check_plain, explaining, in_short, json_of, read_text, yaml_of
+from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, note_files
+from brushexp.system.terminal import IN_LOG, as_shown
+from brushexp.system.words import SHIPPED
+
+__all__ = [
+    "CHECKPOINT",
+    "HDF5",
+    "IN_LOG",
+    "METRICS_FILE",
+    "SHIPPED",
+    "TEMPORARY",
+    "CheckpointFormat",
+    "as_shown",
+    "check_chunk",
+    "check_file",
+    "check_plain",
+    "counting",
+    "dataset_of",
+    "explaining",
+    "fixed",
+    "in_short",
+    "json_of",
+    "note_files",
+    "numbers_of",
+    "opened",
+    "read_text",
+    "replacing",
+    "showing",
+    "text_of",
+    "to_bytes",
+    "weights_hash",
+    "whole_number_of",
+    "with_progress",
+    "write_bytes",
+    "write_json",
+    "write_picture",
+    "write_text",
+    "yaml_of",
+]

@@ -1,0 +1,46 @@
+"""The parts of a painting, its optimisation, and what is left when it has ended."""
+
+from brushexp.painting.build import build_painter, clip_of, compute_focus
+from brushexp.painting.canvas_memory import boxes_of
+from brushexp.painting.components import (
+    Components,
+    Stage,
+    build_components,
+    build_stages,
+    first_strokes,
+    standard_components,
+    stroke_budget,
+)
+from brushexp.painting.densification import importance
+from brushexp.painting.finished import Finished, bare_job
+from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import measure, standard_metrics
+from brushexp.painting.picture import Picture
+from brushexp.painting.reopen import export_job, with_renderer
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.painting.wet import drag_paint
+
+__all__ = [
+    "Components",
+    "Finished",
+    "Picture",
+    "Stage",
+    "StrokeOptimizer",
+    "bare_job",
+    "boxes_of",
+    "build_components",
+    "build_painter",
+    "build_stages",
+    "clip_of",
+    "compute_focus",
+    "drag_paint",
+    "export_job",
+    "first_strokes",
+    "goals_of",
+    "importance",
+    "measure",
+    "standard_components",
+    "standard_metrics",
+    "stroke_budget",
+    "with_renderer",
+]

@@ -1,0 +1,85 @@
+"""Pictures read from files and compared: colour spaces, structure, regions, feature networks, video."""
+
+from brushexp.features import NETWORKS, open_backbone
+from brushexp.features.base import Backbone, packaged_file, read_tensors
+from brushexp.features.distance import Distance, bundled_distance
+from brushexp.pictures.abstraction import flattened
+from brushexp.pictures.color import hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
+from brushexp.pictures.colorimetry import HIGH_RANGE, encoding_of, unless_srgb
+from brushexp.pictures.cut_short import boxes, has_end
+from brushexp.pictures.decode import MOVING, decode_image, open_picture, picture_size, read_picture
+from brushexp.pictures.folders import picture_suffixes, pictures_of
+from brushexp.pictures.kinds import FILM_SUFFIXES
+from brushexp.pictures.limits import MAX_PIXELS, open_of_any_size
+from brushexp.pictures.load import (
+    BRIGHTNESS,
+    background_color,
+    check_ratio,
+    downsample,
+    load_cutout,
+    load_picture,
+    named_color,
+    nearest_files,
+    planes_of,
+    samples,
+    size_at,
+    size_of_picture,
+)
+from brushexp.pictures.region import Region
+from brushexp.pictures.similarity import psnr_of
+from brushexp.pictures.structure import FarStructure, along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.pictures.video import FAST_START, filming, largest_side
+
+__all__ = [
+    "BRIGHTNESS",
+    "FAST_START",
+    "FILM_SUFFIXES",
+    "HIGH_RANGE",
+    "MAX_PIXELS",
+    "MOVING",
+    "NETWORKS",
+    "Backbone",
+    "Distance",
+    "FarStructure",
+    "Region",
+    "along_edges",
+    "background_color",
+    "boxes",
+    "bundled_distance",
+    "check_ratio",
+    "decode_image",
+    "downsample",
+    "encoding_of",
+    "filming",
+    "flattened",
+    "has_end",
+    "hex_of",
+    "largest_side",
+    "load_cutout",
+    "load_picture",
+    "named_color",
+    "nearest_files",
+    "nearest_ink",
+    "open_backbone",
+    "open_of_any_size",
+    "open_picture",
+    "packaged_file",
+    "palette",
+    "picture_size",
+    "picture_suffixes",
+    "pictures_of",
+    "planes_of",
+    "psnr_of",
+    "read_picture",
+    "read_tensors",
+    "recolor",
+    "sampled_at",
+    "samples",
+    "size_at",
+    "size_of_picture",
+    "structure_tensor",
+    "to_lab",
+    "to_rgb",
+    "unless_srgb",
+    "worst_of_cells",
+]

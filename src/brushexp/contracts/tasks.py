@@ -1,0 +1,22 @@
+"""Keys of a task: type, default, bounds and meaning in one line, and rules of keys that belong together."""
+
+from brushexp.config.keys import key, keys_of
+from brushexp.config.looks import look_names
+from brushexp.config.rules import CATALOGUE, canvas_of, check_monitors, check_painting
+from brushexp.config.schema import RESUME, PaintTask, Task, TrainerOptions
+from brushexp.pictures.load import PICTURE
+
+__all__ = [
+    "CATALOGUE",
+    "PICTURE",
+    "RESUME",
+    "PaintTask",
+    "Task",
+    "TrainerOptions",
+    "canvas_of",
+    "check_monitors",
+    "check_painting",
+    "key",
+    "keys_of",
+    "look_names",
+]
