@@ -41,7 +41,7 @@ class Regions:
 
     labels: Array  # (H, W) int32, 0 to N - 1, -1 where there is none
     chance: Array  # (N,) how far all looks agree with it, 0 to 1
-    attributes: Array  # (N, len(StrokeAttribute)) as the network says, in pixels of the picture
+    attributes: Array  # (N, len(StrokeAttribute)) predicted, in pixels of the picture
     occlusion: Array  # (len(OCCLUSION_OFFSETS), H, W) int8, log-odds in 1 / OCCLUSION_STEPS that the stroke at an
     # offset, divided by the zoom, lies above the one here
     zoom: float  # at which the picture was looked at

@@ -21,11 +21,9 @@ def test_a_straight_region_becomes_its_stroke():
     points = np.stack([columns[inside], rows[inside]], 1)
     angle = 2 * np.arctan2(0.6, 0.8)
     attributes = np.ones(len(StrokeAttribute))
-    attributes[CENTRE], attributes[DIRECTION], attributes[LOG_SIZE] = (
-        (40, 30),
-        (np.cos(angle), np.sin(angle)),
-        np.log((10, 50)),
-    )
+    attributes[CENTRE] = 40, 30
+    attributes[DIRECTION] = np.cos(angle), np.sin(angle)
+    attributes[LOG_SIZE] = np.log((10, 50))
     curve, width = fit_curve(points, attributes)
     assert width == pytest.approx(10, rel=0.1)
     chord = curve[2] - curve[0]
