@@ -29,6 +29,10 @@ def _is_real(value: Any, shape: tuple[int, ...]) -> bool:
     return isinstance(value, Tensor) and value.shape == shape and value.dtype.is_floating_point
 
 
+def _is_picture(result: Any, picture: Tensor) -> bool:
+    return _is_real(result, picture.shape) and bool(((result >= 0) & (result <= 1)).all())
+
+
 def _is_window(result: Any, parameters: Tensor) -> bool:
     images = result if isinstance(result, Tensor) else result.images
     return _is_real(images, (len(parameters), 4, *2 * images.shape[-1:])) and bool(images.isfinite().all())
@@ -56,11 +60,29 @@ def _is_callback(result: Any, folder: object) -> bool:
     return isinstance(result, Callback)
 
 
+def _are_first_strokes(result: Any, strokes: Any, *_: object, **__: object) -> bool:
+    check_strokes(result)
+    return len(result) == len(strokes)
+
+
+def _are_as_many(result: Any, strokes: Any, *_: object, **__: object) -> bool:
+    return len(result) == len(strokes)
+
+
+def _is_aim(result: Any, target: Tensor, ground: Tensor, *_: object, **__: object) -> bool:
+    picture, color = result
+    return _is_real(picture, target.shape) and _is_real(color, ground.shape)
+
+
+def _is_ended(result: Any, strokes: Any, *_: object, **__: object) -> bool:
+    finished, order = result
+    check_strokes(finished)
+    numbers = torch.arange(len(finished), device=order.device)
+    return len(finished) >= len(strokes) and torch.equal(order.sort().values, numbers)
+
+
 RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # they hold beside the types that contracts state
-    ("palette", "__call__"): (
-        "a picture in [0, 1] of the same size",
-        lambda result, picture: _is_real(result, picture.shape) and bool(((result >= 0) & (result <= 1)).all()),
-    ),
+    ("palette", "__call__"): ("a picture in [0, 1] of the same size", _is_picture),
     ("paper", "cover"): ("a picture of the same size", lambda result, flat, *_: _is_real(result, flat.shape)),
     ("paper", "relief"): (
         "heights (h, W) of 0 or more",
@@ -88,6 +110,12 @@ RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # they hold b
         "channels (..., C)",
         lambda result, color: _is_real(result, (*color.shape[:-1], *result.shape[-1:])),
     ),
+    ("change", "target"): ("a picture in [0, 1] of the same size", _is_picture),
+    ("change", "ground"): ("a colour (3,)", lambda result, color: _is_real(result, color.shape)),
+    ("change", "begin"): ("as many valid strokes", _are_first_strokes),
+    ("change", "aim"): ("a target (3, H, W) and a ground (3,)", _is_aim),
+    ("change", "limit"): ("as many strokes", _are_as_many),
+    ("change", "end"): ("valid strokes, no fewer, and the numbers of all of them in their order", _is_ended),
     ("color", "decode"): ("a picture (3, H, W)", lambda result, picture: _is_real(result, (3, *picture.shape[1:]))),
     ("callbacks", "open"): ("a callback of Lightning", _is_callback),
     ("to", "write"): ("paths of files that it has written", lambda result, *_: all(path.is_file() for path in result)),

@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from brushexp.bounds import at_least, between, one_of
+from brushexp.config.changes import as_typed_word
 from brushexp.config.keys import key
 from brushexp.config.rules import check_painting
 from brushexp.config.schema import PaintTask
@@ -17,7 +18,7 @@ from brushexp.registry import keep_built, plugin_of
 
 OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
-    "style.brushwork": None, "wet": 0, "strokes": None,
+    "style.brushwork": None, "strokes": None,
 }  # fmt: skip
 
 WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
@@ -57,6 +58,10 @@ class CanvasTask(PaintTask):
             if (value := OmegaConf.select(cfg, name)) != default:
                 cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
                 raise UserError(f"{name}={value} is for pictures in memory, and canvas={cfg.canvas} is on disk; {cure}")
+        for name, node in cfg.change.items():
+            if not keep_built(node).only_ends:
+                word = as_typed_word(str(name), node)
+                raise UserError(f"{word} is for pictures in memory, and canvas={cfg.canvas} is on disk; drop {word}")
         for family, plain in WITHOUT.items():
             if (name := plugin_of(cfg[family]).name) != plain:
                 why = f"{family}={name} needs the whole picture, and canvas={cfg.canvas} is painted tile by tile"

@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
 from brushexp.pictures.similarity import psnr_of
+from brushexp.system.earlier import todays_settings
 from brushexp.system.files import write_json, write_picture
 from brushexp.system.progress import counting, with_progress
 from brushexp.system.runtime import cores, peak_memory
@@ -116,7 +117,7 @@ def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
     """Refuse to go on with a canvas that was begun with other settings."""
-    before, now = store.record["settings"], settings_that_count(cfg)
+    before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
             raise UserError(

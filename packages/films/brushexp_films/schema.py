@@ -11,6 +11,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import above, at_least, between
+from brushexp.config.changes import as_typed_word
 from brushexp.config.keys import key
 from brushexp.config.rules import check_painting
 from brushexp.config.schema import PaintTask
@@ -22,7 +23,7 @@ from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's
-OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
+OF_PICTURES = {"catalogue": None, "style.image": None}  # keys that a film does not heed, and their defaults
 START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
 OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
 
@@ -69,6 +70,10 @@ class FilmTask(PaintTask):
         for name, default in OF_PICTURES.items():
             if (value := OmegaConf.select(cfg, name)) != default:
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+        for name, node in cfg.change.items():
+            if not keep_built(node).only_ends:  # strokes that move on do without such changes
+                word = as_typed_word(str(name), node)
+                raise UserError(f"{word} is for single pictures, and {cfg.image} is a film; drop {word}")
         if cfg.background == "transparent":
             raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
         if unused := sorted({word.partition("=")[0] for word in overrides} & OF_PAGES):

@@ -21,7 +21,6 @@ from brushexp.painting.build import build_painter
 from brushexp.painting.components import build_components
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
@@ -85,14 +84,12 @@ class PaintedFilm:
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
-        assert isinstance(painter, StrokeOptimizer)
-        painter.variety = 0.0  # strokes that move on get the colours that fit, and others would not
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False, clips=False)
             failure = fit(trainer, painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        painter.hand_over()
+        painter.hand_over()  # strokes move on: what only ends a painting is left out
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def painted_before(self, number: int) -> Cel | None:

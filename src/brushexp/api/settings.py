@@ -13,10 +13,12 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.config.changes import expand_changes
 from brushexp.config.check import check, leave_to_others
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
+from brushexp.config.vocabulary import words_of_changes
 from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
@@ -94,7 +96,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word) for word in words]
+    words = [expand_shorthand(word) for word in expand_changes(words)]
     leave_to_others(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
@@ -130,7 +132,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             cure = cure if each else f"for an array of numbers, give np.array({name})"
             raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
-            full = "style.image" if name == "style" else name
+            full = {"style": "style.image", **words_of_changes("stands_for")}.get(name, name)
             held[full] = hold(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import reduce
+from itertools import chain
 from operator import getitem
 from pathlib import Path
 from textwrap import fill
@@ -9,10 +10,12 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.config.check import words_of
 from brushexp.config.compose import presets_of
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import words_of_changes
 from brushexp.config.words import as_typed
 from brushexp.pictures.load import samples
 from brushexp.registry import FAMILIES, plugins
@@ -50,6 +53,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
         value = reduce(getitem, name.split("."), raw)
         value = OmegaConf.select(cfg, name) if str(value).startswith(("${scaled:", "${by_checkpoint:")) else value
         lines += two_columns(f"{name}={as_typed(value)}", key.meaning)
+    lines += word_lines(cfg)
     about = "a family that you type shows options and what to choose by: renderer=neural --help"
     lines += ["", f"Its plugins, family=name; {about}"]
     for group in groups_of(schema):
@@ -60,6 +64,23 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
     return "\n".join([*lines, "", MORE])
+
+
+def word_lines(cfg: DictConfig) -> list[str]:
+    """List the words for options of changes, with the values of those that are chosen."""
+    words = words_of(TASKS[cfg.task])
+    options = {option: word for word, option in words.items()}
+    for word, tuned in words_of_changes("tunes").items():
+        options |= {option: word for option in tuned} if words else {}
+    lines: dict[str, list[str]] = {}
+    for plugin in plugins("change"):
+        is_taken = cfg.task == "paint" or plugin.cls.only_ends
+        for option, meaning in plugin.meanings.items() if is_taken else ():
+            if word := options.get(f"{plugin.path}.{option}"):
+                value = OmegaConf.select(cfg, f"{plugin.path}.{option}")
+                lines.setdefault(word, two_columns(f"{word}={as_typed(value)}", meaning.rstrip(".")))
+    about = "Words for what is different about one painting, its changes; null: not chosen"
+    return ["", about, *chain.from_iterable(lines.values())] if lines else []
 
 
 def usage_of(task: str, alone: str) -> str:

@@ -1,8 +1,8 @@
 """Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
 
 Options of plugins are taken out of a look and published one by one under the names of the look and of the plugin: the
-defaults lists of tasks and losses then load those of the plugins that a run chooses. So a typed ``renderer=analytic``
-keeps the rest of a look.
+defaults lists of tasks, losses and changes then load those of the plugins that a run chooses. So a typed
+``renderer=analytic`` keeps the rest of a look.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,8 @@ from brushexp.pictures.abstraction import FEWER
 from brushexp.registry import FAMILIES, plugins
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
-UNTUNED = "untuned"  # group of losses as they are without a look
+UNTUNED = "untuned"  # group of losses and changes as they are without a look
+TUNED_LISTS = ("loss", "change")  # families of several members of which looks set options
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
 CLOSER = 50  # times as much weight of the focus with abstraction=1
 AT_A_GLANCE = {  # starts of looks, and what replaces them and their optimizer for strokes that a network lays
@@ -68,7 +69,7 @@ OmegaConf.register_new_resolver("by_checkpoint", by_checkpoint, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
-    """Publish looks for a task, and list the families, without losses, of which they set options."""
+    """Publish looks for a task, and list the families of one member of which they set options."""
     tuned: dict[str, set[str]] = {}
     for name, path in paths.items():
         values = read_look(path)
@@ -83,8 +84,9 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
         for key in SCALED:
             values[key] = as_scaled(key, values.get(key, getattr(schema, key)))
         ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
-    for loss in tuned.pop("loss", ()):
-        make_tunable(loss)
+    for family in TUNED_LISTS:
+        for member in tuned.pop(family, ()):
+            make_tunable(family, member)
     return set(tuned)
 
 
@@ -99,8 +101,9 @@ def read_look(path: Path) -> DictConfig:
             cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
             raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
     chosen = {family: plain[family] for family in FAMILIES if family in plain}
-    losses = chosen["loss"].values() if isinstance(chosen.get("loss"), dict) else ()
-    for family, options in [*chosen.items(), *(("loss", one) for one in losses)]:
+    lists = {family: chosen[family] for family in TUNED_LISTS if isinstance(chosen.get(family), dict)}
+    members = [(family, options) for family, parts in lists.items() for options in parts.values()]
+    for family, options in [*chosen.items(), *members]:
         if not isinstance(options, dict):
             cure = f"options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
             raise UserError(f"{path}: {family} is {options}; {cure}")
@@ -122,7 +125,7 @@ def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str
     """Take options out of a look, each with its family and the plugin that the look, or else the task, chooses."""
     chosen, parts = choices_of(look, groups), []
     for family in FAMILIES:
-        if family == "loss":
+        if family in TUNED_LISTS:
             parts += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
         elif family in look and isinstance(chosen.get(family), str):
             parts.append((family, chosen[family], look.pop(family)))
@@ -150,16 +153,17 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
                 raise UserError(f"{path} does not fit {family}={name}: {reason}; correct it") from error
 
 
-def make_tunable(loss: str) -> None:
-    """Publish a loss anew, so that ``look=`` sets its options wherever it is chosen."""
-    store = ConfigStore.instance()
-    published = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
+def make_tunable(family: str, member: str) -> None:
+    """Publish a loss or change anew, so that ``look=`` sets its options wherever it is chosen."""
+    store, untuned = ConfigStore.instance(), f"{UNTUNED}/{family}"
+    published = [store.get_type(f"{group}/{member}.yaml") is ObjectType.CONFIG for group in (family, untuned)]
     if published == [True, False]:
-        own = store.load(f"loss/{loss}.yaml")
-        store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
+        own = store.load(f"{family}/{member}.yaml")
+        store.store(group=untuned, name=member, node=own.node, provider=own.provider)
         parts = [
             "_self_",
-            f"/{UNTUNED}/loss/{loss}@_here_",
-            {f"optional /{LOOK_OPTIONS}/loss@_here_": f"${{look}}_{loss}"},
+            f"/{untuned}/{member}@_here_",
+            {f"optional /{LOOK_OPTIONS}/{family}@_here_": f"${{look}}_{member}"},
         ]
-        store.store(group="loss", name=loss, node={"defaults": parts}, package=f"loss.{loss}", provider=own.provider)
+        package = f"{family}.{member}"
+        store.store(group=family, name=member, node={"defaults": parts}, package=package, provider=own.provider)

@@ -6,6 +6,7 @@ import tomllib
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
 SHIPPED = PACKAGE / "conf"
@@ -17,6 +18,7 @@ WORDS = {  # what a painter types -> what it means
     **{f"{key}={no}": "frames=0" for key in ("timelapse", "film") for no in ("none", "null", "no", "false")},
 }
 SPELLINGS = Path(__file__).with_name("spellings.toml")
+CHANGES = Path(__file__).with_name("changes.toml")
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
 
 
@@ -25,6 +27,25 @@ def spellings(table: str) -> dict[str, str]:
     """Read what others say for ``keys``, ``members`` or what is typed ``instead``, and what we say."""
     tables = tomllib.loads(SPELLINGS.read_text(encoding="utf-8"))
     return {theirs: ours for ours, others in tables[table].items() for theirs in others}
+
+
+@cache
+def words_of_changes(table: str) -> dict[str, Any]:
+    """Read a table of the words for options of changes: which ``stands_for`` which, and what it ``brings``."""
+    return dict(tomllib.loads(CHANGES.read_text(encoding="utf-8"))[table])
+
+
+def in_words(message: str) -> str:
+    """Replace options of changes in a message by the words that stand for them.
+
+    >>> in_words("change.guides.lines=a.png is not there")
+    'guides=a.png is not there'
+    """
+    for word, option in words_of_changes("stands_for").items():
+        message = re.sub(rf"\b{re.escape(option)}\b", word, message)
+    for word, options in words_of_changes("tunes").items():
+        message = re.sub(rf"\b({'|'.join(map(re.escape, options))})\b", word, message)
+    return message
 
 
 def members_alone() -> dict[str, str]:

@@ -41,6 +41,7 @@ from brushexp.config.vocabulary import (
     plain_name,
     respelt,
     spellings,
+    words_of_changes,
 )
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -213,7 +214,7 @@ def respell(key: str, value: str) -> tuple[str, str]:
 
 @cache
 def types_of_keys() -> dict[str, tuple[Any, bool]]:
-    """Map every key of a task and option of a plugin to its type, and whether it may be null."""
+    """Map every key of a task, option of a plugin and word for one to its type, and whether it may be null."""
     types = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
     types += [(f"{plugin.path}.{item.name}", item.type) for plugin in plugins() for item in fields(plugin.config)]
     optional = {name for name, kind in types if NoneType in get_args(kind)}  # in one of the tasks that have this key
@@ -223,7 +224,8 @@ def types_of_keys() -> dict[str, tuple[Any, bool]]:
         plain = next(part for part in parts if part is not NoneType) if NoneType in parts else kind
         is_text = typed.get(name, (plain,))[0] is str  # in one of the tasks, whatever their order
         typed[name] = str if is_text else plain, name in optional
-    return typed
+    words = words_of_changes("stands_for") | {key: paths[0] for key, paths in words_of_changes("tunes").items()}
+    return {key: typed[path] for key, path in words.items() if path in typed} | typed
 
 
 @cache

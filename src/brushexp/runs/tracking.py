@@ -69,7 +69,9 @@ class Trackers(LightningLogger):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pass_on()
         told = self.run.metrics.get("status")
-        status = {Status.DIVERGED: Status.FAILED}.get(told, told if told in UNFINISHED else Status.COMPLETED)
+        status = Status(told) if told in UNFINISHED else Status.COMPLETED
+        if status == Status.DIVERGED:
+            status = Status.FAILED
         if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
             status = Status.INTERRUPTED if issubclass(kind, KeyboardInterrupt | SystemExit) else Status.FAILED
         for name, tracker in self.chosen.items():
@@ -77,7 +79,7 @@ class Trackers(LightningLogger):
                 tracker.finish(replace(self.run, status=status))
             with self._caught(name):
                 if name in self.curves:
-                    self.curves[name].finalize("success" if status == Status.COMPLETED else status)
+                    self.curves[name].finalize("success" if status == Status.COMPLETED else str(status))
 
     @contextmanager
     def _caught(self, name: str) -> Iterator[None]:

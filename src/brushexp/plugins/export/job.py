@@ -24,6 +24,7 @@ from brushexp.shading.height import heights
 from brushexp.shading.light import BOUNDS, UNLIT, Light, normals_of, shade_picture
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.saved import Saved
+from brushexp.system.earlier import todays_settings
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
 from brushexp.system.reading import in_short, yaml_of
@@ -238,7 +239,7 @@ def light_of(saved: Saved) -> Light:
 def recorded_settings(saved: Saved) -> dict[str, Any]:
     """Read the settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
     try:
-        settings = yaml_of(saved.config)
+        settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})
         if not isinstance(options, dict):
             raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")

@@ -1,5 +1,0 @@
-"""Paintings under what a table has: ``tubes=``, plans to paint after, and how different the painting is to the eye."""
-
-from brushexp_tubes import difference, gamut, sheets
-
-__all__ = ["difference", "gamut", "sheets"]
