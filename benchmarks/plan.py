@@ -18,21 +18,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from brushexp_tubes.difference import median_difference
-from brushexp_tubes.mixtures import all_mixtures, within_tones
-from brushexp_tubes.paints import load_tubes
-from brushexp_tubes.plan import plan_of
-from brushexp_tubes.table import Table
-from brushexp_tubes.task import build_constrained, table_for
+from brushexp_changes.tubes.difference import median_difference
+from brushexp_changes.tubes.mixtures import all_mixtures, within_tones
+from brushexp_changes.tubes.paints import load_tubes
+from brushexp_changes.tubes.plan import plan_of
+from brushexp_changes.tubes.table import Table
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from brushexp.api.settings import settings_of
-from brushexp.painting.build import build_painter, target_of
+from brushexp.painting.build import target_of
+from brushexp.painting.changes import build_changes
 from brushexp.plugins.export.base import ExportJob
 from brushexp.tasks.paint import paint_picture
 
-PAINTED, PLAIN = "tubes", "paint"
 THESIS12 = Path(__file__).parents[1] / "src/brushexp/conf/pictures/thesis12.yaml"
 QUIET = {"frames": 0, "report": False, "logger": []}
 
@@ -52,22 +51,22 @@ def best_pixels(target: Tensor, table: Table) -> Tensor:
 def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
     """Paint a target by look=even, with as many strokes and steps."""
     same = {"strokes": strokes, "steps": cfg.steps, "resolution": cfg.resolution, "threads": cfg.threads}
-    free = settings_of(PLAIN, {"image": cfg.image, "look": "even", **same, **QUIET})
+    free = settings_of("paint", {"image": target.movedim(0, 2).numpy(), "look": "even", **same, **QUIET})
     with free.as_asked():
-        return paint_picture(free.cfg, build=lambda cfg: build_painter(cfg, target)).job
+        return paint_picture(free.cfg).job
 
 
 def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterator[dict[str, object]]:
     """Paint a picture both ways, for each number of mixtures, and measure by how much they differ from the target."""
     plain = None
     for count in counts:
-        constrained = settings_of(PAINTED, {"image": image, "mixtures": count, **options, **QUIET})
-        cfg = constrained.cfg
-        picture, candidates = target_of(cfg), all_mixtures(load_tubes(cfg.tubes))
+        constrained = settings_of("paint", {"image": image, "tubes": "eight", "mixtures": count, **options, **QUIET})
+        cfg, tubes = constrained.cfg, build_changes(constrained.cfg)["tubes"]
+        picture, candidates = target_of(cfg), all_mixtures(load_tubes(tubes.tubes))
         target = within_tones(picture, candidates)
-        table, scale = table_for(cfg, target, candidates), target.shape[2] / (10 * cfg.width_cm)
+        table, scale = tubes.table_for(target, candidates), target.shape[2] / (10 * tubes.width_cm)
         with constrained.as_asked():
-            planned = paint_picture(cfg, build=build_constrained).job
+            planned = paint_picture(cfg).job
         plain = plain or paint_plain(cfg, len(planned.strokes), target)
         plan, afterwards = plan_of(planned, table, scale), plan_of(plain, table, scale)
         played, own = shown(plan.played()), replace(afterwards, order=plain.bottom_up)
@@ -86,7 +85,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--mixtures", nargs="+", type=int, default=[24, 96])
-    parser.add_argument("--set", nargs="*", default=[], help="keys of task=tubes: resolution=512 width_cm=30")
+    parser.add_argument("--set", nargs="*", default=[], help="keys beside tubes=: resolution=512 width_cm=30")
     arguments = parser.parse_args()
     logging.getLogger("brushexp").setLevel(logging.WARNING)
     options = {"resolution": 320, **OmegaConf.to_container(OmegaConf.from_dotlist(arguments.set))}

@@ -48,8 +48,6 @@ NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "vie
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["recover"] = NEEDED["sample"] = "image=coffee"
 NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # it is only looked for
-NEEDED["guided"] = f"guides={FILES}/lines.png image={FILES}/a.png"
-NEEDED["repaint"] = f"image={FILES}/a.png catalogue={FILES}/a.h5 region={FILES}/a.png"
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number

@@ -161,6 +161,7 @@ METHODS = {  # family: contract, its method, a call
     "loss": ("Loss", "forward", lambda it: it(PaintedView(TARGET, TARGET, STROKES))),
     "density": ("Density", "revise", lambda it: it.revise(STATE)),
     "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
+    "change": ("Change", "begin", lambda it: it.begin(STROKES, None)),
     "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
     "color": ("ColorSpace", "decode", lambda it: it.decode(TARGET)),
     "painter": ("Painter", "__call__", lambda it: it(None)),

@@ -45,6 +45,25 @@ def test_every_setting_is_one_job_and_stands_above_the_command_line_with_whose_s
     refuses(r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
 
 
+def test_words_for_changes_of_a_painting_are_words_of_settings_too_and_join_those_of_the_command_line():
+    assert jobs(["", "wet=0.2", "wet=0,1 variety=0.1"]) == [
+        [],
+        ["change.wet.amount=0.2", "+change=[wet]"],
+        *(
+            [f"change.wet.amount={wet}", "change.variety.amount=0.1", "+change=[wet]"]
+            for wet in (0, 1)
+        ),
+    ]  # fmt: skip
+    typed = ["change.sizes.smallest=3", "+change=[sizes]"]
+    assert jobs(["", "wet=0.2", "change=variety"], typed) == [
+        typed,
+        ["change.sizes.smallest=3", "+change=[wet,sizes]", "change.wet.amount=0.2"],
+        ["change.sizes.smallest=3", "change=[variety,sizes]"],
+    ]
+    refuses("mixtures=5 is for tubes=", jobs, ["mixtures=5"])
+    assert jobs(["mixtures=5"], ["look=tubes"]) == [["look=tubes", "change.tubes.mixtures=5"]]
+
+
 @pytest.mark.usefixtures("hydra_restore_singletons")
 def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
     Singleton.set_state(Singleton.get_state())  # what launchers do there: Hydra publishes its sweepers anew

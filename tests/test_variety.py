@@ -5,25 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from painters import BACKGROUND, SIZE, painter_of
+from painters import SIZE, painter_of
 from scenes import random_strokes
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.painting.picture import Picture
-from brushexp.painting.variety import TURN, broken_colors
 from brushexp.pictures.color import to_lab
-from brushexp.plugins.blend.base import Compositor
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.color.rgb import Rgb
+from brushexp.plugins.change.variety import MOST_TURN, Variety
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 
 
-def broken(strokes, target, variety=0.5, seed=0, focus=None):
-    picture = Picture(target, focus, BACKGROUND, Compositor(Tiled(), Rgb()))
-    return broken_colors(strokes, picture, variety, torch.Generator().manual_seed(seed))
+def broken(strokes, target, amount=0.5, seed=0, focus=None):
+    """Colours of strokes that variety has ended."""
+    painter = painter_of(target=target, options={"focus": focus})
+    state = replace(painter.now(), generator=torch.Generator().manual_seed(seed))
+    order = torch.arange(len(strokes))
+    ended, same = Variety(amount=amount).end(strokes, order, state)
+    assert same is order
+    assert all(value is getattr(strokes, name) for name, value in ended.items() if name != "color")
+    return ended.color
 
 
 def strokes_in(color, n=400):
@@ -41,7 +43,7 @@ def even(color):
 
 def test_none_is_none_and_seeds_decide_the_rest():
     strokes, target = random_strokes(30, SIZE), torch.rand(3, *SIZE)
-    assert broken(strokes, target, variety=0.0) is strokes.color
+    assert broken(strokes, target, amount=0.0) is strokes.color
     assert broken(Strokes.none(), target).shape == (0, 3)
     assert torch.equal(broken(strokes, target), broken(strokes, target))
     assert not torch.equal(broken(strokes, target), broken(strokes, target, seed=1))
@@ -57,9 +59,9 @@ def test_what_is_lighter_than_around_it_becomes_warmer_and_what_is_darker_cooler
 
 def test_a_hue_goes_to_its_neighbours_alone():
     skin = [0.8, 0.6, 0.5]
-    before, after = lab_of(torch.tensor([skin])), lab_of(broken(strokes_in(skin), even(skin), variety=1.0))
+    before, after = lab_of(torch.tensor([skin])), lab_of(broken(strokes_in(skin), even(skin), amount=1.0))
     turned = np.abs(np.angle(np.exp(1j * (np.arctan2(*after.T[:0:-1]) - np.arctan2(*before.T[:0:-1])))))
-    assert turned.max() < np.arctan(2.2 * TURN)  # in sRGB, after rounding and with less chroma
+    assert turned.max() < np.arctan(2.2 * MOST_TURN)  # in sRGB, after rounding and with less chroma
     assert turned.std() > 0.1
 
 
@@ -85,16 +87,14 @@ def test_extremes_stay_colours(dtype, size):
     colors = torch.tensor([[0.0] * 3, [1.0] * 3, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.5] * 3], dtype=dtype)
     far = replace(strokes, color=colors, position=1e6 * strokes.position.sign(), width=strokes.width * 0)
     for some in (replace(strokes, color=colors), far, far[:1]):
-        result = broken(some, torch.rand(3, *size), variety=1.0)
+        result = broken(some, torch.rand(3, *size), amount=1.0)
         assert result.dtype == dtype
         assert bool(((result >= 0) & (result <= 1)).all())
 
 
 def test_a_run_breaks_colours_at_its_end_and_keeps_those_of_a_painting_that_stays(tmp_path):
-    painters = [painter_of(steps=0, options={"variety": variety}) for variety in (0.0, 0.7)]
-    for painter in painters:
-        painter.hand_over()
-    plain, varied = (dict(painter.strokes().items()) for painter in painters)
+    painters = [painter_of(steps=0, options={"changes": {"variety": Variety(amount=amount)}}) for amount in (0.0, 0.7)]
+    plain, varied = (dict(painter.finished_strokes()[0].items()) for painter in painters)
     assert not torch.equal(plain.pop("color"), varied.pop("color"))
     assert_close(plain, varied, rtol=0, atol=0)
     small = {"image": "astronaut", "resolution": 48, "strokes": 40, "steps": 2, "threads": 1, "density": "fixed"}

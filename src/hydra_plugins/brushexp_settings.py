@@ -75,6 +75,7 @@ class SettingsSweeper(Sweeper):
     def combine(self, arguments: Sequence[str]) -> list[list[str]]:
         """Return the overrides of every job."""
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
+        from brushexp.config.changes import expand_changes, keep_added, merge  # noqa: PLC0415
         from brushexp.config.compose import folders_in  # noqa: PLC0415
         from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import SUBFOLDER  # noqa: PLC0415
@@ -84,11 +85,12 @@ class SettingsSweeper(Sweeper):
         typed = any(override.get_key_element() == "image" for override in overrides)
         pictures = [] if typed else all_pictures(self.options.pictures, folders_in(self.config))
         settings = [shlex.split(setting) for setting in self.options.settings]
-        jobs = []
+        jobs: list[list[str]] = []
         for words in settings:  # a sweep that is stopped then has all pictures of some settings
             for picture in [[f"image={one}"] for one in pictures] or [[]]:
-                own = [expand_shorthand(word, sweep=True) for word in [*picture, *words]]
-                jobs += combinations_of([*overrides, *parser.parse_overrides(own)])
+                meant = expand_changes([*picture, *words], beside=arguments, sweep=True)
+                own = [expand_shorthand(word, sweep=True) for word in keep_added(meant, arguments)]
+                jobs += map(merge, combinations_of([*overrides, *parser.parse_overrides(own)]))
         if pictures and len(jobs) == len(pictures):
             places = map(verbatim, subfolders_for(pictures))
             jobs = [[*job, SUBFOLDER + place] for job, place in zip(jobs, places, strict=True)]

@@ -9,11 +9,11 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from brushexp.contracts import UserError, at_least, between, keep_built, one_of, plugin_of
 from brushexp.contracts.families import Painter
-from brushexp.contracts.tasks import PaintTask, check_painting, key
+from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, key
 
 OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
-    "style.brushwork": None, "wet": 0, "strokes": None,
+    "style.brushwork": None, "strokes": None,
 }  # fmt: skip
 
 WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
@@ -52,6 +52,10 @@ class CanvasTask(PaintTask):
             if (value := OmegaConf.select(cfg, name)) != default:
                 cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
                 raise UserError(f"{name}={value} is for pictures in memory, and canvas={cfg.canvas} is on disk; {cure}")
+        for name, node in cfg.change.items():
+            if not keep_built(node).only_ends:
+                word = as_typed_word(str(name), node)
+                raise UserError(f"{word} is for pictures in memory, and canvas={cfg.canvas} is on disk; drop {word}")
         for family, plain in WITHOUT.items():
             if (name := plugin_of(cfg[family]).name) != plain:
                 why = f"{family}={name} needs the whole picture, and canvas={cfg.canvas} is painted tile by tile"

@@ -11,7 +11,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import counting, with_progress, write_json, write_picture
+from brushexp.contracts.files import counting, todays_settings, with_progress, write_json, write_picture
 from brushexp.contracts.machine import cores, peak_memory
 from brushexp.contracts.pictures import Region, psnr_of
 from brushexp.contracts.runs import Status
@@ -114,7 +114,7 @@ def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
     """Refuse to go on with a canvas that was begun with other settings."""
-    before, now = store.record["settings"], settings_that_count(cfg)
+    before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
             raise UserError(

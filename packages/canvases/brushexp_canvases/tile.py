@@ -18,6 +18,7 @@ from brushexp.contracts.members import Fixed
 from brushexp.contracts.painting import (
     StrokeOptimizer,
     bare_job,
+    build_changes,
     build_components,
     build_stages,
     clip_of,
@@ -119,8 +120,9 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
         trainer = make_trainer(cfg, device_of(cfg.device), None, [], checkpoints=False, clips=False)
         conclude(painter, None, cfg, fit(trainer, painter), painter.schedule.step)
     painter.hand_over()
+    strokes, _ = painter.finished_strokes()
     own = slice(len(laid.ring), len(laid.ring) + len(laid.own))
-    done = painter.strokes().map(Tensor.cpu)[own].moved(shift=(window.left, window.top))
+    done = strokes.map(Tensor.cpu)[own].moved(shift=(window.left, window.top))
     store.put_strokes(tile, done, order.last.cpu()[own])
     return peak_memory()
 
@@ -149,8 +151,9 @@ def painter_of(
     order = Remembered(parts.order, ring.to(device), passing)
     parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
     catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
-    kept = {"seed": cfg.seed, "focus": focus, "variety": cfg.variety, "clip": clip_of(cfg)}
-    return StrokeOptimizer(catalogue, parts, target, background, **kept).to(device), order
+    about: dict[str, Any] = {"focus": focus, "clip": clip_of(cfg), "changes": build_changes(cfg)}
+    painter = StrokeOptimizer(catalogue, parts, target, background, seed=cfg.seed, **about)
+    return painter.to(device), order
 
 
 def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:

@@ -12,12 +12,12 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.contracts import UserError, above, at_least, between, keep_built, plugin_of
 from brushexp.contracts.families import Painter
 from brushexp.contracts.pictures import size_at
-from brushexp.contracts.tasks import PaintTask, check_painting, key
+from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, key
 from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's
-OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
+OF_PICTURES = {"catalogue": None, "style.image": None}  # keys that a film does not heed, and their defaults
 SCENE_START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
 OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
 
@@ -64,6 +64,10 @@ class FilmTask(PaintTask):
         for name, default in OF_PICTURES.items():
             if (value := OmegaConf.select(cfg, name)) != default:
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+        for name, node in cfg.change.items():
+            if not keep_built(node).only_ends:  # strokes that move on do without such changes
+                word = as_typed_word(str(name), node)
+                raise UserError(f"{word} is for single pictures, and {cfg.image} is a film; drop {word}")
         if cfg.background == "transparent":
             raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
         if unused := sorted({word.partition("=")[0] for word in overrides} & OF_PAGES):

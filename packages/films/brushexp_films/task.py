@@ -29,7 +29,7 @@ from brushexp.contracts.files import (
     write_picture,
 )
 from brushexp.contracts.machine import device_of, interruptible, peak_memory
-from brushexp.contracts.painting import StrokeOptimizer, bare_job, build_components, build_painter, goals_of
+from brushexp.contracts.painting import bare_job, build_components, build_painter, goals_of
 from brushexp.contracts.pictures import filming, planes_of, psnr_of, size_at
 from brushexp.contracts.runs import (
     RECORD_KEY,
@@ -89,14 +89,12 @@ class PaintedFilm:
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
-        assert isinstance(painter, StrokeOptimizer)
-        painter.variety = 0.0  # strokes that move on get the colours that fit, and others would not
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False, clips=False)
             failure = fit(trainer, painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        painter.hand_over()
+        painter.hand_over()  # strokes move on: what only ends a painting is left out
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def painted_before(self, number: int) -> Cel | None:

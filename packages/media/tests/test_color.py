@@ -12,18 +12,14 @@ from refusals import refuses
 from scenes import leaves, random_strokes, straight
 from test_kernels import KINDS, TILED
 
-from brushexp.painting.components import standard_components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
 from brushexp.painting.reopen import space_of
-from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.painting.wet import drag_paint, under_starts
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.order.fixed import FixedOrder
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.tasks import export
 from brushexp.tasks import paint as painting
@@ -137,29 +133,3 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
         refuses("color is", space_of, replace(saved, config=wrong))
     save_catalogue(tmp_path / "old.h5", replace(saved, config=""))
     assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
-
-
-@pytest.mark.parametrize("widening", [0.0, 0.9])
-def test_wet_strokes_drag_what_lies_under_their_starts(widening):
-    below = straight((2, 20), (38, 20), width=30.0, color=(0.9, 0.1, 0.1), opacity=1.0)
-    above = straight((30, 20), (70, 20), width=10.0, color=(0.1, 0.2, 0.9), opacity=1.0)
-    above = replace(above, widening=torch.tensor([widening]))
-    away = straight((-30, 10), (-10, 10), color=(0.0, 1.0, 0.0))
-    target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
-    catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
-    painter = StrokeOptimizer(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
-    picked, covered = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
-    torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
-    torch.testing.assert_close(picked[1], below.color[0])
-    dry, order = drag_paint(painter, 0.0)
-    assert len(dry) == 3
-    strokes, wet_order = drag_paint(painter, 1.0)
-    assert len(strokes) == 3 + 4, "a bare canvas is dry"
-    torch.testing.assert_close(strokes[:3].color, dry.color)
-    assert torch.equal(strokes.brush[:3], dry.brush)
-    assert set(strokes.brush[3:].tolist()) < set(dry.brush.tolist()), "a film has the bristles of its stroke"
-    before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
-    reds = after[0, 20, [34, 46, 58, 68]]
-    assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"
-    torch.testing.assert_close(after[:, 20, 76], before[:, 20, 76])
-    assert torch.equal(after[:, :12, :52], before[:, :12, :52]), "a film is no thicker than its stroke"

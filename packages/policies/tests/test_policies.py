@@ -1,34 +1,22 @@
 """Traced strokes: they explain what is missing, gain what they promise, and cost what they are worth."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from brushexp_policies import traced
-from brushexp_policies.patches import Patches
-from brushexp_policies.random_ground import RandomGround, random_color
-from brushexp_policies.sizes import Sizes
 from brushexp_policies.strata import Strata
 from brushexp_policies.traced import Traced, traced_strokes
-from painters import SIZE as WIDE
-from painters import fit, take
-from painters import painter_of as plain_painter
-from refusals import refuses
+from painters import take
 from test_density import SIZE, painted, painter_of, picture, state_of
-from torch.testing import assert_close
 
 from brushexp.compositing.profile import smooth_rise
-from brushexp.config.check import check
-from brushexp.errors import UserError
 from brushexp.painting.picture import Picture
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.optimizer.torch import UNITS, TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes, check_strokes
@@ -184,89 +172,3 @@ def test_strokes_double_in_number_and_shrink_and_new_ones_lie_on_top():
             counts.append(n)
     assert counts == [5, 10, 20, 40, 80]
     assert sizes == sorted(sizes, reverse=True)
-
-
-def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_shown():
-    painter = painter_of(Fixed(), steps=10)
-    own, callback, grounds = painter.picture.background, RandomGround(until=0.5).open(None), []
-    for _ in range(10):
-        callback.on_train_batch_start(None, painter, 0, 0)
-        grounds.append(painter.picture.background)
-        take(painter, 1)
-        callback.on_train_batch_end(None, painter, None, 0, 0)
-        assert painter.picture.background is own
-    assert len({tuple(ground.tolist()) for ground in grounds}) == 6
-    assert torch.equal(grounds[3], random_color(own, 3)), "a resumed run draws it again"
-    assert all(ground is own for ground in grounds[5:])
-
-
-def test_the_ground_stays_while_a_part_is_looked_at_and_an_error_leaves_the_ground_its_own():
-    painter = painter_of(Fixed(), sampler=Patches())
-    own, callback = painter.picture.background, RandomGround().open(None)
-    callback.on_train_batch_start(None, painter, 0, 0)
-    assert painter.picture.background is own
-    painter = painter_of(Fixed())
-    own, callback = painter.picture.background, RandomGround().open(None)
-    callback.on_train_batch_start(None, painter, 0, 0)
-    assert painter.picture.background is not own
-    callback.on_exception(None, painter, ValueError())
-    assert painter.picture.background is own
-    refuses("painter=gradient", callback.setup, None, torch.nn.Linear(1, 1), "fit")
-
-
-MOVING = UNITS | {"widening": 0.3}
-
-
-def painter(steps=12):
-    return plain_painter(steps=steps, optimizer=TorchOptim(lr=0.05, units=MOVING))
-
-
-def thickness(strokes):
-    return 2 * half_width_of(strokes)
-
-
-def test_strokes_stay_within_the_bounds_at_every_step_and_are_optimised_for_them():
-    free = painter()
-    fit(free)
-    assert thickness(free.strokes()).min() < 3
-    assert thickness(free.strokes()).max() > 5
-
-    class Watch(type(Sizes().open(Path()))):
-        def on_train_batch_end(self, trainer, module, *_):
-            seen.append(module.catalogue())
-
-    seen, bound = [], painter()
-    fit(bound, [Sizes(smallest="3", largest="5px").open(Path()), Watch()])
-    assert len(seen) == 12
-    for strokes in [*seen, bound.strokes()]:
-        ends = thickness(strokes)[:, None] * (1 + strokes.widening[:, None] * torch.tensor([-1.0, 1.0]))
-        assert 3 - 1e-4 < ends.min() <= ends.max() < 5 + 1e-4
-    assert seen[-1].widening.abs().max() > 0.01
-    afterwards = free.strokes()
-    free.catalogue.replace(Sizes(smallest="3", largest="5").within(afterwards, WIDE[1]))
-    error = [(one.draw_whole() - one.picture.target).square().mean() for one in (bound, free)]
-    assert error[0] < error[1]
-
-
-def test_millimetres_are_those_of_the_painting_and_what_is_no_size_or_has_no_strokes_is_refused(config):
-    assert Sizes(smallest="2mm", largest="10mm", width_cm=7.0).bounds(140) == (4, 20)
-    assert Sizes(largest="3").bounds(140) == (0, 3)
-    with pytest.raises(UserError, match="smallest=2mm is above largest=2;"):
-        Sizes(smallest="2mm", largest="2", width_cm=7.0).bounds(140)
-    refuses(r"smallest=2mm is above largest=\.5mm", Sizes, smallest="2mm", largest=".5mm")
-    words = ["chelsea", "callbacks=sizes", "callbacks.sizes.smallest=3cm"]
-    refuses(r"smallest=3cm is no size; .*=2mm", check, config(*words), words)
-    refuses("painter=gradient", Sizes().open(Path()).setup, None, torch.nn.Linear(1, 1), "fit")
-
-
-def test_other_limits_bind_too_and_strokes_within_bounds_stay_to_the_bit(tmp_path):
-    one = painter(steps=3)
-    red = torch.tensor([1.0, 0.0, 0.0])
-    one.limit = lambda strokes, before, rows: type(strokes)(
-        **dict(strokes.items()) | {"color": red.expand_as(strokes.color)}, brush=strokes.brush
-    )
-    fit(one, [Sizes(smallest="2").open(tmp_path)])
-    assert (one.strokes().color == red).all()
-    assert thickness(one.strokes()).min() > 2 - 1e-4
-    strokes = painter().strokes()
-    assert_close(dict(Sizes().within(strokes, 70).items()), dict(strokes.items()), rtol=0, atol=0)

@@ -22,6 +22,6 @@ def contract(family: str) -> list[Callable[..., Any]]:
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth']
     """
-    from brushexp_testing import engines, families, media  # noqa: PLC0415  (torch)
+    from brushexp_testing import changes, engines, families, media  # noqa: PLC0415  (torch)
 
-    return (families.CHECKS | media.CHECKS | {"engine": engines.CHECKS}).get(family, [])
+    return (families.CHECKS | media.CHECKS | changes.CHECKS | {"engine": engines.CHECKS}).get(family, [])

@@ -1,4 +1,4 @@
-"""Check what the plugins of each family must do, but engines, palettes and papers."""
+"""Check what the plugins of each family must do, but engines, changes, palettes and papers."""
 
 import tempfile
 from collections.abc import Callable

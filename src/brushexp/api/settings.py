@@ -13,6 +13,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.config.changes import expand_changes
 from brushexp.config.check import check, leave_to_others
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.key_types import type_of_key
@@ -23,6 +24,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
 from brushexp.registry import drop_built
 from brushexp.system.runtime import use_threads
+from brushexp.system.words import table_of_words
 
 PICTURE = "image="
 _composed = lru_cache(maxsize=32)(composed)  # composing takes Hydra a while
@@ -95,7 +97,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word, task=task) for word in words]
+    words = [expand_shorthand(word, task=task) for word in expand_changes(words)]
     leave_to_others(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
@@ -134,7 +136,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             cure = cure if each else f"for an array of numbers, give np.array({name})"
             raise UserError(f"{name} takes one picture, and this is a list of {len(value)}; {cure}")
         if is_picture(value):
-            full = "style.image" if name == "style" else name
+            full = {"style": "style.image", **table_of_words("change_words")}.get(name, name)
             held[full] = hold(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(type_of_key(name)[0]) is not dict:

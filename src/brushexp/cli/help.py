@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
+from itertools import chain
 from operator import getitem
 from pathlib import Path
 from textwrap import fill
@@ -9,6 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.config.check import words_of
 from brushexp.config.compose import CHOSEN_GROUPS, presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.schema import BY_TIME, PaintTask
@@ -101,6 +103,7 @@ def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
     lines += _keys(cfg, list(keys_of(schema).values()))
+    lines += _words_of_changes(cfg)
     for group in groups_of(schema):
         lines += ["", *_group(group, cfg, folders, with_options=group in families)]
     if schema.alone == "image":
@@ -115,6 +118,24 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
         if TASKS[name].is_research == (topic == "research"):
             lines += two_columns(name, (TASKS[name].__doc__ or "").partition("\n")[0])
     return [*lines, "", "Studies: experiment=inits", *_members("experiment", folders)] if topic == "research" else lines
+
+
+def _words_of_changes(cfg: DictConfig) -> list[str]:
+    """List the words for options of changes, with the values of those that are chosen."""
+    words = words_of(TASKS[cfg.task])
+    options = {option: word for word, option in words.items()}
+    for word, tuned in table_of_words("change_options").items():
+        options |= {option: word for option in tuned} if words else {}
+    lines: dict[str, list[str]] = {}
+    for plugin in plugins("change"):
+        is_taken = cfg.task == "paint" or getattr(plugin.cls, "only_ends", False)
+        for option, meaning in plugin.meanings.items() if is_taken else ():
+            path = f"{plugin.path}.{option}"
+            if path in options:
+                head = f"{options[path]}={as_typed(OmegaConf.select(cfg, path))}"
+                lines.setdefault(options[path], two_columns(head, meaning.rstrip(".")))
+    about = "Words for what is different about one painting, its changes; null: not chosen"
+    return ["", about, *chain.from_iterable(lines.values())] if lines else []
 
 
 def usage_of(task: str, alone: str) -> str:

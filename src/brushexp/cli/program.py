@@ -18,6 +18,7 @@ from brushexp.cli.help import help_text, topic_of
 from brushexp.cli.many_pictures import as_sweep
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import one_store, parse_arguments
+from brushexp.config.changes import expand_changes
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import keys_of
@@ -86,7 +87,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
     refuse_two_of_a_kind(arguments, words)
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
-    whole = add_task(in_place(joined(words, TASKS[task])))
+    whole = expand_changes(add_task(in_place(joined(words, TASKS[task]))), sweep=typed.multirun)
     ours = {*whole} - flags
     plain = as_sweep(whole, typed.multirun)
     has_study = any(word.startswith("experiment=") for word in plain)

@@ -8,10 +8,12 @@ from typing import Any
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import plain_name, spellings
+from brushexp.config.vocabulary import in_words, plain_name, spellings
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
+from brushexp.system.words import table_of_words
 
 SUGGESTIONS = 3  # names that a message lists
 NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
@@ -29,10 +31,8 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     schema = TASKS[cfg.task]
     leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:
-        if any(word.startswith(f"+{family}=") for word in overrides) and any(
-            word.startswith(f"{family}=") for word in overrides
-        ):
-            raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
+        if {f"+{family}", family} <= {override.partition("=")[0] for override in overrides}:
+            raise UserError(f"+{family}=... is ignored by Hydra beside {family}=; name them all: '{family}=[a,b]'")
     check_names(cfg)
     check_chosen(cfg)
     for name, key in keys_of(schema).items():
@@ -43,9 +43,11 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     for path, node in nodes_of(cfg):
         for option in set(node) - {"_target_", *plugin_of(node).meanings}:
             raise UserError(unknown_option(str(option), plugin_of(node), overrides))
-        check_plugin(
-            path, node, is_used=path not in STYLE_PARTS or OmegaConf.select(cfg, STYLE_PARTS[path]) is not None
-        )
+        is_used = path not in STYLE_PARTS or OmegaConf.select(cfg, STYLE_PARTS[path]) is not None
+        try:
+            check_plugin(path, node, is_used)
+        except UserError as error:
+            raise UserError(in_words(str(error))) from error
     if cfg.get("resume") is None:  # else the settings are those of the run that is continued
         schema.check(cfg, overrides)
 
@@ -148,16 +150,41 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
     return text
 
 
+def words_of(schema: type[Task]) -> dict[str, str]:
+    """Map the words for options of changes that a task takes to these options."""
+    taken = table_of_words("change_words") if "change" in schema.groups else {}
+    return {word: option for word, option in taken.items() if word not in keys_of(schema)}
+
+
+def meaning_of_option(option: str) -> str:
+    """Return the meaning of an option of a plugin, ``change.wet.amount``; "" if there is none."""
+    above, _, name = option.rpartition(".")
+    return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
+
+
+def known_elsewhere(typed: str, task: str) -> str:
+    """Explain a key that a task lacks by what it is called here; "" if it has no other name."""
+    schema, plain = TASKS[task], plain_name(typed)
+    keys, words = keys_of(schema), words_of(schema)
+    if typed in words:
+        return f"{typed} is a word of the command line, which a file writes in full; set {words[typed]}"
+    if (meant := spellings("keys").get(plain, "")) in {*keys, *words}:
+        meaning = keys[meant].meaning if meant in keys else meaning_of_option(words[meant])
+        return f"{typed} is no key of task={task}; type {meant}=... ({meaning})"
+    names = [*keys, *groups_of(schema), *words]
+    cure = spellings("instead").get(plain, "")
+    if cure.split("=")[0].lstrip("+") in names or cure.startswith(("brushexp ", "task=")):
+        return f"{typed} is no key of task={task}; type {cure}"
+    return ""
+
+
 def unknown_key(typed: str, task: str) -> str:
     """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
-    names = [*keys, *groups_of(TASKS[task])]
-    if (meant := spellings("keys").get(plain)) in keys:
-        return f"{typed} is no key of task={task}; type {meant}=... ({keys[meant].meaning})"
-    cure = spellings("instead").get(plain, "")
-    if cure.split("=")[0].lstrip("+") in names or cure.startswith(("brushexp ", "task=")):
-        return f"{typed} is no key of task={task}; type {cure}"
+    names = [*keys, *words_of(TASKS[task]), *groups_of(TASKS[task])]
+    if known := known_elsewhere(typed, task):
+        return known
     if family in MULTI_SELECT and rest:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
@@ -177,7 +204,7 @@ def unknown_key(typed: str, task: str) -> str:
     name = spellings("keys").get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
-        near = f"type {' or '.join([*dict.fromkeys(owners)][:SUGGESTIONS])}"
+        near = f"type {' or '.join([*dict.fromkeys(map(in_words, owners))][:SUGGESTIONS])}"
     text = f"{typed} is no key of task={task}; {near}"
     others = [
         f"task={name}"

@@ -9,6 +9,7 @@ from typing import Any, get_args
 from brushexp.config.compose import CHOSEN_GROUPS
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import options_of_word
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, member, plugins
 
 
@@ -41,9 +42,13 @@ def _without_null(annotation: Any) -> Any:
 
 
 def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
-    """List the annotations of a name, one group of owners after another: the task, plugins, all other tasks."""
+    """List the annotations of a name, one group of owners after another: the task, plugins, all other tasks.
+
+    A word that stands for an option of a change has the type of that option.
+    """
     for other in dict.fromkeys([*([task] if task in TASKS else []), "paint"]):
         yield [key.annotation] if (key := keys_of(TASKS[other]).get(name)) is not None else []
+    name = next(iter(options_of_word(name)), name)
     family, _, option = name.partition(".")
     if family in FAMILIES and option:
         yield [

@@ -21,7 +21,6 @@ log = logging.getLogger(__name__)
 STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
-    "variety",
 }
 INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect
     "strokes": ("detail", "pixels_per_stroke", "max_strokes"),
@@ -59,8 +58,25 @@ FOCUS = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, "), besides=(
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check a painting of one picture."""
-    check_painting(cfg, overrides, size_of_picture(cfg.image, "image", cfg.resolution))
+    """Check a painting of one picture, and tell of typed keys that its changes set themselves."""
+    from brushexp.painting.changes import build_changes  # noqa: PLC0415
+
+    settings, changes = cfg, build_changes(cfg, keep_built)
+    for name, change in changes.items():
+        before, settings = settings, change.settings(settings)
+        own = set() if settings is before else {str(key) for key in settings if settings[key] != before.get(key)}
+        if unused := sorted(own & {top_of(word) for word in overrides}):
+            log.warning("change=%s sets %s itself, and what is typed has no effect", name, " and ".join(unused))
+        overrides = [word for word in overrides if top_of(word) not in own]
+    size = size_of_picture(settings.image, "image", settings.resolution)
+    for change in changes.values():
+        change.check(settings, size)
+    check_painting(settings, overrides, size)
+
+
+def top_of(word: str) -> str:
+    """Return the first part of the key of a word of the command line."""
+    return word.lstrip("+~").partition("=")[0].partition(".")[0]
 
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
@@ -99,17 +115,13 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Log the typed keys that do not do beside the other ones what they say; in a sweep they may be for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
-    unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS})
+    unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS or key.startswith("change.variety.")})
     if unused and isinstance(keep_built(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
     elif cfg.catalogue is not None and "order" not in keys and plugin_of(cfg.order).name != "fixed":
         log.warning("strokes of catalogue=%s are laid in a new order; order=fixed keeps theirs", cfg.catalogue)
     if cfg.catalogue is not None and (init := sorted({key for key in keys if key.partition(".")[0] == "init"})):
         log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
-    if cfg.psnr is not None and cfg.variety:
-        log.warning(
-            "psnr=%g is what steps reach, and variety=%g takes some of it; variety=0 keeps it", cfg.psnr, cfg.variety
-        )
     for key, others in INSTEAD.items():
         if key in keys and (idle := [other for other in others if other in keys]):
             log.warning("%s= says it already: %s has no effect; type one of them", key, ", ".join(idle))

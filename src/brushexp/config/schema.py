@@ -132,14 +132,15 @@ class PaintTask(Task):
     )
     common: ClassVar[tuple[str, ...]] = (  # keys of the first page of the help
         *("image", "resolution", "strokes", "detail", "abstraction", "steps", "seconds", "psnr", "background"),
-        *("focus", "style.image", "light.depth", "variety", "frames", "report", "resume"),
+        *("focus", "style.image", "light.depth", "frames", "report", "resume"),
         *("seed", "device", "threads", "output", "overwrite"),
     )
     check = staticmethod(rules.check_paint)
     groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
     groups |= {"color": "rgb", "order": "area", "palette": "own", "paper": "smooth"}
-    groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
+    groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam"}
+    groups |= {"change": ["variety"], "callbacks": []}
     groups |= {"metric": list(STANDARD)}
     groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
     presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", "quality": "normal"}
@@ -167,10 +168,6 @@ class PaintTask(Task):
     finish_steps: int = key(40, "updates per stroke with the chosen renderer after the warm-up", at_least(0))
     background: str = key(
         "mean", "colour of the bare canvas: mean (of the picture), transparent (as it), ivory, '#rrggbb'", COLOR
-    )
-    wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
-    variety: float = key(
-        0, "broken colour: how far strokes go from the colour that fits best, to warm and cool, 0 to 1", between(0, 1)
     )
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)

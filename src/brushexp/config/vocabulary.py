@@ -20,6 +20,29 @@ def spellings(table: str) -> dict[str, str]:
     return {theirs: ours for ours, others in table_of_words(table).items() for theirs in others}
 
 
+def options_of_word(word: str) -> list[str]:
+    """List the options of changes that a word stands for; none for other words.
+
+    >>> options_of_word("variety"), options_of_word("steps")
+    (['change.variety.amount'], [])
+    """
+    own = table_of_words("change_words").get(word)
+    return table_of_words("change_options").get(word, []) if own is None else [own]
+
+
+def in_words(message: str) -> str:
+    """Replace options of changes in a message by the words that stand for them.
+
+    >>> in_words("change.variety.amount=2 is above 1")
+    'variety=2 is above 1'
+    """
+    for word, option in table_of_words("change_words").items():
+        message = re.sub(rf"\b{re.escape(option)}\b", word, message)
+    for word, options in table_of_words("change_options").items():
+        message = re.sub(rf"\b({'|'.join(map(re.escape, options))})\b", word, message)
+    return message
+
+
 def members_alone() -> dict[str, str]:
     """Map each look and each quality, those that ship and those of ``conf/``, to what it means as a word alone."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}

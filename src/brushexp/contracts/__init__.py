@@ -32,7 +32,7 @@ from brushexp.bounds import (
     one_of,
 )
 from brushexp.errors import UserError
-from brushexp.registry import build, build_named, keep_built, plugin_of, plugins, register, take_built
+from brushexp.registry import build, build_named, keep_built, plain_config, plugin_of, plugins, register, take_built
 
 __all__ = [
     "DURATION",
@@ -50,6 +50,7 @@ __all__ = [
     "keep_built",
     "multiple_of",
     "one_of",
+    "plain_config",
     "plugin_of",
     "plugins",
     "register",

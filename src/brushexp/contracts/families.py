@@ -2,6 +2,7 @@
 
 from brushexp.plugins.blend.base import Blend, Compositor, match_dtype, pixel_centres
 from brushexp.plugins.callbacks.base import Callback
+from brushexp.plugins.change.base import Change, PaintingState
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.plugins.engine.base import Engine, Simulated
@@ -15,7 +16,15 @@ from brushexp.plugins.order.base import UNTIL, Order, front_to_back
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.plugins.palette.base import Palette
 from brushexp.plugins.paper.base import Paper, Rows
-from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, TEXELS, PatchRenderer, Renderer, window_pictures
+from brushexp.plugins.renderer.base import (
+    PRECISIONS,
+    RENDERERS,
+    TEXELS,
+    PatchRenderer,
+    Renderer,
+    reach_of,
+    window_pictures,
+)
 from brushexp.plugins.sampler.base import Sampler, View
 
 __all__ = [
@@ -25,6 +34,7 @@ __all__ = [
     "UNTIL",
     "Blend",
     "Callback",
+    "Change",
     "ColorSpace",
     "Comparison",
     "Compositor",
@@ -44,6 +54,7 @@ __all__ = [
     "PaintState",
     "PaintedView",
     "Painter",
+    "PaintingState",
     "Palette",
     "Paper",
     "PatchRenderer",
@@ -57,6 +68,7 @@ __all__ = [
     "front_to_back",
     "match_dtype",
     "pixel_centres",
+    "reach_of",
     "restore",
     "state_of",
     "weighted_sum",

@@ -1,6 +1,7 @@
 """Files read with errors that help and written whole; progress; text for terminals."""
 
 from brushexp.system.checkpoint import CheckpointFormat, weights_hash
+from brushexp.system.earlier import todays_settings
 from brushexp.system.files import TEMPORARY, replacing, to_bytes, write_bytes, write_json, write_picture, write_text
 from brushexp.system.hdf5 import HDF5, check_chunk, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.progress import counting, showing, with_progress
@@ -35,6 +36,7 @@ __all__ = [
     "showing",
     "text_of",
     "to_bytes",
+    "todays_settings",
     "weights_hash",
     "whole_number_of",
     "with_progress",

@@ -1,7 +1,7 @@
 """Strokes composited as layers, tile by tile, and the light on their relief."""
 
 from brushexp.compositing.bands import Drawer, cuts
-from brushexp.compositing.eager import paint_tiles
+from brushexp.compositing.eager import padded_lists, paint_tiles
 from brushexp.compositing.layers import PAINT_REACH, SOFT_EDGE, SPREAD, Canvas, KernelInput, Layers, Size, accuracy_of
 from brushexp.compositing.profile import DRIFTING, Profile
 from brushexp.compositing.textured_profile import KERNEL, TexturedProfile
@@ -33,6 +33,7 @@ __all__ = [
     "cuts",
     "normals_of",
     "overlay",
+    "padded_lists",
     "paint_tiles",
     "shade_picture",
     "sheets_of",

@@ -2,6 +2,7 @@
 
 from brushexp.painting.build import build_painter, clip_of, compute_focus
 from brushexp.painting.canvas_memory import boxes_of
+from brushexp.painting.changes import build_changes
 from brushexp.painting.components import (
     Components,
     Stage,
@@ -16,9 +17,8 @@ from brushexp.painting.finished import Finished, bare_job
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.picture import Picture
-from brushexp.painting.reopen import export_job, with_renderer
+from brushexp.painting.reopen import export_job, recorded_settings, with_renderer
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.painting.wet import drag_paint
 
 __all__ = [
     "Components",
@@ -28,17 +28,18 @@ __all__ = [
     "StrokeOptimizer",
     "bare_job",
     "boxes_of",
+    "build_changes",
     "build_components",
     "build_painter",
     "build_stages",
     "clip_of",
     "compute_focus",
-    "drag_paint",
     "export_job",
     "first_strokes",
     "goals_of",
     "importance",
     "measure",
+    "recorded_settings",
     "standard_components",
     "standard_metrics",
     "stroke_budget",

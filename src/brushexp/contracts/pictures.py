@@ -5,7 +5,7 @@ from brushexp.features.base import Backbone, packaged_file, read_tensors
 from brushexp.features.distance import Distance, bundled_distance
 from brushexp.pictures.abstraction import flattened
 from brushexp.pictures.color import hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
-from brushexp.pictures.colorimetry import HIGH_RANGE, encoding_of, unless_srgb
+from brushexp.pictures.colorimetry import BT709, HIGH_RANGE, decode_srgb, encode_srgb, encoding_of, unless_srgb
 from brushexp.pictures.cut_short import boxes, has_end
 from brushexp.pictures.decode import MOVING, decode_image, open_picture, picture_size, read_picture
 from brushexp.pictures.folders import picture_suffixes, pictures_of
@@ -17,11 +17,13 @@ from brushexp.pictures.load import (
     check_ratio,
     downsample,
     load_cutout,
+    load_mask,
     load_picture,
     named_color,
     nearest_files,
     planes_of,
     samples,
+    sides_of_picture,
     size_at,
     size_of_picture,
 )
@@ -32,6 +34,7 @@ from brushexp.pictures.video import FAST_START, filming, largest_side
 
 __all__ = [
     "BRIGHTNESS",
+    "BT709",
     "FAST_START",
     "FILM_SUFFIXES",
     "HIGH_RANGE",
@@ -48,7 +51,9 @@ __all__ = [
     "bundled_distance",
     "check_ratio",
     "decode_image",
+    "decode_srgb",
     "downsample",
+    "encode_srgb",
     "encoding_of",
     "filming",
     "flattened",
@@ -56,6 +61,7 @@ __all__ = [
     "hex_of",
     "largest_side",
     "load_cutout",
+    "load_mask",
     "load_picture",
     "named_color",
     "nearest_files",
@@ -75,6 +81,7 @@ __all__ = [
     "recolor",
     "sampled_at",
     "samples",
+    "sides_of_picture",
     "size_at",
     "size_of_picture",
     "structure_tensor",

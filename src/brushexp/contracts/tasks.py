@@ -1,5 +1,6 @@
 """Keys of a task: type, default, bounds and meaning in one line, and rules of keys that belong together."""
 
+from brushexp.config.changes import as_typed_word
 from brushexp.config.keys import key, keys_of
 from brushexp.config.looks import look_names
 from brushexp.config.rules import CATALOGUE, canvas_of, check_monitors, check_painting
@@ -13,6 +14,7 @@ __all__ = [
     "PaintTask",
     "Task",
     "TrainerOptions",
+    "as_typed_word",
     "canvas_of",
     "check_monitors",
     "check_painting",

@@ -1,10 +1,13 @@
 """Build a painter before its first step from the config of a painting."""
 
 import logging
+from collections.abc import Mapping
+from dataclasses import replace
 
 from omegaconf import DictConfig
 from torch import Tensor
 
+from brushexp.painting.changes import build_changes
 from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
@@ -13,6 +16,7 @@ from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import Face, focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
+from brushexp.plugins.change.base import Change
 from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.painter.base import Painter
 from brushexp.plugins.palette.base import Palette
@@ -28,8 +32,13 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
     ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size and in its own colours.
     """
     target = target_of(cfg) if target is None else target
+    changes = build_changes(cfg)
+    for change in changes.values():
+        target = change.target(target)
     painter = take_built(cfg.painter)
-    return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
+    if isinstance(painter, Painter):
+        return _other_painter(cfg, painter, target, changes)
+    return _stroke_optimizer(cfg, target, changes)
 
 
 def target_of(cfg: DictConfig) -> Tensor:
@@ -47,13 +56,13 @@ def _load(cfg: DictConfig) -> Tensor:
     return load_picture(cfg.image, cfg.resolution)
 
 
-def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor) -> OtherPainter:
+def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor, changes: Mapping[str, Change]) -> OtherPainter:
     parts, background = build_components(cfg), background_color(cfg.background, target)
     n = stroke_budget(cfg, (target.shape[1], target.shape[2]), parts.density)
-    return OtherPainter(painter, parts, target, background, n=n, seed=cfg.seed)
+    return OtherPainter(painter, parts, target, background, n=n, seed=cfg.seed, changes=changes)
 
 
-def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
+def _stroke_optimizer(cfg: DictConfig, target: Tensor, changes: Mapping[str, Change]) -> StrokeOptimizer:
     pictures: dict[str, Tensor] = {}
     focus, attended, seen = compute_focus(cfg, target)
     if attended is not None:
@@ -63,15 +72,25 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
     if cfg.style.image is not None:
         target, pictures["style"] = match_colors(target, parts)
     background = background_color(cfg.background, target)
+    for change in changes.values():
+        parts = replace(parts, order=change.order(parts.order))
+        background = change.ground(background)
     strokes, budget = first_strokes(cfg, target, parts.density, focus, seen)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
-    catalogue = Catalogue(strokes, parts.optimizer.units)
-    moves = cfg.catalogue is None or any(stage.steps for stage in parts.stages) or cfg.seconds
+    has_steps = any(stage.steps for stage in parts.stages) or cfg.seconds
     painter = StrokeOptimizer(
-        catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse,
-        variety=cfg.variety if moves else 0.0,  # strokes of a painting that stay as they are have been varied
+        Catalogue(strokes, parts.optimizer.units),
+        parts,
+        target,
+        background,
+        seed=cfg.seed,
+        focus=focus,
+        budget=budget,
+        coarse=cfg.coarse,
         clip=clip_of(cfg),
-    )  # fmt: skip
+        changes=changes,
+        is_untouched=cfg.catalogue is not None and not has_steps,
+    )
     painter.pictures |= pictures
     return painter
 

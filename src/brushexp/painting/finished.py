@@ -17,7 +17,6 @@ from torch import Tensor
 from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.schedule import add_pair
-from brushexp.painting.wet import drag_paint
 from brushexp.pictures.credits import credits_of, write_credited
 from brushexp.pictures.load import TRANSPARENT, load_cutout
 from brushexp.pictures.similarity import picture_psnr
@@ -89,7 +88,7 @@ def finish(
     painter.schedule.pause()
     painter.hand_over()
     canvas = painter.picture
-    strokes, front_to_back = drag_paint(painter, cfg.wet)
+    strokes, front_to_back = painter.finished_strokes()
     colors = canvas.draw(strokes, front_to_back)
     job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
     saved = job.saved.with_strokes(strokes, front_to_back, canvas.background)
@@ -102,7 +101,11 @@ def finish(
         lit = {"psnr_lit": picture_psnr(results["painting"], target)}
     timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
     add_pair(painter.anytime, painter.schedule.seconds, picture_psnr(flat, target))
-    numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
+    numbers = (
+        lit
+        | style_distances(painter, cfg, colors)
+        | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
+    )
     numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
     def compute_metrics() -> dict[str, object]:
@@ -144,15 +147,13 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
     return effort | {"cpu_seconds": schedule.cpu_seconds, "anytime": anytime}
 
 
-def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, float]:
-    """Measure the distance of the painting from the style picture, by each kernel of the style loss."""
+def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) -> dict[str, float]:
+    """Measure the distance of a painting (3, H, W) from the style picture, by each kernel of the style loss."""
     if cfg.style.image is None or not painter.resumable:  # only painters by steps have a style
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, StyleLoss)
-    return {
-        f"style_{name}": value for name, value in style.measure(painter.draw_whole(), painter.picture.target).items()
-    }
+    return {f"style_{name}": value for name, value in style.measure(colors, painter.picture.target).items()}
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -14,6 +15,7 @@ from brushexp.painting.divergence import name_member
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
+from brushexp.plugins.change.base import Change
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes, check_strokes
@@ -26,10 +28,13 @@ class OtherPainter(PaintingModule):
     """
 
     def __init__(
-        self, painter: Painter, components: Components, target: Tensor, background: Tensor, *, n: int, seed: int
-    ) -> None:
-        super().__init__(components, Picture(target, None, background, components.blend), Schedule([1]))
-        self.painter, self.n, self.seed = painter, n, seed
+        self, painter: Painter, components: Components, target: Tensor, background: Tensor, *, n: int, seed: int,
+        changes: Mapping[str, Change] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
+        picture = Picture(target, None, background, components.blend)
+        changes = {name: change for name, change in changes.items() if change.for_all_painters}
+        super().__init__(components, picture, Schedule([1]), seed=seed, changes=changes)
+        self.painter, self.n = painter, n
         self.picture.renderer = components.stages[-1].renderer
         self._strokes = Strokes.none(target)
         self._states = self._paint()
@@ -59,9 +64,9 @@ class OtherPainter(PaintingModule):
                 image.sum().backward()
 
     def _paint(self) -> Iterator[PaintState]:
-        canvas, generator = self.picture, torch.Generator().manual_seed(self.seed)
-        state = PaintState(self._strokes, 0, 1)
-        for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw_strokes, generator)):
+        canvas, state = self.picture, PaintState(self._strokes, 0, 1)
+        request = PaintRequest(canvas.target, self.n, canvas.background, self.draw_strokes, self.generator)
+        for state in self.painter(request):
             self._check(state)
             yield state
         yield PaintState(state.strokes, state.step, state.step)  # the painter may end before its plan

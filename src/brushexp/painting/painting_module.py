@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 import lightning as L
@@ -14,6 +15,8 @@ from brushexp.painting.components import Components
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.change.base import Change, PaintingState
+from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.status import Status
@@ -32,8 +35,11 @@ class PaintingModule(L.LightningModule):
     """
 
     resumable = False  # whether an interrupted fit can go on from a checkpoint
+    is_untouched = False  # whether the strokes are those of a catalogue that no step moves
 
-    def __init__(self, components: Components, picture: Picture, schedule: Schedule) -> None:
+    def __init__(
+        self, components: Components, picture: Picture, schedule: Schedule, *, seed: int, changes: Mapping[str, Change]
+    ) -> None:
         super().__init__()
         self.automatic_optimization = False  # more belongs to a step than losses and optimiser
         self.components, self.picture, self.schedule = components, picture, schedule
@@ -41,6 +47,8 @@ class PaintingModule(L.LightningModule):
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
+        self.changes = changes  # by name, in the order in which they apply
+        self.generator = torch.Generator().manual_seed(seed)
         self.evaluations = 0  # how often losses were evaluated; an optimiser may need several for a step
         self.stop: Status | None = None  # why the fit ends before its last step
         self.trouble = ""  # what was not finite in the step that was undone (`Status.DIVERGED`)
@@ -98,6 +106,42 @@ class PaintingModule(L.LightningModule):
 
     def hand_over(self) -> None:
         """Make the strokes those that a run leaves."""
+
+    def now(self, **about: bool) -> PaintingState:
+        """Describe the painting for those who change it; ``about`` are fields that say what the step looks at."""
+        order = self.components.order
+        return PaintingState(
+            target=self.picture.target,
+            focus=self.picture.focus,
+            ground=self.picture.background,
+            renderer=self.renderer,
+            blend=self.picture.blend,
+            step=self.schedule.step,
+            steps=self.schedule.steps,
+            generator=self.generator,
+            strokes=self.strokes,
+            order=lambda strokes: front_to_back(order.depth(strokes, None)),
+            front_to_back=self.front_to_back,
+            draw=self.picture.draw,
+            **about,
+        )
+
+    @torch.no_grad()
+    def finished_strokes(self) -> tuple[Strokes, Tensor]:
+        """Return the strokes that a run leaves as changes end them, and their order, front to back.
+
+        The first N are those of `strokes`, and keep to all limits until others are added.
+        """
+        strokes, order = self.strokes(), self.front_to_back
+        for change in self.changes.values():
+            strokes, order = change.end(strokes, order, self.now(is_over=True, is_untouched=self.is_untouched))
+            if len(strokes) == len(self.front_to_back):
+                strokes = self.within_limits(strokes)
+        return strokes, order
+
+    def within_limits(self, strokes: Strokes) -> Strokes:
+        """Return what N strokes may be."""
+        return strokes
 
     @abstractmethod
     def prepare(self) -> None:

@@ -24,18 +24,22 @@ COARSE_ZOOM = 0.5  # size of the picture of the coarse steps, in sizes of the ca
 
 
 class Picture(nn.Module):
-    """Paints what a step looks at, and keeps the whole picture as it was last painted, with its error."""
+    """Paints what a step looks at, and keeps the whole picture as it was last painted, with its error.
 
-    target: Tensor  # (3, H, W) in [0, 1]
+    Steps may `aim` at another target, or paint on another ground, than the painting's own.
+    """
+
+    own_target: Tensor  # (3, H, W) in [0, 1]
+    own_background: Tensor  # (3,) colour of the bare canvas
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
-    background: Tensor  # (3,) colour of the bare canvas
 
     def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Compositor) -> None:
         super().__init__()
-        self.register_buffer("target", target, persistent=False)
+        self.register_buffer("own_target", target, persistent=False)
+        self.register_buffer("own_background", background, persistent=False)
         self.register_buffer("focus", focus, persistent=False)
-        self.register_buffer("background", background, persistent=False)
         self.blend = blend
+        self._aim: tuple[Tensor, Tensor] | None = None  # target and ground of the steps; None for its own
         self.renderer: Renderer  # draws the strokes; set before the first picture
         self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
@@ -43,9 +47,28 @@ class Picture(nn.Module):
         self._error: float | None = math.inf  # of the last picture; None until somebody asks
 
     @property
+    def target(self) -> Tensor:
+        """What the steps aim at (3, H, W)."""
+        return self.own_target if self._aim is None else self._aim[0]
+
+    @property
+    def background(self) -> Tensor:
+        """The colour (3,) of the bare canvas, as the steps have it."""
+        return self.own_background if self._aim is None else self._aim[1]
+
+    def aim(self, target: Tensor, background: Tensor) -> None:
+        """Let the next steps aim at another target (3, H, W), on a ground of another colour (3,)."""
+        is_other = target is not self.target
+        is_own = target is self.own_target and background is self.own_background
+        self._aim = None if is_own else (target, background)
+        if is_other:
+            self._small = None
+            self.memory = None if self.memory is None else self.memory_of(self.memory.picture)
+
+    @property
     def size(self) -> tuple[int, int]:
         """Height and width of the canvas in pixels."""
-        return self.target.shape[1], self.target.shape[2]
+        return self.own_target.shape[1], self.own_target.shape[2]
 
     @property
     def error(self) -> float:

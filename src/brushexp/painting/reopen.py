@@ -15,6 +15,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.shading.light import BOUNDS, Light
 from brushexp.strokes.saved import Saved
+from brushexp.system.earlier import todays_settings
 from brushexp.system.reading import in_short, yaml_of
 
 log = logging.getLogger(__name__)
@@ -99,7 +100,7 @@ def light_of(saved: Saved) -> Light:
 def recorded_settings(saved: Saved) -> dict[str, Any]:
     """Read the settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
     try:
-        settings = yaml_of(saved.config)
+        settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})
         if not isinstance(options, dict):
             raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")

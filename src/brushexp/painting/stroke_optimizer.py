@@ -1,10 +1,11 @@
 """Optimise strokes by gradient steps, as a LightningModule."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -18,13 +19,14 @@ from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
-from brushexp.painting.variety import break_colors
 from brushexp.pictures.region import Region
+from brushexp.plugins.change.base import Change
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
+from brushexp.system.earlier import todays_loops
 from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
@@ -83,17 +85,22 @@ class StrokeOptimizer(PaintingModule):
         focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
-        variety: float = 0.0,  # how far colours of finished strokes are broken, 0 to 1
         clip: GradientClip | None = None,
+        changes: Mapping[str, Change] = MappingProxyType({}),
+        is_untouched: bool = False,  # whether the strokes are those of a catalogue that no step moves
     ) -> None:
-        schedule = Schedule([stage.steps for stage in components.stages])
-        super().__init__(components, Picture(target, focus, background, components.blend), schedule)
+        picture, schedule = (
+            Picture(target, focus, background, components.blend),
+            Schedule([stage.steps for stage in components.stages]),
+        )
+        super().__init__(components, picture, schedule, seed=seed, changes=changes)
         self.strict_loading = False  # frozen networks are not in the checkpoint
-        self.catalogue, self.clip = catalogue, clip
-        self.coarse, self.variety = coarse, variety
-        self.limit: Callable[[Strokes, Strokes | None, Tensor | None], Strokes] = lambda strokes, before, rows: strokes
-        self.generator, self.budget = torch.Generator().manual_seed(seed), budget or len(catalogue)
+        self.catalogue, self.budget = catalogue, budget or len(catalogue)
+        self.coarse, self.clip, self.is_untouched = coarse, clip, is_untouched
+        self.is_handed_over = False  # whether no step follows
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
+        self._use_stage(schedule.stage)
+        self._begin_changes()
         self._begin_stage()
 
     @property
@@ -113,7 +120,15 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def strokes(self) -> Strokes:
-        return self.limit(self.catalogue(), None, None)
+        return self.within_limits(self.catalogue())
+
+    @torch.no_grad()
+    def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
+        """Return what strokes may be: number ``rows``, as they were ``before`` the step, or all of them without one."""
+        state = self.now(is_over=self.is_handed_over or self.stop is not None)
+        for change in self.changes.values():
+            strokes = change.limit(strokes, before, rows, state)
+        return strokes
 
     def configure_optimizers(self) -> Any:
         optimizer = self.components.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
@@ -144,6 +159,7 @@ class StrokeOptimizer(PaintingModule):
             self._begin_stage()
             self._restart(plain_optimizer)
         view = self.sample()
+        self._aim(view)
         if self.components.order.due(*self.schedule.stage_progress):
             self.depth.renew(self.strokes())
 
@@ -168,7 +184,7 @@ class StrokeOptimizer(PaintingModule):
 
             moving.keep_in_range()
             strokes = moving()
-            drawable = self.limit(self.renderer.clamp(strokes), before, view.active)
+            drawable = self.within_limits(self.renderer.clamp(strokes), before, view.active)
             if drawable is not strokes:
                 moving.replace(drawable)
 
@@ -176,6 +192,15 @@ class StrokeOptimizer(PaintingModule):
         self.schedule.step += 1
         if not view.coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
             self._densify(plain_optimizer)
+        self.picture.aim(self.picture.target, self.picture.own_background)  # on which the picture is shown
+
+    def _aim(self, view: View) -> None:
+        """Ask the changes what the step aims at, and on which ground."""
+        target, ground = self.picture.own_target, self.picture.own_background
+        state = self.now(is_whole=view.active is None, is_coarse=view.coarse)
+        for change in self.changes.values():
+            target, ground = change.aim(target, ground, state)
+        self.picture.aim(target, ground)
 
     def sample(self) -> View:
         """Choose which strokes the next step moves, and where it looks."""
@@ -238,7 +263,9 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Hand the strokes, no more than were asked for, to the last renderer, and break their colours."""
+        """Hand the strokes, no more than were asked for, to the last renderer."""
+        self.is_handed_over = True
+        self.picture.aim(self.picture.own_target, self.picture.own_background)
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
@@ -246,7 +273,6 @@ class StrokeOptimizer(PaintingModule):
         if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
-        break_colors(self.catalogue, self.strokes(), self.picture, self.variety, self.generator)
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""
@@ -257,6 +283,7 @@ class StrokeOptimizer(PaintingModule):
             "sampler": self.components.sampler.state_dict(),
             "density": self.components.density.state_dict(),
             "losses": state_of(self.components.losses),
+            "changes": {name: change.state_dict() for name, change in self.changes.items()},
             "evaluations": self.evaluations,
             "visits": self.visits,
             "picture": None if self.picture.memory is None else self.picture.memory.picture,
@@ -275,6 +302,8 @@ class StrokeOptimizer(PaintingModule):
         self.components.sampler.load_state_dict(state["sampler"])
         self.components.density.load_state_dict(state["density"])
         restore(self.components.losses, state["losses"])
+        for name, change in self.changes.items():
+            change.load_state_dict(state.get("changes", {}).get(name, {}))
         self.evaluations = state["evaluations"]
         self.visits = state["visits"].to(device)
         self.anytime = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
@@ -288,12 +317,21 @@ class StrokeOptimizer(PaintingModule):
         checkpoint |= {"state_dict": weights, "painter": self.state()}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        todays_loops(checkpoint["loops"]["fit_loop"])
         self.load_state(checkpoint["painter"])
 
     def _use_stage(self, stage: int) -> None:
         self.stage = stage
         self.picture.forget()
         self.picture.renderer = self.components.stages[stage].renderer
+
+    @torch.no_grad()
+    def _begin_changes(self) -> None:
+        first = strokes = self.catalogue()
+        for change in self.changes.values():
+            strokes = change.begin(strokes, self.now())
+        if strokes is not first:
+            self.catalogue.replace(strokes)
 
     @torch.no_grad()
     def _begin_stage(self) -> None:

@@ -14,12 +14,20 @@ FAMILIES = {
     "density": "when strokes are added and removed",
     "sampler": "which part of the canvas a step looks at",
     "optimizer": "how strokes move",
+    "change": "what is different about this painting",
     "engine": "brush simulators: stroke parameters -> picture of one stroke",
     "callbacks": "what happens beside the steps of a fit",
     "logger": "where the curves of a run go",
     "to": "finished painting -> files that other programs read",
 }
 FOLDERS = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each below `brushexp.plugins`
-MULTI_SELECT = ("loss", "metric", "callbacks", "logger", "to")  # families of which one run may use several members
+MULTI_SELECT = (
+    "loss",
+    "metric",
+    "change",
+    "callbacks",
+    "logger",
+    "to",
+)  # families of which one run may use several members
 CORE = "brushexp."  # first letters of the modules of the program itself
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders

@@ -82,6 +82,31 @@ def _problem_of_files(result: Any, *_: object, **__: object) -> str:
     return f"{', '.join(missing)}, which it has not written" if missing else ""
 
 
+def _problem_of_number(result: Any, strokes: Any, *_: object, **__: object) -> str:
+    return "" if len(result) == len(strokes) else f"{len(result)} strokes, not {len(strokes)}"
+
+
+def _problem_of_first_strokes(result: Any, strokes: Any, *_: object, **__: object) -> str:
+    check_strokes(result)
+    return _problem_of_number(result, strokes)
+
+
+def _problem_of_aim(result: Any, target: Tensor, ground: Tensor, *_: object, **__: object) -> str:
+    picture, color = result
+    if not _is_real(picture, target.shape):
+        return f"{_describe(picture)}, not a target {tuple(target.shape)}"
+    return "" if _is_real(color, ground.shape) else f"{_describe(color)}, not a ground {tuple(ground.shape)}"
+
+
+def _problem_of_end(result: Any, strokes: Any, *_: object, **__: object) -> str:
+    finished, order = result
+    check_strokes(finished)
+    if len(finished) < len(strokes):
+        return f"{len(finished)} strokes, fewer than the {len(strokes)} of before"
+    is_order = order.ndim == 1 and torch.equal(order.sort().values, torch.arange(len(finished), device=order.device))
+    return "" if is_order else f"{_describe(order)}, not the numbers of all {len(finished)} strokes in their order"
+
+
 def _wanted(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
     """Make a rule for a tensor of floats whose shape depends on the arguments; ``what`` describes the tensor."""
 
@@ -130,6 +155,12 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # what is wrong with a 
     ("optimizer", "share"): lambda result, *_, **__: "" if math.isfinite(result) else f"{result}, not a finite number",
     ("color", "encode"): _problem_of_encoding,
     ("color", "decode"): _wanted(lambda result, picture: (3, *picture.shape[1:]), "a picture"),
+    ("change", "target"): _problem_of_picture,
+    ("change", "ground"): _wanted(lambda result, color: color.shape, "a colour"),
+    ("change", "begin"): _problem_of_first_strokes,
+    ("change", "aim"): _problem_of_aim,
+    ("change", "limit"): _problem_of_number,
+    ("change", "end"): _problem_of_end,
     ("callbacks", "open"): _problem_of_callback,
     ("to", "write"): _problem_of_files,
 }

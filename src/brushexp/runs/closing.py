@@ -9,6 +9,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
+from brushexp.config.changes import shortened
 from brushexp.config.words import parse_value
 from brushexp.runs.run_folder import HYDRAS_FILES
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, files_written
@@ -76,7 +77,7 @@ def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
     "fewer and larger strokes: brushexp '${x}, it.jpg' strokes=300"
     """
     keys = {word.partition("=")[0] for word in words}
-    others = [word for word in words if not word.startswith(("output=", "overwrite=", "resume="))]
+    others = [word for word in shortened(words) if not word.startswith(("output=", "overwrite=", "resume="))]
     typed = [_unquoted(word).removeprefix("image=") for word in others]
     for word, what in table_of_words("next").items():
         key = word.partition("=")[0]

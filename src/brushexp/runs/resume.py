@@ -9,6 +9,7 @@ import lightning as L
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.config.changes import shortened
 from brushexp.config.check import check, leaves
 from brushexp.config.keys import with_types
 from brushexp.config.tasks import TASKS
@@ -16,6 +17,7 @@ from brushexp.errors import UserError
 from brushexp.registry import plain_config
 from brushexp.results.runs import words_of
 from brushexp.runs.run_folder import note_words
+from brushexp.system.earlier import todays_key, todays_settings
 from brushexp.system.reading import check_plain, digest_of, in_short
 from brushexp.system.reading_tensors import read_pickled
 from brushexp.system.run_files import CHECKPOINT
@@ -53,7 +55,8 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
     path = folder / CHECKPOINT
     try:
         record = read_pickled(path, "start anew")[RECORD_KEY]
-        settings, words = plain_config(record["settings"]), [str(word) for word in check_plain(record["words"])]
+        settings = plain_config(todays_settings(record["settings"]))
+        words = [str(word) for word in check_plain(record["words"])]
         chosen = _chosen_keys(words)
         task = settings.get("task")
         if task not in TASKS:
@@ -82,7 +85,7 @@ def _chosen_keys(words: Sequence[str]) -> set[str]:
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
-            raise UserError(f"a run goes on with its own settings; drop {override}")
+            raise UserError(f"a run goes on with its own settings; drop {shortened([override])[0]}")
     return set(chosen)
 
 
@@ -95,7 +98,7 @@ def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
         if not file.is_file() or digest_of(file) != digest:
             raise UserError(f"{key}={file} is not the file that the run began with; put it back")
         if file.suffix:  # else it may be the name of something that ships; the working folder may be another
-            OmegaConf.update(settings, key, str(file))
+            OmegaConf.update(settings, todays_key(key, record["settings"]), str(file))
 
 
 def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:

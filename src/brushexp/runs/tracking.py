@@ -79,7 +79,7 @@ class Trackers(LightningLogger):
                 tracker.finish(replace(self.run, status=status))
             with self._caught(name):
                 if name in self.curves:
-                    self.curves[name].finalize("success" if status == Status.COMPLETED else status)
+                    self.curves[name].finalize("success" if status == Status.COMPLETED else str(status))
 
     @contextmanager
     def _caught(self, name: str) -> Iterator[None]:

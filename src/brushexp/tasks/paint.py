@@ -1,7 +1,7 @@
 """``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
+from brushexp.painting.changes import changed_settings
 from brushexp.painting.components import tell_of_slow_steps
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
@@ -39,31 +40,32 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     return paint_into(folder, cfg, None if checkpoint else start, checkpoint).metrics
 
 
-def paint_picture(
-    cfg: DictConfig,
-    callbacks: Sequence[L.Callback] = (),
-    build: Callable[[DictConfig], PaintingModule] = build_painter,
-) -> Finished:
+def paint_picture(cfg: DictConfig, callbacks: Sequence[L.Callback] = ()) -> Finished:
     """Paint from a checked config, in memory."""
+    cfg = changed_settings(cfg)
     metrics = metrics_of(cfg)
-    fitted = optimise(cfg, callbacks=callbacks, build=build)
+    fitted = optimise(cfg, callbacks=callbacks)
     conclude(fitted.painter, None, cfg, fitted.failure, fitted.painter.schedule.step)
     return finish(fitted.painter, cfg, fitted.timelapse, metrics)
 
 
 def paint_into(
-    folder: Path, cfg: DictConfig, start: float | None, checkpoint: Path | None = None,
-    callbacks: Sequence[L.Callback] = (), build: Callable[[DictConfig], PaintingModule] = build_painter,
-) -> Finished:  # fmt: skip
+    folder: Path,
+    cfg: DictConfig,
+    start: float | None,
+    checkpoint: Path | None = None,
+    callbacks: Sequence[L.Callback] = (),
+) -> Finished:
     """Paint from a checked config into the folder of a run, which then also holds a fit that failed.
 
     ``start`` is `time.monotonic` at the start of the program, or None for a run that goes on from its ``checkpoint``.
     """
+    cfg = changed_settings(cfg)
     trackers = make_trackers(cfg, folder)
     metrics = metrics_of(cfg)
     opening = Opening(cfg, folder)
     with trackers:
-        fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint, build)
+        fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint)
         opening.write(fitted.painter)  # where there were no steps
         finished = write(fitted, cfg, folder, metrics, start)
         report_painting(trackers, folder, finished)
@@ -85,16 +87,19 @@ class Fitted:
 
 
 def optimise(
-    cfg: DictConfig, folder: Path | None = None, loggers: Sequence[Logger] = (), callbacks: Sequence[L.Callback] = (),
-    checkpoint: Path | None = None, build: Callable[[DictConfig], PaintingModule] = build_painter,
-) -> Fitted:  # fmt: skip
-    """Build painter, callbacks and Trainer of a checked config, and take the steps.
+    cfg: DictConfig,
+    folder: Path | None = None,
+    loggers: Sequence[Logger] = (),
+    callbacks: Sequence[L.Callback] = (),
+    checkpoint: Path | None = None,
+) -> Fitted:
+    """Build painter, callbacks and Trainer of the settings of a painting, and take the steps.
 
     The Trainer writes checkpoints into a ``folder``, and goes on from a ``checkpoint``.
     """
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
-    painter = build(cfg).to(device)
+    painter = build_painter(cfg).to(device)
     has_plan = painter.resumable
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=has_plan)

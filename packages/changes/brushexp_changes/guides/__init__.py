@@ -1,0 +1,1 @@
+"""Strokes follow lines that are drawn by hand: ``guides=lines.png``."""

@@ -1,0 +1,38 @@
+"""Let first strokes follow lines that are drawn by hand."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from omegaconf import DictConfig
+
+from brushexp.contracts import UserError, register
+from brushexp.contracts.families import Change, PaintingState
+from brushexp.contracts.pictures import check_ratio, sides_of_picture
+from brushexp.contracts.strokes import Strokes
+from brushexp.contracts.tasks import PICTURE
+from brushexp_changes.guides.lines import follow, load_lines
+from brushexp_changes.steps import check_steps
+
+
+@register("change", "guides")
+@dataclass(kw_only=True)
+class Guides(Change):
+    """First strokes near lines that are drawn by hand follow these: ``guides=lines.png``.
+
+    They keep middle, length, width and colour, and the steps go on from there.
+
+    Args:
+        lines: picture of lines that strokes follow, of any colour on white or nothing, in the shape of the painting.
+    """
+
+    lines: Annotated[str, PICTURE] | None = None
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        if self.lines is None:
+            raise UserError("change=guides has no lines; type guides=lines.png, a picture of lines to follow")
+        check_steps(cfg, f"guides={self.lines}")
+        check_ratio(self.lines, sides_of_picture(self.lines, "guides"), size, "guides")
+        load_lines(self.lines, size)
+
+    def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
+        return strokes if self.lines is None else follow(strokes, load_lines(self.lines, state.size))

@@ -1,0 +1,1 @@
+"""One region of a painting is repainted: ``region=mask.png``."""

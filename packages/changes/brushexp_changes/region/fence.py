@@ -1,0 +1,86 @@
+"""Keep strokes inside a region, so that nothing outside it changes."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from brushexp.contracts.families import ExportJob, reach_of
+from brushexp.contracts.kernels import TILE
+from brushexp.contracts.strokes import FIELDS, Catalogue, Strokes, curve_of, half_width_of, point_at
+
+SAMPLES = 33  # points of a curve at which its distance from the outside is looked up
+SLACK = 0.75  # pixels: a point is at most 0.71 from the middle of its pixel; the rest is for rounding
+SLACK_OF_KEPT = 0.73  # pixels, of a stroke that lay inside before it was stored, and rounded
+SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "widening")  # where a stroke is
+
+
+class Fence(nn.Module):
+    """A limit of strokes: those that lie wholly inside a region may change there, and all others stay to the bit.
+
+    How thick paint is in the light goes by the median width of all strokes. So a stroke broader than it stays broader,
+    a narrower one narrower, and the median is the same to the bit.
+    """
+
+    room: Tensor
+    inner: Tensor  # (N,) bool: strokes that may change
+
+    def __init__(self, strokes: Strokes, room: Tensor, edge: float) -> None:
+        super().__init__()
+        self.first = Catalogue(strokes, {})  # the very bits
+        self.register_buffer("room", room, persistent=False)
+        self.edge = edge
+        self.register_buffer("inner", self.holds(strokes), persistent=False)
+
+    @torch.no_grad()
+    def forward(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
+        """Bring strokes, number ``rows`` or all, to what they may be.
+
+        One that leaves the region returns to where it was ``before``, or in the painting.
+        """
+        first, inner = self.first(), self.inner
+        typical = half_width_of(first).median()
+        if rows is not None:
+            first, inner = first[rows], inner[rows]
+        strokes = replace(strokes, scale=first.scale)
+        crosses = (half_width_of(strokes) - typical).sign() != (half_width_of(first) - typical).sign()
+        strokes = replace(strokes, width=torch.where(crosses, first.width, strokes.width))
+        if before is None:
+            strokes = choose(self.holds(strokes, SLACK_OF_KEPT), strokes, first, SHAPE)
+        else:
+            strokes = choose(self.holds(strokes), strokes, before, SHAPE)
+        return choose(inner, strokes, first, FIELDS)
+
+    @torch.no_grad()
+    def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
+        """Tell which strokes (N,) lie wholly inside the region, with their soft edges; beyond the canvas is inside."""
+        t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
+        points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
+        apart = (points[:, 1:] - points[:, :-1]).square().sum(2).sqrt().amax(1)
+        size = torch.tensor(self.room.shape, device=points.device)
+        x, y = (points[..., k].nan_to_num().long().clamp_min(0).minimum(size[1 - k] - 1) for k in (0, 1))
+        return self.room[y, x].amin(1) - slack - apart / 2 > reach_of(strokes, self.edge)
+
+
+def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str]) -> Strokes:
+    """Take some fields of ``strokes`` where ``which`` (N,) is true, and of ``others`` elsewhere."""
+    pairs = {name: (getattr(strokes, name), getattr(others, name)) for name in names}
+    return replace(
+        strokes, **{name: torch.where(which.reshape(-1, *[1] * (a.ndim - 1)), a, b) for name, (a, b) in pairs.items()}
+    )
+
+
+def room_in(mask: Tensor, job: ExportJob) -> Tensor:
+    """Compute how far the paint of a painting may reach from each pixel (H, W) of a ``mask`` (H, W), bool, in pixels.
+
+    It is the distance from the nearest pixel that sees one outside: through the light, whose slopes have a pixel to
+    each side, through paper, or through a tile, in which the blend stops where no pixel lets light through.
+    """
+    from scipy.ndimage import distance_transform_edt, maximum_filter  # noqa: PLC0415  (--help does not need it)
+
+    margin = TILE - 1 + (job.light.depth > 0) + (0 if job.paper is None else job.paper.margin(job.size))
+    outside = maximum_filter(~mask.numpy(), 2 * margin + 1)
+    distance = distance_transform_edt(~outside) if outside.any() else np.full(outside.shape, np.inf)
+    return torch.from_numpy(distance).float()

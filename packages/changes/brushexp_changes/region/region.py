@@ -1,0 +1,118 @@
+"""Repaint one region of a painting, and leave all else of it as it is."""
+
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from omegaconf import DictConfig, open_dict
+from torch import Tensor
+
+from brushexp.contracts import UserError, build_named, plain_config, plugins, register
+from brushexp.contracts.families import Change, ExportJob, Order, PaintingState
+from brushexp.contracts.painting import export_job, recorded_settings
+from brushexp.contracts.pictures import load_mask
+from brushexp.contracts.strokes import Strokes, load_catalogue
+from brushexp.contracts.tasks import PICTURE
+from brushexp_changes.region.fence import Fence, room_in
+from brushexp_changes.steps import check_steps
+
+AS_PAINTED = ("blend", "color", "paper", "light")  # keys whose values are those of the painting
+HALF = 0.5  # brightness from which a pixel of a mask counts
+
+
+@register("change", "region")
+@dataclass(kw_only=True, eq=False)
+class Region(Change):
+    """One region of a painting is repainted, and all else stays to the bit: ``region=mask.png catalogue=outputs/x``.
+
+    Strokes that lie wholly inside move and change their colour; those that reach out of the region, and all others,
+    stay. Renderer, blend, colour, paper, light, order and ground are those of the painting.
+
+    Args:
+        mask: picture in the shape of the painting, bright where it is to be repainted.
+    """
+
+    rank = 100  # outside of the region no other change may have a say
+
+    mask: Annotated[str, PICTURE] | None = None
+    _job: ExportJob | None = field(default=None, init=False, repr=False)  # the painting
+    _fence: Fence | None = field(default=None, init=False, repr=False)
+
+    def settings(self, cfg: DictConfig) -> DictConfig:
+        self._job = self._load(cfg)
+        return as_painted(cfg, self._job)
+
+    def _load(self, cfg: DictConfig) -> ExportJob:
+        if self.mask is None:
+            raise UserError("change=region has no mask; type region=mask.png, bright where the painting is repainted")
+        if cfg.catalogue is None:
+            cure = "add catalogue=outputs/<run>, the one to repaint"
+            raise UserError(f"region={self.mask} is a part of a painting; {cure}")
+        job = export_job(load_catalogue(Path(cfg.catalogue), "catalogue"))
+        if job.saved.alpha is not None:
+            cure = "paint it with background=mean, and repaint that"
+            wrong = f"catalogue={cfg.catalogue} is transparent where its picture was, and region is not"
+            raise UserError(f"{wrong}; {cure}")
+        return job
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        assert self._job is not None
+        check_steps(cfg, f"region={self.mask}")
+        if size != self._job.size:
+            height, width = self._job.size
+            is_now = f"image={cfg.image} comes to {size[1]} x {size[0]} pixels"
+            cure = "give a picture whose sides have the same ratio"
+            raise UserError(f"{is_now}, and the painting has {width} x {height}; {cure}")
+        if (wet := cfg.change.get("wet")) is not None and wet.amount:
+            raise UserError(f"wet={wet.amount:g} drags paint out of region={self.mask}; drop wet")
+        if not self._fence_of(self._job).inner.any():
+            cure = "make it larger, by a stroke's width and some 8 pixels on each side"
+            raise UserError(f"region={self.mask} holds no stroke of {cfg.catalogue} wholly; {cure}")
+
+    def _fence_of(self, job: ExportJob) -> Fence:
+        mask = load_mask(str(self.mask), job.size, "region") >= HALF
+        if not mask.any():
+            raise UserError(f"region={self.mask} has no bright pixel; make white in it what is to be repainted")
+        return Fence(job.strokes[job.bottom_up], room_in(mask, job), job.renderer.edge)
+
+    def ground(self, color: Tensor) -> Tensor:
+        return color if self._job is None else self._job.saved.background.to(color)
+
+    def order(self, order: Order) -> Order:
+        if self._job is None:
+            return order
+        kept: Order = build_named("order", "fixed", {})
+        return kept
+
+    def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
+        if self._job is None:
+            return strokes
+        self._fence = self._fence_of(self._job)
+        return self._fence(strokes)
+
+    def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
+        if self._fence is None:
+            return strokes
+        return self._fence.to(strokes.position.device)(strokes, before, rows)
+
+
+def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
+    """Return settings under which the strokes of a painting look as they did, and none comes or goes."""
+    saved, recorded = job.saved, recorded_settings(job.saved)
+    nodes: dict[str, Any] = {name: recorded[name] for name in AS_PAINTED if recorded.get(name)}
+    nodes["renderer"] = recorded["renderer"] | {"_target_": _target_of("renderer", saved.renderer)}
+    nodes |= {family: {"_target_": _target_of(family, "fixed")} for family in ("order", "density")}
+    ground = "#" + bytes((255 * saved.background).round().byte().tolist()).hex()
+    values = {"background": ground, "resolution": max(saved.size), "strokes": None, "warm_up": None}
+    cfg = deepcopy(cfg)
+    with open_dict(cfg):
+        for name, node in nodes.items():
+            cfg[name] = plain_config(node)
+        for name, value in values.items():
+            cfg[name] = value
+    return cfg
+
+
+def _target_of(family: str, name: str) -> str:
+    return next(plugin.target for plugin in plugins(family) if plugin.name == name)

@@ -1,0 +1,87 @@
+"""Keep the thickness of strokes between that of a smallest and a largest brush while they are optimised."""
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.contracts import Rule, UserError, above, register
+from brushexp.contracts.families import Change, PaintingState
+from brushexp.contracts.strokes import Strokes, half_width_of
+from brushexp_changes.steps import check_steps
+
+LEAST_THICKNESS = 1e-6  # pixels: none is smaller where one is divided by it
+MM_PER_CM = 10
+
+
+def size_from(text: str, option: str) -> tuple[float, str]:
+    """Read ``3``, ``3px`` or ``2.5mm`` as a number and its unit, px or mm; a UserError for anything else."""
+    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(px|mm)?", text)
+    if found is None or not math.isfinite(float(found[1])):
+        word = option.rpartition(".")[2]
+        raise UserError(f"{option}={text} is no size; give pixels, {word}=3, or millimetres, {word}=2mm")
+    return float(found[1]), found[2] or "px"
+
+
+SIZE = Rule(size_from)
+
+
+@register("change", "sizes")
+@dataclass(kw_only=True)
+class Sizes(Change):
+    """Strokes between a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
+
+    After every step a stroke that is thinner or thicker goes to the nearest thickness that is allowed, as a projected
+    gradient; one that widens does so within the bounds. So the others do what it no longer can. Points of a tapered
+    stroke, and bristles, may be thinner.
+
+    Args:
+        smallest: thickness of the thinnest strokes, in pixels of the painting (3) or in mm (2mm); null for no bound.
+        largest: thickness of the thickest strokes, in the same units; null for no bound.
+        width_cm: width of the painting, for millimetres.
+    """
+
+    smallest: Annotated[str, SIZE] | None = None
+    largest: Annotated[str, SIZE] | None = None
+    width_cm: Annotated[float, above(0, 2000)] = 30.0
+
+    def __post_init__(self) -> None:
+        if len({unit for _, unit in self._sizes() if unit}) == 1:  # else it depends on the picture
+            self.bounds(1)
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        typed = [f"{name}={getattr(self, name)}" for name in ("smallest", "largest") if getattr(self, name) is not None]
+        check_steps(cfg, typed[0] if typed else "change=sizes")
+        self.bounds(size[1])
+
+    def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
+        return self.within(strokes, state.size[1])
+
+    def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
+        return self.within(strokes, state.size[1])
+
+    def within(self, strokes: Strokes, width: int) -> Strokes:
+        """Bring strokes to the nearest thickness that is allowed in a painting so many pixels wide."""
+        low, high = self.bounds(width)
+        thick = (2 * half_width_of(strokes)).clamp_min(LEAST_THICKNESS)
+        allowed = thick.clamp(low, high)
+        room = (high / allowed - 1).minimum(1 - low / allowed).clamp(0, 1)
+        widening = strokes.widening.maximum(-room).minimum(room)
+        return replace(strokes, width=strokes.width * (allowed / thick), widening=widening)
+
+    def bounds(self, width: int) -> tuple[float, float]:
+        """Return the least and the greatest thickness in pixels of a painting so many pixels wide."""
+        scale = {"px": 1.0, "mm": width / (MM_PER_CM * self.width_cm), "": 1.0}
+        low, high = (size * scale[unit] for size, unit in self._sizes())
+        if low > high:
+            cure = "exchange them, or set width_cm"
+            raise UserError(f"smallest={self.smallest} is above largest={self.largest}; {cure}")
+        return low, max(high, LEAST_THICKNESS)
+
+    def _sizes(self) -> tuple[tuple[float, str], tuple[float, str]]:
+        """Read both bounds; those that are not given have no unit."""
+        low = (0.0, "") if self.smallest is None else size_from(self.smallest, "change.sizes.smallest")
+        return low, (math.inf, "") if self.largest is None else size_from(self.largest, "change.sizes.largest")

@@ -1,0 +1,13 @@
+"""What changes of the steps have in common: only a painter that takes steps can be asked for them."""
+
+from omegaconf import DictConfig
+
+from brushexp.contracts import UserError, keep_built, plugin_of
+from brushexp.contracts.families import Painter
+
+
+def check_steps(cfg: DictConfig, word: str) -> None:
+    """Refuse (UserError) another painter than gradient; ``word`` is what was typed: ``guides=lines.png``."""
+    if isinstance(keep_built(cfg.painter), Painter):
+        key, painter = word.partition("=")[0], plugin_of(cfg.painter).name
+        raise UserError(f"{word} is for painter=gradient, not {painter}; drop painter, or drop {key}")

@@ -1,0 +1,58 @@
+"""The colours that the paints of a table can mix."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.contracts import Rule, register
+from brushexp.contracts.families import Palette
+from brushexp.contracts.pictures import to_lab
+from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, within_tones
+from brushexp_changes.tubes.paints import load_tubes
+
+Array = np.ndarray
+NODES = 25  # of each channel, between which colours are interpolated
+NEAREST = 8  # mixtures whose mean a node takes, weighted by how near they are
+SOFT = 2.0  # units of CIELAB that are added to distances, so that one mixture alone does not decide
+
+
+@register("palette", "pigments")
+@dataclass(kw_only=True, eq=False)
+class OfPigments(Palette):
+    """The colours that mixtures of named paints can have, any number of them: a limited palette.
+
+    Tones lie between the darkest and the lightest grey of the paints, and each colour goes to the mixtures that are
+    nearest to it in CIELAB.
+
+    Args:
+        tubes: set of tubes: eight, acrylics, primaries, zorn, or a CSV file.
+    """
+
+    tubes: Annotated[str, Rule(load_tubes)] = "zorn"
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        from scipy.ndimage import map_coordinates  # noqa: PLC0415  (slow to import)
+
+        places = within_tones(picture, self._mixtures).double().numpy() * (NODES - 1)
+        channels = [map_coordinates(table, places, order=1, mode="nearest") for table in self._table]
+        return torch.from_numpy(np.stack(channels)).to(picture)
+
+    @cached_property
+    def _mixtures(self) -> Mixtures:
+        return all_mixtures(load_tubes(self.tubes))
+
+    @cached_property
+    def _table(self) -> Array:
+        """Colours (3, `NODES`, `NODES`, `NODES`) for those of a lattice in sRGB."""
+        from scipy.spatial import KDTree  # noqa: PLC0415  (slow to import)
+
+        mixtures, side = self._mixtures.color.double().numpy(), np.linspace(0, 1, NODES)
+        nodes = np.stack(np.meshgrid(side, side, side, indexing="ij"), -1).reshape(-1, 3)
+        away, which = KDTree(to_lab(mixtures)).query(to_lab(nodes), [*range(1, min(NEAREST, len(mixtures)) + 1)])
+        weight = 1 / (SOFT + away) ** 2
+        colors = (weight[..., None] * mixtures[which]).sum(1) / weight.sum(1)[:, None]
+        return colors.T.reshape(3, NODES, NODES, NODES)

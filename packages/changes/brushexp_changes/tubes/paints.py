@@ -1,0 +1,159 @@
+"""Tubes of paint: what they reflect, and what their mixtures look like."""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import ImageColor
+
+from brushexp.contracts import UserError, build_named
+from brushexp.contracts.files import explaining, read_text
+from brushexp.contracts.pictures import BT709, encode_srgb
+
+Array = np.ndarray
+OUTER, INNER = 0.03, 0.65  # light reflected where it enters paint, and where it leaves (Saunderson, 1942)
+MOST = 24  # tubes on a table
+# Relative power of daylight, CIE D65, at 400, 420, ... 700 nm.
+NANOMETRES = np.arange(400, 701, 20)
+DAYLIGHT = np.array(
+    [82.75, 93.43, 104.86, 117.81, 115.92, 109.35, 104.79, 104.41, 100.0, 95.79, 90.01, 87.70, 83.70, 80.21, 78.28,
+     71.61]
+)  # fmt: skip
+LOBES = {  # of the colour matching functions: height, centre and the widths to both sides in nm
+    "x": ((1.056, 599.8, 37.9, 31.0), (0.362, 442.0, 16.0, 26.7), (-0.065, 501.1, 20.4, 26.2)),
+    "y": ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)),
+    "z": ((1.217, 437.0, 11.8, 36.0), (0.681, 459.0, 26.0, 13.8)),
+}
+SETS = {  # tubes by name, each from a file of this folder
+    "eight": ("acrylics", ("titanium white", "bone black", "hansa yellow opaque", "cadmium orange", "pyrrole red",
+                           "quinacridone magenta", "ultramarine blue", "phthalo green blue shade")),
+    "acrylics": ("acrylics", ()),
+    "zorn": ("oils", ("titanium white", "ivory black", "yellow ochre", "cadmium red light")),
+    "primaries": ("acrylics", ("titanium white", "hansa yellow opaque", "quinacridone magenta",
+                               "phthalo blue green shade")),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Tubes:
+    """T tubes, and how their paints mix: ``mix`` takes parts (M, T), 0 or more, to sRGB (M, 3) in [0, 1]."""
+
+    names: tuple[str, ...]
+    mix: Callable[[Array], Array]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def load_tubes(name: str, option: str = "tubes") -> Tubes:
+    """Load a set that ships, or a CSV file of one's own; a UserError says what is wrong with it.
+
+    The file has a column ``tube`` and, for each tube, ``color`` (sRGB, ``#c8a040``), reflectances ``R400`` to ``R700``,
+    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm. Commas stand between columns, or, as
+    spreadsheets write where numbers have a comma, semicolons or tabs.
+    """
+    file, chosen = SETS.get(name, (name, ()))
+    path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
+    if not path.is_file():
+        raise UserError(
+            f"{option}={name} is no file and no set; choose one of {', '.join(sorted(SETS))}, or a CSV file"
+        )
+    cure = "save it as CSV in UTF-8"
+    text = read_text(path, cure)
+    between = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
+    with explaining(path, cure):
+        table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
+        rows = {row.get("tube") or "": row for row in table}
+    rows = {tube: rows[tube] for tube in chosen or rows}
+    if not 1 <= len(rows) <= MOST or "" in rows:
+        raise UserError(f"{option}={name}: give 1 to {MOST} tubes, each with a name in the column tube")
+    try:
+        return Tubes(tuple(rows), _mixing(list(rows.values())))
+    except (KeyError, ValueError, TypeError) as error:
+        columns = "tube and color, or R400 to R700 in steps of 20, or K400 ... and S400 ..."
+        raise UserError(f"{option}={name} cannot be read ({error}); it has the columns {columns}") from error
+
+
+def _mixing(rows: Sequence[dict[str, str]]) -> Callable[[Array], Array]:
+    if "color" in rows[0]:
+        return _by_color(np.array([ImageColor.getrgb(row["color"])[:3] for row in rows]) / 255)
+    if "R400" in rows[0]:
+        reflected = _numbers(rows, "R")
+        if not ((reflected > 0) & (reflected <= 1)).all():
+            raise ValueError("reflectances are above 0 and at most 1")
+        inside = _inside(reflected)
+        return _by_light((1 - inside) ** 2 / (2 * inside), np.ones_like(inside))
+    absorbed, scattered = _numbers(rows, "K"), _numbers(rows, "S")
+    if not ((absorbed >= 0) & (scattered > 0)).all():
+        raise ValueError("K is 0 or more, and S above 0")
+    return _by_light(absorbed, scattered)
+
+
+def _numbers(rows: Sequence[dict[str, str]], letter: str) -> Array:
+    return np.array([[float(row[f"{letter}{wave}"].replace(",", ".")) for wave in NANOMETRES] for row in rows])
+
+
+def _shares(parts: Array) -> Array:
+    return parts / parts.sum(1, keepdims=True)
+
+
+def _by_color(colors: Array) -> Callable[[Array], Array]:
+    """Mix by ``color=pigment``: geometric means of reflectances that belong to sRGB colours (T, 3)."""
+    space = build_named("color", "pigment", {})
+    channels = space.encode(torch.from_numpy(colors)).numpy()
+
+    def mix(parts: Array) -> Array:
+        mixed = torch.from_numpy(_shares(parts) @ channels).T[:, :, None]
+        return space.decode(mixed)[:, :, 0].T.numpy().clip(0, 1)
+
+    return mix
+
+
+def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
+    """Mix by Kubelka and Munk (1931): means of absorption and scattering (T, bands), which hide the ground."""
+
+    def mix(parts: Array) -> Array:
+        ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
+        return seen(_outside(1 + ratio - np.sqrt(ratio**2 + 2 * ratio)))
+
+    return mix
+
+
+def _outside(inside: Array) -> Array:
+    """Compute what leaves the paint, of what it reflects inside, without its sheen (Saunderson, 1942)."""
+    return (1 - OUTER) * (1 - INNER) * inside / (1 - INNER * inside)
+
+
+def _inside(outside: Array) -> Array:
+    return outside / ((1 - OUTER) * (1 - INNER) + INNER * outside)
+
+
+def seen(reflected: Array) -> Array:
+    """Compute sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65); what is out of gamut is clipped.
+
+    Source: the colour matching functions are those that Wyman, Sloan and Shirley (2013) fitted to CIE 1931, whose
+    errors cancel for white.
+    """
+    light = reflected @ _light_of_bands()
+    return np.asarray(encode_srgb(light.clip(0, 1)))
+
+
+@cache
+def _light_of_bands() -> Array:
+    """Compute linear sRGB (bands, 3) of the light in each band, of which that of a perfect white is 1."""
+    matching = np.stack([sum(_lobe(*lobe) for lobe in lobes) for lobes in LOBES.values()], axis=1)
+    red, green, blue, white = (np.array([x / y, 1, (1 - x - y) / y]) for x, y in BT709)
+    columns = np.stack([red, green, blue], axis=1)
+    to_xyz = columns * np.linalg.solve(columns, white)  # (3, 3) from linear sRGB
+    light = DAYLIGHT[:, None] * matching @ np.linalg.inv(to_xyz).T
+    return light / light.sum(0)
+
+
+def _lobe(height: float, centre: float, below: float, beyond: float) -> Array:
+    away = NANOMETRES - centre
+    return height * np.exp(-0.5 * (away / np.where(away < 0, below, beyond)) ** 2)

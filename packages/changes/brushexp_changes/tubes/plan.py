@@ -1,0 +1,168 @@
+"""Plan strokes in stages of one brush and one mixture, with dips; play a plan, and divide it to paint by numbers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.strokes import Strokes, curve_of, cut_short, length_of
+from brushexp_changes.tubes.table import Table
+
+FULL = 0.6  # share of a load after which a brush begins to run dry
+DRIEST = 0.4  # coverage at the end of a load
+FILMS = 4  # of a stroke that runs dry, each shorter than the one below
+NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
+ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is painted with one brush and one mixture: strokes ``first`` to ``last`` (exclusive) of a plan."""
+
+    number: int  # from 1
+    brush_mm: float
+    mixture: int  # from 0
+    first: int
+    last: int
+    dips: int
+    metres: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """N strokes in the order in which they are painted, and what they are painted with."""
+
+    job: ExportJob  # whose strokes have colours of mixtures and widths of brushes
+    table: Table
+    order: Tensor  # (N,) numbers of strokes in the order of painting
+    pixels_per_mm: float
+
+    @cached_property
+    def brushes_mm(self) -> list[float]:
+        """Widths of the brushes in mm, from large to small."""
+        return [round(float(width) / self.pixels_per_mm, 3) for width in self.table.brushes]
+
+    @cached_property
+    def strokes(self) -> Strokes:
+        """The strokes in the order of painting."""
+        return self.job.strokes[self.order]
+
+    @cached_property
+    def stage(self) -> Tensor:
+        """The stage (N,) of each stroke, never falling."""
+        return self.table.stage_of(self.strokes)
+
+    @cached_property
+    def _lengths(self) -> tuple[Array, Array]:
+        """Length of each stroke (N,), and how far its brush paints with one load, in pixels."""
+        strokes = self.strokes
+        load = self.table.load * self.table.brushes.double()[self.table.brush_of(strokes)]
+        return length_of(curve_of(strokes)).double().numpy(), load.numpy()
+
+    @cached_property
+    def used(self) -> Array:
+        """Length (N,) in pixels that was painted since the last dip when a stroke begins: 0 where it begins with a dip.
+
+        A brush is dipped at the beginning of a stage, and where its load does not last for the next stroke.
+        """
+        used, before, stage = np.zeros(len(self.order)), 0.0, -1
+        for k, (length, load, its) in enumerate(zip(*self._lengths, self.stage.tolist(), strict=True)):
+            before = 0.0 if its != stage or before + length > load else before
+            used[k], before, stage = before, before + length, its
+        return used
+
+    @cached_property
+    def coverage(self) -> Array:
+        """Coverage (N, 2) at the beginning and the end of each stroke, from 1 down to ``DRIEST``."""
+        length, load = self._lengths
+        spent = np.stack([self.used, self.used + length], axis=1) / load[:, None]
+        return 1 - (1 - DRIEST) * ((spent - FULL) / (1 - FULL)).clip(0, 1)
+
+    @cached_property
+    def stages(self) -> list[Stage]:
+        """The stages that have strokes, in order."""
+        numbers, first, counts = np.unique(self.stage.numpy(), return_index=True, return_counts=True)
+        stages = []
+        for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
+            brush, mixture = divmod(int(stage), len(self.table.mixtures))
+            dips = int((self.used[begin:end] == 0).sum())
+            metres = self._lengths[0][begin:end].sum() / self.pixels_per_mm / 1000
+            stages.append(Stage(k + 1, self.brushes_mm[brush], mixture, int(begin), int(end), dips, metres))
+        return stages
+
+    @property
+    def dips(self) -> int:
+        return sum(stage.dips for stage in self.stages)
+
+    @property
+    def metres(self) -> float:
+        """Length of all strokes."""
+        return sum(stage.metres for stage in self.stages)
+
+    def played(self) -> ExportJob:
+        """Return the painting that comes of the plan, in which brushes run dry.
+
+        What covers less and less along a stroke is a few films, the same stroke cut short and laid over itself.
+        """
+        strokes = self.strokes
+        start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
+        parts, height = [], []
+        for k in range(FILMS):
+            goal, below = (end + (start - end) * (k + share) / FILMS for share in (1, 0))
+            dry = torch.arange(len(strokes)) if k == 0 else (start - end > 1e-3).nonzero()[:, 0]
+            opacity = goal if k == 0 else 1 - (1 - goal) / (1 - below).clamp_min(1e-6)
+            film = cut_short(strokes[dry], torch.full_like(start[dry], 1 - k / FILMS))
+            parts.append(replace(film, opacity=opacity[dry].clamp(0, 1)))
+            height.append(dry * FILMS + k)
+        films = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))
+        saved, front_to_back = self.job.saved, torch.cat(height).argsort(descending=True)
+        return replace(self.job, saved=saved.with_strokes(films, front_to_back, saved.background)).bare()
+
+
+def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
+    """Plan a painting: its strokes as the table has them, by stages, in each back and forth in strips."""
+    strokes = table.with_mixtures(table.with_brushes(job.strokes.map(lambda value: value.detach().cpu())))
+    job = replace(job, saved=replace(job.saved, strokes=strokes))
+    x, y = curve_of(strokes)[:, 0].T.double().numpy()
+    strip = np.floor(y / job.size[0] * ROWS)
+    along = np.where(strip % 2, -x, x)
+    order = np.lexsort((along, strip, table.stage_of(strokes).numpy()))
+    return Plan(job, table, torch.from_numpy(order), pixels_per_mm)
+
+
+def numbered_regions(plan: Plan) -> Array:
+    """Number the mixture (h, w) from 0 that a picture shows at each place, without spots that no brush could paint."""
+    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
+
+    small = plan.played().at_most(NUMBERED)
+    colors = torch.from_numpy(small.picture()).double() / 255
+    mixtures = plan.table.mixtures
+    if not len(mixtures):
+        return np.zeros(small.size, dtype=int)
+    away = torch.cdist(colors.reshape(-1, 3), mixtures.color.double())
+    regions = away.argmin(1).reshape(small.size).numpy()
+    least = (float(plan.table.brushes.min()) * small.size[1] / plan.job.size[1]) ** 2
+    spots = np.zeros(regions.shape, dtype=bool)
+    for number in np.unique(regions):
+        parts, _ = label(regions == number)
+        spots |= (np.bincount(parts.ravel())[parts] < least) & (parts > 0)
+    if spots.all():
+        return regions
+    nearest = distance_transform_edt(spots, return_distances=False, return_indices=True)
+    return regions[tuple(nearest)]
+
+
+def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
+    """Find a place (row, column) for a number in each part of a mask (h, w), and how far it is from the edge."""
+    from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
+
+    parts, count = label(mask)
+    depth = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    for row, column in maximum_position(depth, parts, range(1, count + 1)):
+        yield int(row), int(column), float(depth[int(row), int(column)])

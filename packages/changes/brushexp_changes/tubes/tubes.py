@@ -1,0 +1,126 @@
+"""Paint with mixtures of given tubes and with brushes of given widths."""
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.contracts import Rule, UserError, above, between, keep_built, plugin_of, register
+from brushexp.contracts.families import Change, Order, PaintingState
+from brushexp.contracts.members import Rgb
+from brushexp.contracts.strokes import Strokes
+from brushexp_changes.steps import check_steps
+from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtures, within_tones
+from brushexp_changes.tubes.paints import load_tubes
+from brushexp_changes.tubes.table import StageOrder, Table
+
+FREE = 0.4  # share of the steps in which colours are free
+UNTIL = 0.9  # share of the steps after which each stroke keeps its mixture
+EVERY = 10  # steps between two choices of mixtures
+AGAIN = 3  # times that mixtures are chosen in each, since those of other strokes have changed meanwhile
+SEEN = 0.5  # pixels: a stroke that is seen less keeps its mixture
+MM_PER_CM = 10
+
+
+@register("change", "tubes")
+@dataclass(kw_only=True, eq=False)
+class OfTubes(Change):
+    """Paint with what a table has, to be painted by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
+
+    From the beginning strokes are opaque, have widths of brushes and are no longer than a load of paint lasts. After
+    two fifths of the steps each stroke has a mixture, which is chosen anew every few steps, and meanwhile stays, while
+    place, length and bend move on. Large brushes lie below small ones, and of each dark mixtures below light ones.
+
+    Args:
+        tubes: set of tubes to paint with: eight, acrylics, primaries, zorn, or a CSV file.
+        mixtures: mixtures of up to three tubes, at most.
+        brushes: widths of the brushes in mm.
+        width_cm: width of the painting in cm.
+        load: length that a brush paints with one load, in its widths.
+    """
+
+    tubes: Annotated[str, Rule(load_tubes)] = "eight"
+    mixtures: Annotated[int, between(1, 200)] = 24
+    brushes: Annotated[tuple[float, ...], between(0.5, 200)] = (25.0, 12.0, 6.0)
+    width_cm: Annotated[float, above(0, 2000)] = 30.0
+    load: Annotated[float, between(1, 1000)] = 12.0
+    _table: Table | None = field(default=None, init=False, repr=False)  # once the target is known
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        check_steps(cfg, f"tubes={self.tubes}")
+        if not self.brushes:
+            raise UserError("brushes=[] leaves nothing to paint with; give widths in mm, 'brushes=[25,12,6]'")
+        if (wet := cfg.change.get("wet")) is not None and wet.amount:
+            raise UserError(f"wet={wet.amount:g} drags colours that no mixture has; drop wet, or drop tubes")
+        if not isinstance(keep_built(cfg.color), Rgb):
+            wrong = f"color={plugin_of(cfg.color).name} is for glazes, and paint of tubes= is opaque"
+            raise UserError(f"{wrong}; drop color")
+        thinnest = min(self.brushes)
+        if (thin := thinnest * size[1] / (MM_PER_CM * self.width_cm)) < 1:
+            cure = f"set resolution={round(max(size) / thin) + 1}, or leave that brush out"
+            raise UserError(f"a brush of {thinnest:g} mm is {thin:.2g} pixels wide; {cure}")
+
+    def target(self, picture: Tensor) -> Tensor:
+        candidates = all_mixtures(load_tubes(self.tubes))
+        toned = within_tones(picture, candidates)
+        self._table = self.table_for(toned, candidates)
+        return toned
+
+    def table_for(self, target: Tensor, candidates: Mixtures) -> Table:
+        """Choose the mixtures for a target (3, H, W), and scale the brushes to it."""
+        return self.table_of(choose_mixtures(candidates, target, self.mixtures), target.shape[2])
+
+    def table_of(self, mixtures: Mixtures, width: int) -> Table:
+        """Make a table with mixtures, and the brushes scaled to a picture so many pixels wide."""
+        brushes = torch.tensor(sorted(set(self.brushes), reverse=True)) * width / (MM_PER_CM * self.width_cm)
+        return Table(mixtures, brushes, self.load)
+
+    def order(self, order: Order) -> Order:
+        return order if self._table is None else StageOrder(self._table)
+
+    def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
+        return strokes if self._table is None else self._table.deal(strokes)
+
+    @torch.no_grad()
+    def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
+        if self._table is None:
+            return strokes
+        strokes = self._table.with_brushes(strokes)
+        if state.progress < FREE and not state.is_over:
+            return strokes
+        if before is None or rows is not None:
+            return self._table.with_mixtures(strokes)
+        strokes = replace(strokes, color=before.color)
+        if state.progress <= UNTIL and state.step % EVERY == 0:
+            return choose_anew(strokes, self._table, state)
+        return self._table.with_mixtures(strokes)
+
+
+def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
+    """Choose for each of N strokes the mixture nearest to the colour by which the squared error falls most.
+
+    The picture is linear in the colours, sum_k w_k c_k with shares w_k of at most 1 in all. So with the error e of a
+    picture, c_k + sum(w_k e) / sum(w_k), sums over pixels, is the minimum of a function of each colour alone that lies
+    above the squared error of all (a majoriser): all strokes can go there at once.
+    """
+    for _ in range(AGAIN):
+        strokes = table.with_mixtures(replace(strokes, color=best_colors(strokes, state)))
+    return strokes
+
+
+def best_colors(strokes: Strokes, state: PaintingState) -> Tensor:
+    """Compute the colours (N, 3) at which the majoriser of `choose_anew` is least."""
+    order = state.order(strokes)
+    color = strokes.color.clone().requires_grad_()
+    with torch.enable_grad():
+        layers = state.renderer(replace(strokes, color=color))
+        image = state.blend(layers, order, state.size, state.ground).image
+    if not image.requires_grad:
+        return strokes.color
+    error = state.target - image.detach()
+    weight = torch.ones_like(image) if state.focus is None else state.focus.expand_as(image)
+    (gain,) = torch.autograd.grad(image, color, weight * error, retain_graph=True)
+    (seen,) = torch.autograd.grad(image, color, weight)
+    return torch.where(seen > SEEN, strokes.color + gain / seen.clamp_min(SEEN), strokes.color).clamp(0, 1)

@@ -1,0 +1,1 @@
+"""Strokes drag along the wet paint that lies under them: ``wet=0.5``."""

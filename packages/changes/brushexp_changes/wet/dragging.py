@@ -1,0 +1,79 @@
+"""Drag paint along: a stroke picks up what lies under its start, and carries it along until it is spent."""
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from brushexp.contracts.families import PaintingState
+from brushexp.contracts.kernels import TILE
+from brushexp.contracts.layers import Layers, cuts, padded_lists
+from brushexp.contracts.members import over
+from brushexp.contracts.strokes import Strokes, curve_of, cut_short, drift_of
+
+REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, the lowest first
+MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke, at an amount of 1
+FILM_WIDTH = 0.9  # width of a film, in widths of the stroke
+MIN_DIFFERENCE = 0.02  # least difference of colour, in some channel, that makes a film
+MIN_COVERAGE = 0.1  # least coverage under a start; a bare canvas is dry
+STARTS = 1024  # starts that are sampled at once, to save memory
+
+
+@torch.no_grad()
+def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, amount: float) -> tuple[Strokes, Tensor]:
+    """Drag paint along N strokes of a painting; return strokes and their order, front to back.
+
+    ``amount``, 0 to 1, is how much of the underlying colour a stroke drags along.
+
+    What a stroke drags lies on it as thin films, strokes like itself from its start on, each shorter than the one
+    below, in the colour that lay under its start before. Films follow the N strokes, which keep their numbers.
+    """
+    if not amount or not len(strokes):
+        return strokes, front_to_back
+    picked, covered = under_starts(strokes, front_to_back, state)
+    is_new = (picked - strokes.color + drift_of(strokes)).abs().amax(1) > MIN_DIFFERENCE
+    dragging = (is_new & (covered > MIN_COVERAGE)).nonzero()[:, 0]
+    share = 1 - (1 - MAX_SHARE * amount) ** (1 / len(REACHES))
+    parts, height = [strokes], [(len(strokes) - front_to_back.argsort()) * (len(REACHES) + 1)]
+    for k, reach in enumerate(REACHES, start=1):
+        film = cut_short(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
+        opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
+        numbers = {"color": picked[dragging], "drift": torch.zeros_like(film.drift), "opacity": opacity}
+        parts.append(state.renderer.clamp(replace(film, width=width, **numbers)))
+        height.append(height[0][dragging] + k)
+    brush = torch.cat([part.brush for part in parts])  # a film has the bristles of its stroke
+    return replace(Strokes.join(*parts), brush=brush), torch.cat(height).argsort(descending=True)
+
+
+@torch.no_grad()
+def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
+    """Sample colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
+    place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
+    space = state.blend.space
+    for top, rows, number in cuts(strokes, state.size, state.renderer):
+        part, size = strokes[number].moved(shift=(0, -top)), (rows, state.size[1])
+        layers = state.renderer(part)
+        layers = layers if space.is_rgb else layers.encoded(space.encode)
+        start = curve_of(part)[:, 0]
+        inside = ((start >= 0) & (start < start.new_tensor([size[1], size[0]]))).all(1).nonzero()[:, 0]
+        if not len(inside):
+            continue
+        order = place[number].argsort()
+        rank = order.argsort()
+        lists, _ = padded_lists(layers, order, size)
+        column, row = (start[inside] // TILE).long().unbind(1)
+        chunks = zip(inside.split(STARTS), (row * -(-size[1] // TILE) + column).split(STARTS), strict=True)
+        parts = [_below(layers, lists[of], rank, some, start[some]) for some, of in chunks]
+        color, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
+        color = color if space.is_rgb else space.decode(color.T[:, :, None])[:, :, 0].T
+        colors[number[inside]] = color.clamp(0, 1)
+    return colors, covered
+
+
+def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
+    """Sample colour (n, C) and coverage (n,) at points (n, 2) below strokes ``number`` (n,), by their lists (n, K)."""
+    alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
+    below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
+    paint, light = over(alpha * below[..., None], color)
+    covered = 1 - light
+    return paint[:, 0] / covered.clamp_min(1e-6), covered[:, 0]

@@ -1,0 +1,73 @@
+"""Wet-on-wet: strokes drag paint along at the end, and steps may know of it."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.contracts import at_least, between, register
+from brushexp.contracts.families import Change, PaintingState
+from brushexp.contracts.strokes import Strokes
+from brushexp_changes.steps import check_steps
+from brushexp_changes.wet.dragging import drag_paint
+
+
+@register("change", "wet")
+@dataclass(kw_only=True)
+class Wet(Change):
+    """Wet-on-wet: a stroke picks up what lies under its start, and drags it along until it is spent: ``wet=0.5``.
+
+    With ``every``, strokes are optimised for the wet painting. Every few steps paint is dragged for a look, and dry
+    strokes then aim at the target plus what the wet painting lacks: target + dry - wet. That is the gradient of the wet
+    painting as if what dragging does were the same whatever the strokes (straight-through; Bengio, Léonard and
+    Courville, 2013). Curves show the error of the wet painting so estimated.
+
+    Args:
+        amount: how much of the underlying colour a stroke drags along, 0 to 1.
+        every: steps between two looks at the wet painting; null = steps know of dry paint only.
+        after: share of the steps before the first look, while strokes still find their places.
+    """
+
+    rank = 10  # what is dragged has its last colours
+    for_all_painters = True
+
+    amount: Annotated[float, between(0, 1)] = 0.5
+    every: Annotated[int, at_least(1)] | None = None
+    after: Annotated[float, between(0, 1)] = 0.2
+    _lack: Tensor | None = field(default=None, init=False, repr=False)  # (3, H, W) dry - wet at the last look
+    _aimed: tuple[Tensor, Tensor] | None = field(default=None, init=False, repr=False)  # a target, and it with the lack
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        if self.every is not None:
+            check_steps(cfg, f"change.wet.every={self.every}")
+
+    def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
+        if self._is_due(state):
+            self._look(state)
+        if self._lack is None:
+            return target, ground
+        if self._aimed is None or self._aimed[0] is not target:
+            self._aimed = target, (target + self._lack.to(target)).clamp(0, 1)
+        return self._aimed[1], ground
+
+    def _is_due(self, state: PaintingState) -> bool:
+        if not self.amount or self.every is None or state.is_coarse or state.step % self.every:
+            return False
+        return state.step > 0 and self.after * state.steps <= state.step
+
+    @torch.no_grad()
+    def _look(self, state: PaintingState) -> None:
+        strokes, order = state.strokes(), state.front_to_back
+        wet = state.draw(*drag_paint(strokes, order, state, self.amount))
+        self._lack, self._aimed = state.draw(strokes, order) - wet, None
+
+    def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
+        return drag_paint(strokes, front_to_back, state, self.amount)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"lack": self._lack}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._lack, self._aimed = state.get("lack"), None

@@ -1,1 +1,0 @@
-"""Directions of strokes that are drawn by hand: ``guides=lines.png``."""

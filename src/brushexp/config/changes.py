@@ -1,0 +1,182 @@
+"""Expand words that stand for options of changes: ``guides=lines.png`` chooses a change and sets its option.
+
+guides=lines.png                +change=[guides] change.guides.lines=lines.png
+guides=lines.png change=[wet]   change=[wet,guides] change.guides.lines=lines.png
+tubes=zorn mixtures=5           look=tubes +metric=[ciede2000] change.tubes.tubes=zorn change.tubes.mixtures=5
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import DictConfig
+
+from brushexp.config.keys import keys_of
+from brushexp.config.looks import choices_of
+from brushexp.config.schema import PaintTask
+from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import spellings
+from brushexp.errors import UserError
+from brushexp.system.words import table_of_words
+
+GROUP = "change"
+LIST = re.compile(r"\[?([\w\s,]*)\]?")  # of names
+NONE = ("", "null", "none")  # values by which a word does not choose its change
+
+
+def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
+    """Expand the words of a command line that stand for options of changes; ``beside`` are others that hold, too.
+
+    A UserError tells of a word that sets an option of a change that is not chosen, and of one of earlier versions.
+    """
+    refuse_earlier(words)
+    schema = TASKS.get(value_of("task", [*beside, *words]), PaintTask)
+    if GROUP not in schema.groups:
+        return [*words]
+    keys = keys_of(schema)
+    stands_for = {word: path for word, path in table_of_words("change_words").items() if word not in keys}
+    tunes = {word: paths for word, paths in table_of_words("change_options").items() if word not in keys}
+    meant = [path_of(stands_for[key])[0] for key, value in pairs_in(words) if key in stands_for and value not in NONE]
+    brought = [word for name in dict.fromkeys(meant) for word in table_of_words("brings").get(name, ())]
+    words = [*words, *missing(brought, [*beside, *words])]
+    by_words, by_looks = chosen_by([*beside, *words])
+    present = {*meant, *by_words}.union(*by_looks)
+    expanded = []
+    for word in words:
+        key, equal, value = word.partition("=")
+        if key in stands_for and equal:
+            is_left_out = value in NONE and path_of(stands_for[key])[0] not in present
+            expanded += [] if is_left_out else [f"{stands_for[key]}={value}"]
+        elif key in tunes and equal:
+            paths = [path for path in tunes[key] if path_of(path)[0] in present]
+            if not paths:
+                raise UserError(f"{key}={value} {needs(key)}")
+            expanded += [f"{path}={value}" for path in paths]
+        else:
+            expanded.append(word)
+    has_list = any(word.startswith(f"{GROUP}=") for word in [*beside, *words])
+    there = by_words if has_list else by_words.union(set.intersection(*by_looks))
+    return choose(expanded, [name for name in dict.fromkeys(meant) if name not in there], sweep=sweep)
+
+
+def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -> list[str]:
+    """Add members to the family: to the list that is typed, or else to that of the look."""
+    if not names:
+        return [*words]
+    typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
+    if not typed:
+        return [*words, f"+{GROUP}=[{','.join(names)}]"]
+    key, _, value = typed[-1].partition("=")
+    if not LIST.fullmatch(value) or (sweep and "," in value and not value.startswith("[")):
+        cure = f"add {' and '.join(names)} to each of its lists"
+        raise UserError(f"{typed[-1]} is a sweep, to which {' and '.join(names)} cannot be added; {cure}")
+    whole = f"{key}=[{','.join(dict.fromkeys([*names_in(typed[-1]), *names]))}]"
+    return [whole if word == typed[-1] else word for word in words]
+
+
+def merge(words: Iterable[str]) -> list[str]:
+    """Make one list of all words that choose changes, as those of a sweep and of its settings."""
+    words = [*words]
+    lists = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
+    if len(lists) < 2:
+        return words
+    first = next((word for word in lists if not word.startswith("+")), lists[0])
+    others = [name for word in lists if word != first for name in names_in(word)]
+    return choose([word for word in words if word == first or word not in lists], others)
+
+
+def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
+    """Let a list among the words of a setting have what words ``beside`` them add, which it would replace."""
+    added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
+    has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
+    return choose(words, added) if has_list else [*words]
+
+
+def names_in(word: str) -> list[str]:
+    """List the names that a word chooses; none if it is a sweep."""
+    found = LIST.fullmatch(word.partition("=")[2])
+    return re.findall(r"\w+", found[1]) if found else []
+
+
+def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
+    """List the changes that words choose by themselves, and those of each look that they name."""
+    looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
+    typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
+    return {name for word in typed for name in names_in(word)}, [changes_of(look) for look in looks]
+
+
+def changes_of(look: str) -> set[str]:
+    """List the changes that a look chooses, or else the task."""
+    stored = ConfigStore.instance().repo.get("look", {}).get(f"{look}.yaml")
+    look_node: Any = {} if stored is None else stored.node
+    return {*choices_of(look_node, PaintTask.groups)[GROUP]}
+
+
+def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
+    """List the words that are brought, but for keys that are typed."""
+    typed = {key.lstrip("+~") for key, _ in pairs_in(words)}
+    return [word for word in brought if word.partition("=")[0].lstrip("+") not in typed]
+
+
+def refuse_earlier(words: Sequence[str]) -> None:
+    """Refuse (UserError) callbacks and tasks of earlier versions that are changes now."""
+    for key, value in pairs_in(words):
+        for name in re.findall(r"\w+", value) if key in ("task", "callbacks", "+callbacks") else ():
+            if cure := table_of_words("earlier").get(f"{key.lstrip('+')}={name}"):
+                is_resumed = key == "task" and value_of("resume", words)
+                raise UserError(f"{key}={name} is a change now; {'drop it' if is_resumed else f'type {cure}'}")
+
+
+def needs(word: str) -> str:
+    """Say which words choose the changes whose option a word sets."""
+    names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
+    choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
+    other = spellings("keys").get(word)
+    cure = f"type {other}=..." if other else f"drop {word}"
+    return f"is for {' or '.join(f'{key}=' for key in choosing)}; add {choosing[0]}=..., or {cure}"
+
+
+def pairs_in(words: Iterable[str]) -> list[tuple[str, str]]:
+    """List key and value of those words that have both."""
+    return [(key, value) for key, equal, value in (word.partition("=") for word in words) if equal]
+
+
+def value_of(key: str, words: Iterable[str]) -> str:
+    """Return the last value of a key; "" if there is none."""
+    return next((value for name, value in reversed(pairs_in(words)) if name == key), "")
+
+
+def path_of(option: str) -> tuple[str, str]:
+    """Split the path of an option into the names of the change and of the option."""
+    _, name, option = option.split(".")
+    return name, option
+
+
+def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
+    """Write a chosen change as the word for it: ``wet=0.5``, or ``change=random_ground`` where there is none."""
+    for word, path in table_of_words("change_words").items():
+        change, option = path_of(path)
+        if change == name and node.get(option) is not None:
+            return f"{word}={node[option]}"
+    return f"{GROUP}={name}"
+
+
+def shortened(words: Iterable[str]) -> list[str]:
+    """Write expanded words as those that stand for them, for a line that can be typed.
+
+    >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
+    ['image=a.png', 'guides=b.png']
+    """
+    words = [*words]
+    named = {path: word for word, path in table_of_words("change_words").items()}
+    named |= {path: word for word, paths in table_of_words("change_options").items() for path in paths}
+    chosen = {path_of(key)[0] for key, _ in pairs_in(words) if key in table_of_words("change_words").values()}
+    brought = {word for name in chosen for word in table_of_words("brings").get(name, ())}
+    short = []
+    for word in words:
+        key, _, value = word.partition("=")
+        if word in brought or (key == f"+{GROUP}" and {*names_in(word)} <= chosen):
+            continue
+        short.append(f"{named[key]}={value}" if key in named and path_of(key)[0] in chosen else word)
+    return [*dict.fromkeys(short)]

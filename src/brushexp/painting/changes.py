@@ -1,0 +1,21 @@
+"""Build the changes that a painting's config chooses, in the order in which they apply."""
+
+from collections.abc import Callable
+from typing import Any
+
+from omegaconf import DictConfig
+
+from brushexp.plugins.change.base import Change, by_rank
+from brushexp.registry import keep_built, take_built
+
+
+def build_changes(cfg: DictConfig, make: Callable[[DictConfig], Any] = take_built) -> dict[str, Change]:
+    """Build the chosen changes by name, those of the lowest rank first."""
+    return by_rank({str(name): make(node) for name, node in cfg.change.items()})
+
+
+def changed_settings(cfg: DictConfig) -> DictConfig:
+    """Return the settings under which the changes of a config let a picture be painted."""
+    for change in build_changes(cfg, keep_built).values():
+        cfg = change.settings(cfg)
+    return cfg

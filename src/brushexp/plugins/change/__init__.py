@@ -1,0 +1,1 @@
+"""Members of ``change=``: what is different about one painting."""

@@ -1,0 +1,141 @@
+"""Break the colours of finished strokes: the paint of each is mixed anew, as a painter's is."""
+
+import logging
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.bounds import between
+from brushexp.pictures.color import to_lab, to_rgb
+from brushexp.plugins.change.base import Change, PaintingState
+from brushexp.registry import register
+from brushexp.strokes.bezier import half_width_of
+from brushexp.strokes.catalogue import Strokes
+
+log = logging.getLogger(__name__)
+LIGHTNESS_DEVIATION = 4.0  # L*: of lightness, at an amount of 1
+COLOR_DEVIATION = 13.0  # a*, b*: of colour, at an amount of 1
+BY_LIGHT = 1.7  # how far colours go by their light, in deviations by chance
+CELLS = 33  # of the longer side, over which colours go the same way, and light is compared
+SHARED = 0.4  # share of the variance that the strokes of a place have in common
+MOST_SHARED = 1.8  # deviations: no place goes farther
+RELIEF = 15.0  # L* above or below its surroundings at which a colour goes as far by its light as any does
+WARM = np.array([0.42, 0.91])  # direction in a*, b* in which greys become warmer
+RED = np.array([0.91, -0.42])  # and redder
+MOST_TURN = 0.4  # how far a colour goes round the hues, in its chroma
+MOST_FADE = 0.25  # and how far it becomes purer or greyer
+CHROMATIC = 25.0  # chroma from which on a colour has none of a grey
+BROAD = 0.6  # quantile of widths from which on strokes vary fully
+SMALLEST_SHARE = 0.25  # of the deviation, of the smallest strokes
+DARK, DARKEST_SHARE = 50.0, 0.3  # L* below which colours vary less, down to this share
+PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, by so much for each L*, for ten of them
+
+
+@register("change", "variety")
+@dataclass(kw_only=True)
+class Variety(Change):
+    """Broken colour: at the end each stroke's paint is mixed anew, warmer in the light and cooler in the shade.
+
+    Goals such as psnr= are what the steps reach, which this takes some of.
+
+    Args:
+        amount: how far strokes go from the colour that fits best, to warm and cool, 0 to 1.
+    """
+
+    rank = -10  # whatever else is done to finished strokes is done to their colours
+    only_ends = True
+
+    amount: Annotated[float, between(0, 1)] = 0.0
+
+    def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
+        if cfg.psnr is not None and self.amount:
+            taken = f"variety={self.amount:g} takes some of it; variety=0 keeps it"
+            log.warning("psnr=%g is what steps reach, and %s", cfg.psnr, taken)
+
+    def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
+        if state.is_untouched:  # their colours have been broken
+            return strokes, front_to_back
+        return break_colors(strokes, state, self.amount), front_to_back
+
+
+@torch.no_grad()
+def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strokes:
+    """Give N strokes colours that differ from those of their neighbours by an ``amount``, 0 to 1, in CIELAB.
+
+    What is lighter than its surroundings becomes warmer, what is darker cooler, and beside that colours go to either
+    side at random, partly alike at one place: greys to warm and cool, hues to their neighbours. Small strokes, what is
+    nearly black or white, and what the focus weighs more, differ less.
+
+    Source: "broken colour" as impressionists had it, after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
+    value of each stroke. Differs: by the light, by place, and at the end, since steps would take it back.
+    """
+    if not amount or not len(strokes):
+        return strokes
+    lab = to_lab(strokes.color.double().cpu().numpy())
+    places = _sample_places(strokes, state)
+    own = math.sqrt(3) * (2 * torch.rand(3, len(strokes), generator=state.generator).double().numpy() - 1)
+    aside = math.sqrt(1 - SHARED) * own[:2] + math.sqrt(SHARED) * places.chance
+    deviation = amount * _share_by_width(strokes) / places.focus
+    deviation *= _share_by_lightness(lab[:, 0])
+    light = ((lab[:, 0] - places.lightness) / RELIEF).clip(-1, 1)
+    warmer = COLOR_DEVIATION * deviation * (aside[0] + BY_LIGHT * light)
+    redder = 0.5 * COLOR_DEVIATION * deviation * aside[1]
+
+    chroma = np.hypot(lab[:, 1], lab[:, 2])
+    grey = 1 - (chroma / CHROMATIC).clip(0, 1)  # greys go any way, hues to their neighbours
+    free = COLOR_DEVIATION * amount * grey
+    purer = lab[:, 1:] / chroma[:, None].clip(1e-9)
+    warmer_hue = np.stack([-purer[:, 1], purer[:, 0]], 1)
+    warmer_hue *= np.where(warmer_hue @ WARM < 0, -1, 1)[:, None]
+    most_turn, most_fade = MOST_TURN * chroma + free, MOST_FADE * chroma + free / 2
+    turn, fade = warmer.clip(-most_turn, most_turn), redder.clip(-most_fade, most_fade)
+    lab[:, 1:] += turn[:, None] * _unit_between(warmer_hue, WARM, grey)
+    lab[:, 1:] += fade[:, None] * _unit_between(purer, RED, grey)
+    lab[:, 0] += LIGHTNESS_DEVIATION * deviation * own[2]
+    return replace(strokes, color=torch.from_numpy(to_rgb(lab)).to(strokes.color))
+
+
+@dataclass(frozen=True)
+class Places:
+    """What the picture has at the places of N strokes."""
+
+    lightness: np.ndarray  # (N,) L* around
+    focus: np.ndarray  # (N,) 1 or more
+    chance: np.ndarray  # (2, N) that the strokes of a place have in common, of deviation 1
+
+
+def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
+    height, width = state.size
+    rows, columns = (math.ceil(CELLS * side / max(height, width)) for side in state.size)
+    focus = torch.ones(1, height, width) if state.focus is None else state.focus.detach().cpu()[None]
+    cells = functional.adaptive_avg_pool2d(
+        torch.cat([state.target.detach().cpu().float(), focus.float()]), (rows, columns)
+    )
+    cells = torch.cat([cells, torch.randn(2, rows, columns, generator=state.generator)])
+    at = 2 * strokes.position.detach().cpu().float() / torch.tensor([width, height]) - 1
+    sampled = functional.grid_sample(cells[None], at[None, None], padding_mode="border", align_corners=False)
+    values: np.ndarray = sampled[0, :, 0].double().numpy()
+    return Places(to_lab(values[:3].T)[:, 0], values[3].clip(1), values[4:].clip(-MOST_SHARED, MOST_SHARED))
+
+
+def _share_by_width(strokes: Strokes) -> np.ndarray:
+    """Compute how fully strokes vary (N,): broad ones fully, details least."""
+    width = half_width_of(strokes).double().cpu().numpy()
+    return np.asarray((width / np.quantile(width, BROAD).clip(1e-9)).clip(SMALLEST_SHARE, 1))
+
+
+def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
+    """Compute how fully colours of L* (N,) vary: what is nearly black or white, least."""
+    return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
+
+
+def _unit_between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return unit vectors (N, 2) from ``first`` (N, 2) to ``second`` (2,), by a ``share`` (N,) of the way."""
+    mean = first + share[:, None] * (second - first)
+    return mean / np.hypot(mean[:, 0], mean[:, 1])[:, None].clip(1e-9)
