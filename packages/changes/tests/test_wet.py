@@ -6,7 +6,6 @@ import pytest
 import torch
 from brushexp_changes.wet.dragging import drag_paint, under_starts
 from brushexp_changes.wet.wet import Wet
-from brushexp_policies.fixed import FixedOrder
 from painters import SIZE, assert_resumes, fit, painter_of
 from refusals import refuses
 from scenes import straight
@@ -15,6 +14,7 @@ from torch.nn.functional import interpolate
 import brushexp
 from brushexp.config.check import check
 from brushexp.plugins.change.base import Change
+from brushexp.plugins.order.fixed import FixedOrder
 from brushexp.strokes.catalogue import Strokes
 
 AMOUNT = 0.8

@@ -10,7 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.config.check import words_of
+from brushexp.config.check import change_words_of
 from brushexp.config.compose import CHOSEN_GROUPS, presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.schema import BY_TIME, PaintTask
@@ -122,7 +122,7 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
 
 def _words_of_changes(cfg: DictConfig) -> list[str]:
     """List the words for options of changes, with the values of those that are chosen."""
-    words = words_of(TASKS[cfg.task])
+    words = change_words_of(TASKS[cfg.task])
     options = {option: word for word, option in words.items()}
     for word, tuned in table_of_words("change_options").items():
         options |= {option: word for option in tuned} if words else {}

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import in_words, plain_name, spellings
+from brushexp.config.vocabulary import plain_name, spellings, with_words_of_changes
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 from brushexp.system.words import table_of_words
@@ -47,7 +47,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
         try:
             check_plugin(path, node, is_used)
         except UserError as error:
-            raise UserError(in_words(str(error))) from error
+            raise UserError(with_words_of_changes(str(error))) from error
     if cfg.get("resume") is None:  # else the settings are those of the run that is continued
         schema.check(cfg, overrides)
 
@@ -150,7 +150,7 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
     return text
 
 
-def words_of(schema: type[Task]) -> dict[str, str]:
+def change_words_of(schema: type[Task]) -> dict[str, str]:
     """Map the words for options of changes that a task takes to these options."""
     taken = table_of_words("change_words") if "change" in schema.groups else {}
     return {word: option for word, option in taken.items() if word not in keys_of(schema)}
@@ -165,7 +165,7 @@ def meaning_of_option(option: str) -> str:
 def known_elsewhere(typed: str, task: str) -> str:
     """Explain a key that a task lacks by what it is called here; "" if it has no other name."""
     schema, plain = TASKS[task], plain_name(typed)
-    keys, words = keys_of(schema), words_of(schema)
+    keys, words = keys_of(schema), change_words_of(schema)
     if typed in words:
         return f"{typed} is a word of the command line, which a file writes in full; set {words[typed]}"
     if (meant := spellings("keys").get(plain, "")) in {*keys, *words}:
@@ -182,7 +182,7 @@ def unknown_key(typed: str, task: str) -> str:
     """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
-    names = [*keys, *words_of(TASKS[task]), *groups_of(TASKS[task])]
+    names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]
     if known := known_elsewhere(typed, task):
         return known
     if family in MULTI_SELECT and rest:
@@ -204,7 +204,7 @@ def unknown_key(typed: str, task: str) -> str:
     name = spellings("keys").get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
-        near = f"type {' or '.join([*dict.fromkeys(map(in_words, owners))][:SUGGESTIONS])}"
+        near = f"type {' or '.join([*dict.fromkeys(map(with_words_of_changes, owners))][:SUGGESTIONS])}"
     text = f"{typed} is no key of task={task}; {near}"
     others = [
         f"task={name}"

@@ -30,10 +30,10 @@ def options_of_word(word: str) -> list[str]:
     return table_of_words("change_options").get(word, []) if own is None else [own]
 
 
-def in_words(message: str) -> str:
+def with_words_of_changes(message: str) -> str:
     """Replace options of changes in a message by the words that stand for them.
 
-    >>> in_words("change.variety.amount=2 is above 1")
+    >>> with_words_of_changes("change.variety.amount=2 is above 1")
     'variety=2 is above 1'
     """
     for word, option in table_of_words("change_words").items():
