@@ -185,6 +185,7 @@ PRESETS = {
     "to/large": "defaults: [png]\n",
     "logger/table": "defaults: [csv]\n",
     "callbacks/rates": "defaults: [learning_rate_monitor]\n",
+    "change/much": "defaults: [variety]\namount: 0.9\n",
 }
 
 
@@ -227,6 +228,7 @@ def test_a_preset_of_a_loss_is_one_of_that_name_typed_and_tuned_as_its_plugin_in
     refuses(words, composed, presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
     save_catalogue(tmp_path / "a.h5", catalogue())
     cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
+    assert composed(presets, "change=[much]").change.much.amount == 0.9
     assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])
     assert list(composed(presets, "task=export", "to=[large,svg]", f"catalogue={tmp_path}/a.h5").to) == ["large", "svg"]
     assert {path.partition("/")[0] for path in PRESETS} == set(MULTI_SELECT)

@@ -41,9 +41,11 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
+from brushexp.compat.hydra import one_store
 from brushexp.config.check import check
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.mistakes import explanation
+from brushexp.config.publish import prepare
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.pages.run_page import page_in
@@ -188,7 +190,9 @@ def read_look(path: Path) -> None:
         return
     folders, words = folders_of(path.parents[2]), ["look=own"]
     try:
-        check(composed(words, folders), words)
+        with one_store():
+            prepare(path.parents[2], words)
+            check(composed(words, folders), words)
     except (CompactHydraException, OmegaConfBaseException) as error:
         raise UserError(explanation(error, folders, words)) from error
 

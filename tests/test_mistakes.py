@@ -63,7 +63,7 @@ MISTAKES = {
     "time=60": "time is no key of task=paint; type seconds=... (seconds of optimisation",
     "size=200": "type resolution=... (resample to this longer side in pixels",
     "out=x": "type output=... (folder of the run",
-    "brushes=300": "type strokes=... (number of strokes",
+    "brushes=300": "is for tubes=; add tubes=..., or type strokes=...",
     "DPI=300": "type brushexp export FOLDER to=png to.png.size_cm=60x40 to.png.dpi=300, with the FOLDER of a painting",
     "print_size=A4": "to.png.size_cm=60x40",
     "brush-size=3": "brush-size is no key of task=paint; type strokes=300 for few large ones, or detail=2",
@@ -136,7 +136,7 @@ MISTAKES = {
     "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
     "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",
     "loss=[mse] ++loss.kl.weight=3": "loss.kl is tuned but not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
-    "loss=[mse] +loss=kl": "name them all: 'loss=[mse,...]'",
+    "loss=[mse] +loss=kl": "name them all: 'loss=[a,b]'",
     "loss=[]": "no loss is chosen, so there is nothing to optimise; try loss=mse",
     "task=export catalogue=a.h5 to=[]": "to=[] writes nothing; choose one or more of ",
     # types and bounds

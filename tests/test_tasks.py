@@ -406,6 +406,7 @@ def test_jobs_are_processes(monkeypatch):
     monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
     assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cuda"))
+    monkeypatch.setattr("brushexp.contracts.machine.device_of", device.device_of)
     assert in_processes(["jobs=2"]) == ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], (
         "CUDA does not survive a fork"
     )

@@ -13,7 +13,7 @@ from PIL import Image
 from refusals import refuses
 
 from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, moments, shrink, timing
-from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, MOST_FPS, SAME, filming, largest_side
+from brushexp.pictures.video import GIF_SIDE, GIF_TOLERANCE, LARGEST_SIDE, MOST_FPS, filming, largest_side
 
 
 def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_a_still_film_is_one_frame_slow_changes_are_not_lost_and_pictures_are_no
     pictures = [np.full((4, 6, 3), level, np.uint8) for level in range(100)]
     gif = film_of(pictures, tmp_path, "gif")
     frames, durations = unrolled(gif)
-    assert abs(int(frames[-1][0, 0, 0]) - 99) <= SAME
+    assert abs(int(frames[-1][0, 0, 0]) - 99) <= GIF_TOLERANCE
     assert sum(durations) == 4000
     references = []
     with filming(tmp_path / "film", "both", (40, 60), Fraction(25)) as film:

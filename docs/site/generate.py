@@ -23,7 +23,8 @@ from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import as_typed
-from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
+from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, plugins
+from brushexp.registry.options import options_of, plain_type
 from brushexp.system.words import SHIPPED
 
 ROOT = Path(__file__).parents[2]

@@ -27,7 +27,7 @@ SLIM = {"distributed.worker.profile.enabled": False}  # it lets a worker grow wi
 WAIT = "10s"  # for a scheduler to answer
 SLURM = "slurm"  # instead of an address
 MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else
-AGAIN = 3  # workers that may die of one tile; Dask's own default
+MOST_DEATHS = 3  # workers that may die of one tile; Dask's own default
 
 
 @contextmanager
@@ -125,7 +125,7 @@ def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) 
             show(done)
     except KilledWorker as error:
         raise UserError(
-            f"a tile has ended {AGAIN} workers, for want of memory maybe; lower tile=, and {again}"
+            f"a tile has ended {MOST_DEATHS} workers, for want of memory maybe; lower tile=, and {again}"
         ) from error
     except (CommClosedError, TimeoutError) as error:
         raise UserError(f"the scheduler is gone; {again}") from error

@@ -34,7 +34,7 @@ class Process(Exporter):
     Args:
         seconds: how long the painting takes.
         fps: pictures per second.
-        format: mp4 (a GIF where PyAV is missing), gif, or both.
+        format: mp4 (a GIF where PyAV is missing), or gif.
         hold: seconds that the finished painting stays.
         pace: even lays as many strokes in every second; quickening begins slowly, while strokes are large.
         growing: draw each stroke from its start to its end instead of laying it at once; null: unless the renderer is
@@ -43,7 +43,7 @@ class Process(Exporter):
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
     fps: Annotated[int, between(1, 50)] = 25
-    format: Annotated[str, one_of("mp4", "gif", "both")] = "mp4"
+    format: Annotated[str, one_of("mp4", "gif")] = "mp4"
     hold: Annotated[float, between(0, 300)] = 1.5
     pace: Annotated[str, one_of("even", "quickening")] = "quickening"
     growing: bool | None = None

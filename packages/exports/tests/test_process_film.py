@@ -142,7 +142,8 @@ def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_wa
     job = painted(n, size)
     job = changed(job, strokes=replace(job.strokes, opacity=torch.ones(n)))
     count = max(1, round(seconds * fps)) + round(hold * fps)
-    video, gif = Process(seconds=seconds, fps=fps, hold=hold, format="both").write(job, tmp_path)
+    films = (Process(seconds=seconds, fps=fps, hold=hold, format=kind) for kind in ("mp4", "gif"))
+    (video,), (gif,) = (film.write(job, tmp_path) for film in films)
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "process.gif", tmp_path / "process.mp4"]
     (frames, rate), (pictures, durations) = decoded(video), unrolled(gif)
     assert (len(frames), rate) == (count, fps)

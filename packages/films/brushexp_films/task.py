@@ -49,7 +49,12 @@ from brushexp_films.schema import FRAMES
 from brushexp_films.sound import add_sound
 
 log = logging.getLogger(__name__)
-SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
+COMMON_FIELDS = (
+    "size",
+    "renderer",
+    "renderer_hash",
+    "seed",
+)  # fields that the catalogues of all pictures have in common
 TICKS = Fraction(120_000)  # of a second: all usual rates, and clocks of milliseconds, are whole numbers of them
 
 
@@ -104,7 +109,7 @@ class PaintedFilm:
             return None
         try:
             saved = load_catalogue(path)
-            if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in SAME):
+            if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in COMMON_FIELDS):
                 raise UserError(f"{path} is of another film")
         except UserError as error:
             log.warning("%s; it and what follows it are painted anew", error)

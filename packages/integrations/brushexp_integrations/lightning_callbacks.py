@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -83,11 +82,3 @@ class TimeLimit(Callback):
 
     def open(self, folder: Path) -> L.Callback:
         return lightning_callback("Timer", **vars(self))
-
-
-@register("callbacks", "device_stats")
-class DeviceStats(Callback):
-    """Record memory of the GPU, and with psutil load of the CPU, among the curves (Lightning's DeviceStatsMonitor)."""
-
-    def open(self, folder: Path) -> L.Callback:
-        return lightning_callback("DeviceStatsMonitor", cpu_stats=find_spec("psutil") is not None)

@@ -106,10 +106,9 @@ def test_a_yellow_glaze_over_blue_is_green_in_pigment_alone():
 @pytest.mark.parametrize("name", OTHERS)
 def test_importance_is_estimated_in_the_picture(name):
     strokes, order, blend = random_strokes(25, SIZE, bend=0.05), torch.randperm(25), Compositor(DENSE, SPACES[name])
-    picture = Picture(torch.zeros(3, *SIZE), None, BACKGROUND, blend)
+    image = blend(Analytic()(strokes), order, SIZE, BACKGROUND).image
+    picture = Picture((image + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1), None, BACKGROUND, blend)
     picture.renderer = Analytic()
-    image = picture.draw(strokes, order)
-    picture.target = (image + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1)
 
     def error(chosen):
         image = blend(Analytic()(strokes), chosen, SIZE, BACKGROUND).image

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.contracts import at_least, between, register
-from brushexp.contracts.families import UNTIL, Order
+from brushexp.contracts.families import RENEWED_SHARE, Order
 from brushexp.contracts.strokes import Strokes
 
 
@@ -22,7 +22,7 @@ class Accuracy(Order):
     """
 
     every: Annotated[int, at_least(1)] = 10
-    until: Annotated[float, between(0, 1)] = UNTIL
+    until: Annotated[float, between(0, 1)] = RENEWED_SHARE
     needs_accuracy = True
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:

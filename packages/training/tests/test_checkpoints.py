@@ -19,6 +19,7 @@ from safetensors.torch import load_file, save_file
 from test_inverse_vgg import parameters, tiny
 
 from brushexp.config.check import check
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.renderer import base
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named
@@ -102,7 +103,7 @@ def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, capl
         raise BegunError
 
     monkeypatch.setattr(PatchRenderer, "seconds_per_stroke", lambda self: 0.01)
-    monkeypatch.setattr(paint, "fit", begin)
+    monkeypatch.setattr(StrokeOptimizer, "training_step", begin)
     words = ["image=moon", "renderer=inverse_vgg", "strokes=600", "resolution=64", *([] if fewer is None else [fewer])]
     with caplog.at_level(logging.INFO), pytest.raises(BegunError):
         run_task(paint, *words)

@@ -191,7 +191,7 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
     kind, optional = type_of_key(key, task)
     if kind is str:
         return quote_text(key, value, sweep, optional)
-    if kind in (int, float) and not is_readable(value):
+    if kind in (int, float) and not value.startswith(("[", "=", ":")) and not is_readable(value):
         return quote(value)  # so that it is told what kind of number is wanted
     if get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")

@@ -16,7 +16,7 @@ AUTO = "auto"  # focus that is found in the picture
 GLANCE_SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
 BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
-SAME = 1e-3  # of a Lab unit: differences below it are rounding
+ROUNDING = 1e-3  # of a Lab unit: differences below it are rounding
 FACE_SIDE, FACE_LEAST = 256, 32  # pixels: longer side at which faces are sought, and the smallest face there
 FACE_SCALES = 1.1  # ratio of the sizes at which faces are sought
 FACE_REACH = 0.7  # sides of the square that a face was found in: how far from its middle attention halves or so
@@ -65,7 +65,7 @@ def attention(picture: Tensor, squares: Sequence[Face]) -> Tensor:
     middle = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * CENTRE**2))
     salient = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
     highest = salient.max()
-    salient = salient / highest if highest > SAME else np.zeros_like(salient)
+    salient = salient / highest if highest > ROUNDING else np.zeros_like(salient)
     wide = functional.interpolate(torch.from_numpy(salient)[None, None], size, mode="bilinear", align_corners=False)
     attended = wide[0, 0] * (BESIDE_FACES if squares else 1)
     for (y, x), side in squares:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
@@ -79,7 +79,7 @@ def _signature(lab: np.ndarray) -> np.ndarray:
     from scipy.fft import dctn, idctn  # noqa: PLC0415  (rarely needed)
 
     frequencies = dctn(lab, axes=(0, 1), norm="ortho")
-    signs = np.where(np.abs(frequencies) > SAME, np.sign(frequencies), 0)
+    signs = np.where(np.abs(frequencies) > ROUNDING, np.sign(frequencies), 0)
     return np.square(idctn(signs, axes=(0, 1), norm="ortho")).sum(2)
 
 

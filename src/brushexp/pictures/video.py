@@ -24,7 +24,7 @@ FAST_START = {"movflags": "faststart"}
 IN_ORDER = {"bf": "0"}  # readers add up wrong lengths of pictures that stay for different times and come out of order
 BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
 GIF_SIDE = 480  # pixels: larger GIFs take many megabytes
-SAME = 6  # levels of 255: a pixel of a GIF that changes by no more than this stays as it is shown
+GIF_TOLERANCE = 6  # levels of 255: a pixel of a GIF that changes by no more than this stays as it is shown
 KEEP = 1  # GIF's number for "leave this frame where it is; the next one is laid over it"
 
 Array = np.ndarray
@@ -120,7 +120,7 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
         small = Image.fromarray(picture)
         small.thumbnail((GIF_SIDE, GIF_SIDE), Image.Resampling.LANCZOS)
         levels = np.asarray(small).astype(np.int16)
-        changed: Array = (np.abs(levels - screen) > SAME).any(2)
+        changed: Array = (np.abs(levels - screen) > GIF_TOLERANCE).any(2)
         if changed.any():
             screen = np.where(changed[..., None], levels, screen)
             frames.append(_cut_out(np.asarray(small), changed))

@@ -28,6 +28,7 @@ PARTS_PER_THREAD = 4  # each thread gets so many parts of a kernel's work, so th
 _received: list[int] = []  # signals so far
 _lost = threading.Event()  # an interruption in a callback from C
 _most_threads = [THREADS]
+_used_threads = [1]  # at most, by any job of this process so far
 _earlier_peak = [0.0]  # MB of the jobs before this one
 
 
@@ -90,12 +91,13 @@ def use_threads(n: int) -> None:
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
+    _used_threads[0] = max(_used_threads[0], torch.get_num_threads())
 
 
 def _begin_anew() -> None:
     """Forget threads that a fork has not: OpenMP would wait for those of the parent for ever."""
     _pool.cache_clear()
-    if "torch" in sys.modules and sys.modules["torch"].get_num_threads() > 1:
+    if "torch" in sys.modules and max(_used_threads[0], sys.modules["torch"].get_num_threads()) > 1:
         _most_threads[0] = 1
         use_threads(1)
 

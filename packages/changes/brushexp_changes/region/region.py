@@ -18,7 +18,7 @@ from brushexp_changes.region.fence import Fence, room_in
 from brushexp_changes.steps import check_steps
 
 AS_PAINTED = ("blend", "color", "paper", "light")  # keys whose values are those of the painting
-HALF = 0.5  # brightness from which a pixel of a mask counts
+MASK_THRESHOLD = 0.5  # brightness from which a pixel of a mask counts
 
 
 @register("change", "region")
@@ -71,7 +71,7 @@ class Region(Change):
             raise UserError(f"region={self.mask} holds no stroke of {cfg.catalogue} wholly; {cure}")
 
     def _fence_of(self, job: ExportJob) -> Fence:
-        mask = load_mask(str(self.mask), job.size, "region") >= HALF
+        mask = load_mask(str(self.mask), job.size, "region") >= MASK_THRESHOLD
         if not mask.any():
             raise UserError(f"region={self.mask} has no bright pixel; make white in it what is to be repainted")
         return Fence(job.strokes[job.bottom_up], room_in(mask, job), job.renderer.edge)

@@ -17,7 +17,7 @@ from brushexp.contracts.pictures import BT709, encode_srgb
 
 Array = np.ndarray
 OUTER, INNER = 0.03, 0.65  # light reflected where it enters paint, and where it leaves (Saunderson, 1942)
-MOST = 24  # tubes on a table
+MOST_TUBES = 24  # tubes on a table
 # Relative power of daylight, CIE D65, at 400, 420, ... 700 nm.
 NANOMETRES = np.arange(400, 701, 20)
 DAYLIGHT = np.array(
@@ -70,8 +70,8 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
         table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
         rows = {row.get("tube") or "": row for row in table}
     rows = {tube: rows[tube] for tube in chosen or rows}
-    if not 1 <= len(rows) <= MOST or "" in rows:
-        raise UserError(f"{option}={name}: give 1 to {MOST} tubes, each with a name in the column tube")
+    if not 1 <= len(rows) <= MOST_TUBES or "" in rows:
+        raise UserError(f"{option}={name}: give 1 to {MOST_TUBES} tubes, each with a name in the column tube")
     try:
         return Tubes(tuple(rows), _mixing(list(rows.values())))
     except (KeyError, ValueError, TypeError) as error:

@@ -16,7 +16,7 @@ from brushexp_changes.tubes.tubes import OfTubes
 
 OPTIONS = [one.name for one in fields(OfTubes) if one.init]  # which exporters have, too
 MM_PER_CM = 10
-SAME = 1e-4  # of a channel: a colour that is nearer is that of the mixture
+COLOR_TOLERANCE = 1e-4  # of a channel: a colour that is nearer is that of the mixture
 
 
 def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, bool]:
@@ -53,4 +53,4 @@ def mixtures_in(job: ExportJob, candidates: Mixtures) -> Mixtures | None:
     if not len(colors):
         return None
     away, number = torch.cdist(colors.double(), candidates.color.double()).min(1)
-    return candidates[number.unique().numpy()].from_dark() if bool((away < SAME).all()) else None
+    return candidates[number.unique().numpy()].from_dark() if bool((away < COLOR_TOLERANCE).all()) else None

@@ -16,11 +16,11 @@ from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtu
 from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.table import StageOrder, Table
 
-FREE = 0.4  # share of the steps in which colours are free
-UNTIL = 0.9  # share of the steps after which each stroke keeps its mixture
-EVERY = 10  # steps between two choices of mixtures
-AGAIN = 3  # times that mixtures are chosen in each, since those of other strokes have changed meanwhile
-SEEN = 0.5  # pixels: a stroke that is seen less keeps its mixture
+FREE_COLOR_SHARE = 0.4  # share of the steps in which colours are free
+LAST_CHOICE = 0.9  # share of the steps after which each stroke keeps its mixture
+STEPS_BETWEEN_CHOICES = 10  # steps between two choices of mixtures
+CHOICES_AT_ONCE = 3  # times that mixtures are chosen in each, since those of other strokes have changed meanwhile
+LEAST_SEEN = 0.5  # pixels: a stroke that is seen less keeps its mixture
 MM_PER_CM = 10
 
 
@@ -88,12 +88,12 @@ class OfTubes(Change):
         if self._table is None:
             return strokes
         strokes = self._table.with_brushes(strokes)
-        if state.progress < FREE and not state.is_over:
+        if state.progress < FREE_COLOR_SHARE and not state.is_over:
             return strokes
         if before is None or rows is not None:
             return self._table.with_mixtures(strokes)
         strokes = replace(strokes, color=before.color)
-        if state.progress <= UNTIL and state.step % EVERY == 0:
+        if state.progress <= LAST_CHOICE and state.step % STEPS_BETWEEN_CHOICES == 0:
             return choose_anew(strokes, self._table, state)
         return self._table.with_mixtures(strokes)
 
@@ -105,7 +105,7 @@ def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes
     picture, c_k + sum(w_k e) / sum(w_k), sums over pixels, is the minimum of a function of each colour alone that lies
     above the squared error of all (a majoriser): all strokes can go there at once.
     """
-    for _ in range(AGAIN):
+    for _ in range(CHOICES_AT_ONCE):
         strokes = table.with_mixtures(replace(strokes, color=best_colors(strokes, state)))
     return strokes
 
@@ -123,4 +123,4 @@ def best_colors(strokes: Strokes, state: PaintingState) -> Tensor:
     weight = torch.ones_like(image) if state.focus is None else state.focus.expand_as(image)
     (gain,) = torch.autograd.grad(image, color, weight * error, retain_graph=True)
     (seen,) = torch.autograd.grad(image, color, weight)
-    return torch.where(seen > SEEN, strokes.color + gain / seen.clamp_min(SEEN), strokes.color).clamp(0, 1)
+    return torch.where(seen > LEAST_SEEN, strokes.color + gain / seen.clamp_min(LEAST_SEEN), strokes.color).clamp(0, 1)

@@ -26,7 +26,9 @@ REFLECTANCE = torch.tensor(
     dtype=torch.float64,
 )
 PURE = [[1, 1, 1], [0, 1, 1], [1, 0, 1], [1, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]  # linear RGB of these paints
-SEEN = torch.linalg.solve(REFLECTANCE, torch.tensor(PURE, dtype=torch.float64)).T  # (3, 7): linear RGB of each band
+BAND_COLORS = torch.linalg.solve(
+    REFLECTANCE, torch.tensor(PURE, dtype=torch.float64)
+).T  # (3, 7): linear RGB of each band
 DEEPEST = 0.01  # share that the blackest paint reflects: what black does to other paint in a mixture
 DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
@@ -57,7 +59,7 @@ def _slope(x):
     return F(DEPTH * (1 + DEEPEST)) * _power(x)
 
 
-DECODER = Decoder(SEEN, reflectances_of, _reflect, _slope)
+DECODER = Decoder(BAND_COLORS, reflectances_of, _reflect, _slope)
 
 
 @register("color", "pigment")

@@ -38,7 +38,7 @@ BLOCK = 16  # strokes of a chunk
 PERIOD = 20  # blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
 MOST_STROKES = 2**20  # no shard has more; the writer makes them much smaller
-AGAIN = "simulate it again or give another one"
+CURE = "simulate it again or give another one"
 HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
 
 Bytes = NDArray[np.uint8]
@@ -95,7 +95,7 @@ class Shard:
         self.path = path
         self.file = opened(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read, once
         try:
-            with explaining(path, AGAIN):
+            with explaining(path, CURE):
                 self._read_head()
         except BaseException:
             self.file.close()
@@ -113,7 +113,7 @@ class Shard:
         try:
             options = json_of(config)
         except UserError as error:
-            raise UserError(f"attribute engine_config is {error}; {AGAIN}") from error
+            raise UserError(f"attribute engine_config is {error}; {CURE}") from error
         if not isinstance(options, dict):
             raise UserError(f"attribute engine_config is {in_short(config)}; JSON of the engine's options is needed")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
@@ -136,7 +136,7 @@ class Shard:
         """Read rows of ``images`` or ``heights``, each block once; UserError if one is damaged."""
         values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
-        with explaining(self.path, AGAIN):
+        with explaining(self.path, CURE):
             for block in np.unique(blocks):
                 if (dataset.name, block) not in self._checked:
                     check_chunk(dataset, (int(block) * BLOCK, *(0 for _ in dataset.shape[1:])))

@@ -6,7 +6,7 @@ from typing import Annotated
 from torch import Tensor
 
 from brushexp.bounds import at_least, between
-from brushexp.plugins.order.base import UNTIL, Order
+from brushexp.plugins.order.base import RENEWED_SHARE, Order
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes
@@ -23,7 +23,7 @@ class Area(Order):
     """
 
     every: Annotated[int, at_least(1)] = 50
-    until: Annotated[float, between(0, 1)] = UNTIL
+    until: Annotated[float, between(0, 1)] = RENEWED_SHARE
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         width = 2 * half_width_of(strokes)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
 
-UNTIL = 0.5  # share of a stage's steps after which the order stays, by default
+RENEWED_SHARE = 0.5  # share of a stage's steps after which the order stays, by default
 
 
 class Order(ABC):
@@ -25,7 +25,7 @@ class Order(ABC):
     """
 
     every: int  # steps between two computations, as long as `due` allows any
-    until: float = UNTIL
+    until: float = RENEWED_SHARE
     needs_accuracy: bool = False  # whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass
 
     @classmethod

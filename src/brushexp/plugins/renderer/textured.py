@@ -29,7 +29,7 @@ FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 HAIR_REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
-AGAIN = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
+FINEST_STRENGTH = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
 DETAIL_WINDOW = 9  # texels over which the strength of detail is measured
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weights of Gauss and Legendre's rule
 
@@ -228,7 +228,7 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
         middle = own[:, :, rows // 4 : rows - rows // 4, loop.begin : loop.begin + loop.length]
         times = [-(-2 * side // piece) for side, piece in zip((rows, columns), middle.shape[2:], strict=True)]
         again = middle.tile(1, 1, *times)[:, :, : 2 * rows, : 2 * columns]
-        detail = textures.new_tensor([AGAIN, AGAIN, 0.0]).view(3, 1, 1) * again * larger(strength)
+        detail = textures.new_tensor([FINEST_STRENGTH, FINEST_STRENGTH, 0.0]).view(3, 1, 1) * again * larger(strength)
     finer, low = larger(textures) + detail, textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
     finer = finer + larger(textures - functional.avg_pool2d(finer, 2))
     return finer.clamp(low, torch.ones_like(low))
