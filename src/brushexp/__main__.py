@@ -10,13 +10,17 @@ def main() -> None:
     start = time.monotonic()  # before the slow imports, which count
     gc.disable()  # until the task begins: modules are no garbage, and to look for it takes a seventh of the start
     from brushexp.cli.opening import open_with  # noqa: PLC0415
+    from brushexp.system.heartbeat import heartbeat  # noqa: PLC0415
 
     try:
         sys.argv[1:] = open_with(sys.argv[1:])  # before the seconds that the next line takes
         from brushexp.cli.program import run  # noqa: PLC0415
     except KeyboardInterrupt:
         sys.exit(130)
-    run(start)
+    try:
+        run(start)
+    finally:
+        heartbeat.end()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, k
 
 OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
-    "style.brushwork": None, "strokes": None,
+    "style.brushwork": None, "strokes": None, "working_resolution": "auto",
 }  # fmt: skip
 
 WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
@@ -49,7 +49,7 @@ class CanvasTask(PaintTask):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints pictures in memory; drop painter, or drop canvas")
         for name, default in OF_PICTURES.items():
-            if (value := OmegaConf.select(cfg, name)) != default:
+            if (value := OmegaConf.select(cfg, name)) not in (default, None):
                 cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
                 raise UserError(f"{name}={value} is for pictures in memory, and canvas={cfg.canvas} is on disk; {cure}")
         for name, node in cfg.change.items():

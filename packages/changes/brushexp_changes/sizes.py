@@ -10,6 +10,7 @@ from torch import Tensor
 
 from brushexp.contracts import Rule, UserError, above, register
 from brushexp.contracts.families import Change, PaintingState
+from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes, half_width_of
 from brushexp_changes.steps import check_steps
 
@@ -55,26 +56,29 @@ class Sizes(Change):
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
         typed = [f"{name}={getattr(self, name)}" for name in ("smallest", "largest") if getattr(self, name) is not None]
         check_steps(cfg, typed[0] if typed else "change=sizes")
-        self.bounds(size[1])
+        self.bounds(size[1], sizes_of(cfg).zoom)
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
-        return self.within(strokes, state.size[1])
+        return self.within(strokes, state.size[1], state.zoom)
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
-        return self.within(strokes, state.size[1])
+        return self.within(strokes, state.size[1], state.zoom)
 
-    def within(self, strokes: Strokes, width: int) -> Strokes:
-        """Bring strokes to the nearest thickness that is allowed in a painting so many pixels wide."""
-        low, high = self.bounds(width)
+    def within(self, strokes: Strokes, width: int, zoom: float = 1.0) -> Strokes:
+        """Bring strokes to the nearest thickness that is allowed on a picture so many pixels wide.
+
+        The painting has ``zoom`` pixels for one of that picture.
+        """
+        low, high = self.bounds(width, zoom)
         thick = (2 * half_width_of(strokes)).clamp_min(LEAST_THICKNESS)
         allowed = thick.clamp(low, high)
         room = (high / allowed - 1).minimum(1 - low / allowed).clamp(0, 1)
         widening = strokes.widening.maximum(-room).minimum(room)
         return replace(strokes, width=strokes.width * (allowed / thick), widening=widening)
 
-    def bounds(self, width: int) -> tuple[float, float]:
-        """Return the least and the greatest thickness in pixels of a painting so many pixels wide."""
-        scale = {"px": 1.0, "mm": width / (MM_PER_CM * self.width_cm), "": 1.0}
+    def bounds(self, width: int, zoom: float = 1.0) -> tuple[float, float]:
+        """Return the least and the greatest thickness in pixels of a picture so many pixels wide; `within` has more."""
+        scale = {"px": 1 / zoom, "mm": width / (MM_PER_CM * self.width_cm), "": 1.0}
         low, high = (size * scale[unit] for size, unit in self._sizes())
         if low > high:
             cure = "exchange them, or set width_cm"

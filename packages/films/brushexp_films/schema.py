@@ -17,7 +17,8 @@ from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # folder of the catalogues, in a run's
-OF_PICTURES = {"catalogue": None, "style.image": None}  # keys that a film does not heed, and their defaults
+# keys that a film does not heed, and their defaults
+OF_PICTURES = {"catalogue": None, "style.image": None, "working_resolution": "auto"}
 SCENE_START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
 OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
 
@@ -62,7 +63,7 @@ class FilmTask(PaintTask):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
         for name, default in OF_PICTURES.items():
-            if (value := OmegaConf.select(cfg, name)) != default:
+            if (value := OmegaConf.select(cfg, name)) not in (default, None):
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
         for name, node in cfg.change.items():
             if not keep_built(node).only_ends:  # strokes that move on do without such changes

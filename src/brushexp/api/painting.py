@@ -71,11 +71,11 @@ class Painting:
     @property
     def image(self) -> np.ndarray:
         """(H, W, 3) uint8: the painting, under its lamp if it has one."""
-        return self.finished.pictures["painting"]
+        return self.finished.image
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the picture that was painted."""
+        """(H, W, 3) uint8: the picture that was painted, at the size at which strokes were optimised."""
         return self.finished.pictures["target"]
 
     @property
@@ -137,7 +137,8 @@ class Painting:
     def _repr_html_(self) -> str:
         """The page of the painting, with its replay, for a notebook."""
         name = Path(str(self.settings.cfg.image)).name
-        finished = replace(self.finished, pictures={"painting": self.image}, compute_metrics=lambda: self.metrics)
+        shown = {"painting": self.finished.pictures["painting"]}
+        finished = replace(self.finished, pictures=shown, compute_metrics=lambda: self.metrics)
         page = run_page(finished, name=name)
         style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         return f'<iframe title="{html.escape(name)}" style="{style}" srcdoc="{html.escape(page)}"></iframe>'

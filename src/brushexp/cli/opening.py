@@ -13,6 +13,7 @@ from pathlib import Path
 
 from brushexp.config.vocabulary import as_task, is_path, meaning_of, respelt, task_names
 from brushexp.pictures.folders import is_several
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.words import table_of_words
 
 ENDS = (".png", ".jpg")  # of samples
@@ -37,8 +38,10 @@ def open_with(words: Sequence[str]) -> list[str]:
         sys.exit("brushexp: the folder where this was typed is gone; go to one that is there: cd")
     if words[:1] == ["help"] and not is_path("help"):
         return [*words[1:], "--help"]
-    if sys.stderr.isatty() and (line := opening_line(words)):
-        print(line, file=sys.stderr, flush=True)
+    if line := opening_line(words):
+        if sys.stderr.isatty():
+            print(line, file=sys.stderr, flush=True)
+        heartbeat.start("preparing")
     return [*words]
 
 

@@ -17,7 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.cli.help import help_text, topic_of
 from brushexp.cli.many_pictures import as_sweep
 from brushexp.compat.hidden_packages import REMARKS
-from brushexp.compat.hydra import one_store, parse_arguments
+from brushexp.compat.hydra import composing_once, one_store, parse_arguments
 from brushexp.config.changes import expand_changes
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.key_types import type_of_key
@@ -30,7 +30,13 @@ from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
 from brushexp.config.words import RESUME_SWEEP, at_home, expand_positional, expand_shorthand
 from brushexp.errors import UserError
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
+
+ALL_PIXELS = (
+    "working_resolution=null"  # what a sweep has unless it is typed, so that its jobs compare with earlier ones
+)
+RESOLUTIONS = ("resolution=", "working_resolution=")
 
 _prepared: set[int] = set()  # processes that have loaded the plugins
 _start = [time.monotonic()]  # of the program
@@ -60,10 +66,11 @@ def run(start: float) -> None:
         typed = parse_arguments(words)[0]
         if typed.help:  # Hydra's own takes seconds to list groups of configs
             settings = [word for word in typed.overrides if not word.endswith("=")]  # renderer= asks for its members
+            heartbeat.end()
             print(help_text(composed(settings, folders), typed.overrides, folders, topic))
         else:
             sys.argv[1:] = search_path(folders) + without_folder(words)
-            with one_store():
+            with one_store(), composing_once(words):
                 job()
 
 
@@ -92,6 +99,8 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     plain = as_sweep(whole, typed.multirun)
     has_study = any(word.startswith("experiment=") for word in plain)
     task = "" if has_study else next((word[5:] for word in reversed(plain) if word.startswith("task=")), "paint")
+    if typed.multirun and task == "paint" and not any(word.startswith(RESOLUTIONS) for word in plain):
+        plain = [*plain, ALL_PIXELS]
     return [expand_shorthand(word, typed.multirun, task) if word in ours else word for word in plain]
 
 
@@ -148,6 +157,7 @@ def reporting_errors(words: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
+        heartbeat.end()
         sys.exit(interrupted_code())
     except BrokenPipeError:  # the reader has ended: --help | head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports it again at its end
@@ -159,5 +169,6 @@ def reporting_errors(words: Sequence[str]) -> Iterator[None]:
             message = explanation(error, folders_of(Path(), words), sys.argv[1:])
         except UserError as wrong:  # in the user's own folder of configs
             message = str(wrong)
+        heartbeat.end()
         print(f"brushexp: {message}", file=sys.stderr)
         sys.exit(1)

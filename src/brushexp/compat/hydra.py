@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 from typing import Any, NoReturn
+from unittest.mock import patch
 
+from hydra._internal.hydra import Hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.config_store import ConfigNode, ConfigStore
 from hydra.core.global_hydra import GlobalHydra
@@ -107,6 +109,16 @@ def _group(path: str) -> dict[str, Any]:
     for part in path.split("/"):
         choices = choices.setdefault(part, {})
     return choices
+
+
+@contextmanager
+def composing_once(words: Sequence[str]) -> Iterator[None]:
+    """Spare Hydra the composition by which it finds out whether a config asks for a sweep, as only studies do."""
+    if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
+        yield
+        return
+    with patch.object(Hydra, "get_mode", lambda *_, **__: None):
+        yield
 
 
 @contextmanager

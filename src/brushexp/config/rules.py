@@ -1,6 +1,7 @@
 """Check, before anything starts, that the files of a config exist and that its keys fit together."""
 
 import logging
+import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,7 @@ NEEDS = {  # keys of task=paint without which others have no effect
     "frames": ("frame_side", "timelapse", "timelapse_seconds"),
     "light.depth": ("light.azimuth", "light.elevation", "light.gloss"),
 }
+LARGEST_RESOLUTION = 16384  # pixels of the longer side of a picture that is painted
 BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 AUTO = "auto"  # focus by saliency, and the warm-up renderer that the chosen one names
@@ -51,15 +53,24 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
     return len(saved.strokes), saved.size
 
 
+def working_side(text: str, option: str) -> int:
+    """Read the longer side of a working picture in pixels; a UserError if it is none."""
+    if not re.fullmatch(r"\d{1,9}", text) or not 1 <= int(text) <= LARGEST_RESOLUTION:
+        raise UserError(f"{option}={text} is not {AUTO}, null or 1 to {LARGEST_RESOLUTION}; try {option}={AUTO}")
+    return int(text)
+
+
 CATALOGUE = Rule(canvas_of)
 COLOR = Rule(named_color)
 DEVICE = Rule(device_of)
+WORKING = Rule(working_side, besides=(AUTO,))
 FOCUS = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, "), besides=(AUTO,))
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Check a painting of one picture, and tell of typed keys that its changes set themselves."""
     from brushexp.painting.changes import build_changes  # noqa: PLC0415
+    from brushexp.painting.working_size import sizes_of  # noqa: PLC0415
 
     settings, changes = cfg, build_changes(cfg, keep_built)
     for name, change in changes.items():
@@ -68,10 +79,10 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         if unused := sorted(own & {top_of(word) for word in overrides}):
             log.warning("change=%s sets %s itself, and what is typed has no effect", name, " and ".join(unused))
         overrides = [word for word in overrides if top_of(word) not in own]
-    size = size_of_picture(settings.image, "image", settings.resolution)
+    sizes = sizes_of(settings)
     for change in changes.values():
-        change.check(settings, size)
-    check_painting(settings, overrides, size)
+        change.check(settings, sizes.working)
+    check_painting(settings, overrides, sizes.working, painted=sizes.painting)
 
 
 def top_of(word: str) -> str:
@@ -79,8 +90,13 @@ def top_of(word: str) -> str:
     return word.lstrip("+~").partition("=")[0].partition(".")[0]
 
 
-def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
-    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
+def check_painting(
+    cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
+) -> None:
+    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory.
+
+    ``painted`` is the size of the painting where strokes are optimised on a smaller picture.
+    """
     from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
 
@@ -101,7 +117,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = stroke_budget(cfg, size, keep_built(cfg.density), in_catalogue)
+    strokes = stroke_budget(cfg, painted or size, keep_built(cfg.density), in_catalogue)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:

@@ -10,7 +10,7 @@ from omegaconf import MISSING, DictConfig
 from brushexp.bounds import DURATION, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
-from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS
+from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, WORKING
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
@@ -153,6 +153,9 @@ class PaintTask(Task):
 
     image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
     resolution: int | None = key(None, "resample to this longer side in pixels; null = as it is", between(1, 16384))
+    working_resolution: str | None = key(
+        "auto", "longer side at which strokes are optimised: auto = what their number needs; null = all pixels", WORKING
+    )
     strokes: int | None = key(None, "number of strokes; null = one for every pixels_per_stroke pixels", at_least(1))
     detail: float = key(1, "multiplies the look's number of strokes (set by quality=)", above(0))
     abstraction: float = key(

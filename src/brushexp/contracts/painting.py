@@ -19,6 +19,7 @@ from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.picture import Picture
 from brushexp.painting.reopen import export_job, recorded_settings, with_renderer
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.painting.working_size import sizes_of
 
 __all__ = [
     "Components",
@@ -40,6 +41,7 @@ __all__ = [
     "importance",
     "measure",
     "recorded_settings",
+    "sizes_of",
     "standard_components",
     "standard_metrics",
     "stroke_budget",

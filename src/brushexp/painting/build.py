@@ -12,6 +12,7 @@ from brushexp.painting.components import STYLE, Components, build_components, fi
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
+from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
 from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import Face, focus_map, focus_weights
@@ -31,29 +32,31 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
     ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size and in its own colours.
     """
-    target = target_of(cfg) if target is None else target
+    sizes = None
+    if target is None:
+        target, sizes = target_of(cfg), sizes_of(cfg)
     changes = build_changes(cfg)
     for change in changes.values():
         target = change.target(target)
     painter = take_built(cfg.painter)
     if isinstance(painter, Painter):
         return _other_painter(cfg, painter, target, changes)
-    return _stroke_optimizer(cfg, target, changes)
+    return _stroke_optimizer(cfg, target, changes, sizes)
 
 
 def target_of(cfg: DictConfig) -> Tensor:
-    """Load the picture (3, H, W) that is painted, in its palette."""
+    """Load the picture (3, H, W) that is painted, in its palette, at the size at which strokes are optimised."""
     palette: Palette = take_built(cfg.palette)
-    return palette(_load(cfg))
+    return palette(_load(cfg, resolution_of(cfg)))
 
 
-def _load(cfg: DictConfig) -> Tensor:
+def _load(cfg: DictConfig, resolution: int | None) -> Tensor:
     if cfg.background == TRANSPARENT:
-        target, alpha = load_cutout(cfg.image, cfg.resolution)
+        target, alpha = load_cutout(cfg.image, resolution)
         if bool((alpha == 1).all()):
             log.warning("image=%s has no transparent pixels: background=transparent is as mean", cfg.image)
         return target
-    return load_picture(cfg.image, cfg.resolution)
+    return load_picture(cfg.image, resolution)
 
 
 def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor, changes: Mapping[str, Change]) -> OtherPainter:
@@ -62,7 +65,9 @@ def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor, changes: M
     return OtherPainter(painter, parts, target, background, n=n, seed=cfg.seed, changes=changes)
 
 
-def _stroke_optimizer(cfg: DictConfig, target: Tensor, changes: Mapping[str, Change]) -> StrokeOptimizer:
+def _stroke_optimizer(
+    cfg: DictConfig, target: Tensor, changes: Mapping[str, Change], sizes: Sizes | None
+) -> StrokeOptimizer:
     pictures: dict[str, Tensor] = {}
     focus, attended, seen = compute_focus(cfg, target)
     if attended is not None:
@@ -75,7 +80,8 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor, changes: Mapping[str, Cha
     for change in changes.values():
         parts = replace(parts, order=change.order(parts.order))
         background = change.ground(background)
-    strokes, budget = first_strokes(cfg, target, parts.density, focus, seen)
+    painted = None if sizes is None else sizes.painting
+    strokes, budget = first_strokes(cfg, target, parts.density, focus, seen, painted=painted)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     has_steps = any(stage.steps for stage in parts.stages) or cfg.seconds
     painter = StrokeOptimizer(
@@ -89,6 +95,7 @@ def _stroke_optimizer(cfg: DictConfig, target: Tensor, changes: Mapping[str, Cha
         coarse=cfg.coarse,
         clip=clip_of(cfg),
         changes=changes,
+        zoom=1.0 if sizes is None else sizes.zoom,
         is_untouched=cfg.catalogue is not None and not has_steps,
     )
     painter.pictures |= pictures

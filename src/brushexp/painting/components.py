@@ -158,16 +158,26 @@ def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
 
 
 def first_strokes(
-    cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None, seen: Sequence[Face] = ()
+    cfg: DictConfig,
+    target: Tensor,
+    density: Density,
+    focus: Tensor | None,
+    seen: Sequence[Face] = (),
+    *,
+    painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget."""
+    """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget.
+
+    ``painted`` is the size (H, W) of the painting where the target is a smaller picture of it.
+    """
     _, height, width = target.shape
+    painted = painted or (height, width)
     if cfg.catalogue is not None:
         if cfg.style.brushwork is not None:
             log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
         strokes = load_strokes(Path(cfg.catalogue), (height, width))
-        return strokes, stroke_budget(cfg, (height, width), density, len(strokes))
-    n = stroke_budget(cfg, (height, width), density)
+        return strokes, stroke_budget(cfg, painted, density, len(strokes))
+    n = stroke_budget(cfg, painted, density)
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = take_built(cfg.init)
     strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)

@@ -17,11 +17,13 @@ from torch import Tensor
 from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.schedule import add_pair
+from brushexp.painting.working_size import resolution_of, sizes_of
 from brushexp.pictures.credits import credits_of, write_credited
 from brushexp.pictures.load import TRANSPARENT, load_cutout
 from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.png import Png
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.metric.base import Metric
@@ -40,13 +42,16 @@ if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
     from brushexp.painting.painting_module import PaintingModule
     from brushexp.painting.timelapse import Timelapse
 
+FASTEST = 1  # compression of a PNG of many megapixels
+
 
 @dataclass(frozen=True)
 class Finished:
     """A finished painting, in memory or read from a folder.
 
     Pictures are (H, W, 3) uint8: ``painting``, ``target``, and, where there are such, ``flat`` (the painting without
-    the lamp), ``style`` and ``focus``.
+    the lamp), ``style`` and ``focus``. They have the size at which strokes were optimised, and the job that of the
+    painting, which may be larger.
     """
 
     job: ExportJob
@@ -59,12 +64,26 @@ class Finished:
         """The numbers of metrics.json, computed at first use, because that takes as long as some steps."""
         return dict(self.compute_metrics())
 
+    @cached_property
+    def image(self) -> np.ndarray:
+        """The painting (H, W, 3) uint8 at its own size."""
+        return self.pictures["painting"] if self.is_whole else self.job.picture()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the pictures have the size of the painting."""
+        return self.pictures["painting"].shape[:2] == self.job.size
+
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # it describes the painting that is being replaced
         about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
-            pixels, alpha = self.pictures[name], self.job.alpha()
+            if name == "painting" and not self.is_whole:
+                Png(compression=FASTEST).write(self.job, folder)
+                continue
+            pixels = self.pictures[name]
+            alpha = self.job.at_size(pixels.shape[:2]).alpha()
             shown = pixels if alpha is None else np.dstack([pixels, alpha])
             write_credited(folder / f"{name}.png", shown, about)
         save_catalogue(folder / "catalogue.h5", self.job.saved)
@@ -109,11 +128,11 @@ def finish(
     numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
     def compute_metrics() -> dict[str, object]:
-        results = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
+        results = measure(metrics, flat, target, focus=canvas.focus, strokes=strokes) | numbers
         total = None if start is None else time.monotonic() - start
         return results | {"seconds_total": total, "peak_memory_mb": peak_memory()}
 
-    return Finished(job, sources | results, compute_metrics, timelapse)
+    return Finished(job.at_size(sizes_of(cfg).painting), sources | results, compute_metrics, timelapse)
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
@@ -128,7 +147,7 @@ def alpha_from(cfg: DictConfig) -> Tensor | None:
     """Load the alpha (H, W) uint8 of the picture, if the background is transparent, and any of the picture."""
     if cfg.background != TRANSPARENT:
         return None
-    alpha = (255 * load_cutout(cfg.image, cfg.resolution)[1]).round().to(torch.uint8)
+    alpha = (255 * load_cutout(cfg.image, resolution_of(cfg))[1]).round().to(torch.uint8)
     return None if bool((alpha == 255).all()) else alpha
 
 

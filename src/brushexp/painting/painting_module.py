@@ -34,6 +34,7 @@ class PaintingModule(L.LightningModule):
     to resume is in the painter's own state.
     """
 
+    zoom = 1.0  # pixels of the painting for one of the target
     resumable = False  # whether an interrupted fit can go on from a checkpoint
     is_untouched = False  # whether the strokes are those of a catalogue that no step moves
 
@@ -123,6 +124,7 @@ class PaintingModule(L.LightningModule):
             order=lambda strokes: front_to_back(order.depth(strokes, None)),
             front_to_back=self.front_to_back,
             draw=self.picture.draw,
+            zoom=self.zoom,
             **about,
         )
 

@@ -191,6 +191,17 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
     return [os.path.join(folder, names[near]) for near in get_close_matches(name.lower(), names, 3)]
 
 
+def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
+    """Scale height and width in proportion to at most so many pixels in all.
+
+    >>> shrunk_to(100, (10, 40)), shrunk_to(100, (5, 20))
+    ((5, 20), (5, 20))
+    """
+    height, width = size
+    zoom = math.sqrt(most / (height * width))
+    return size if zoom >= 1 else (max(1, math.floor(height * zoom)), max(1, math.floor(width * zoom)))
+
+
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
     """Scale height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
     if resolution is None:

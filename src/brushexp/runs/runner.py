@@ -18,6 +18,7 @@ from omegaconf import DictConfig
 from brushexp.compat.first_compilation import tell_of_compilation
 from brushexp.compat.hidden_packages import hidden
 from brushexp.config.check import check
+from brushexp.config.schema import ExportTask, PaintTask
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.registry.blame import naming_plugins
@@ -26,6 +27,7 @@ from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.run_folder import lock, release_folder, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.runtime import (
     cores,
@@ -52,6 +54,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
+        heartbeat.end()
         return _run_job(cfg, hydra)
     folder = Path(hydra.runtime.output_dir).resolve()
     try:  # `RunFolder` has checked the config and taken the folder
@@ -90,6 +93,10 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
     """Run the task of a checked config in the folder of its run."""
     with hidden("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
+    if not issubclass(
+        TASKS[cfg.task], PaintTask | ExportTask
+    ):  # others may wait for people, or show their own progress
+        heartbeat.end()
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
     if not gc.isenabled():  # the program disables it until its first job
         gc.freeze()

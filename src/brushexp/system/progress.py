@@ -3,9 +3,11 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import timedelta
 from typing import TypeVar
+
+from brushexp.system.heartbeat import heartbeat
 
 LOG_LINES = 5  # for a whole piece of work, without a terminal that can show a bar
 NARROW = 72  # letters of a terminal below which the time that is left has no room beside a bar
@@ -40,6 +42,8 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
         nonlocal logged
         plain = state.partition(", ")[0]
         bar.update(task, completed=share, state=plain)
+        if bar.disable:
+            heartbeat.say(f"{what}: {int(100 * share)} %, {plain}")
         if bar.disable and int(share * LOG_LINES) > logged:
             logged = int(share * LOG_LINES)
             remaining = timedelta(seconds=round((time.monotonic() - start) * (1 - share) / max(share - done, 1e-9)))
@@ -47,7 +51,8 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
             log.info("%s", words[0], extra={"shown": words[1]})
 
     shown = ("{task.description}", *columns, "left", TimeRemainingColumn())
-    with Progress(*shown, console=console, disable=not has_bar, transient=True) as bar:
+    behind = heartbeat.behind_a_bar() if has_bar else nullcontext()
+    with behind, Progress(*shown, console=console, disable=not has_bar, transient=True) as bar:
         task = bar.add_task(what, total=1.0, state="")
         bar.update(task, completed=done)
         yield show

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.errors import on_a_line
+from brushexp.system.heartbeat import heartbeat
 
 IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of what the terminal does not show
 LAYOUT = "\n\t"  # of tables and tracebacks
@@ -25,6 +26,7 @@ class Terminal(logging.Handler):
                 return
             if record.levelno == logging.WARNING:
                 _said.add(words)
+            heartbeat.make_way()
             stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
             stream.write(f"{HEADS.get(record.levelno, '')}{on_a_line(words, besides=LAYOUT)}\n")
             stream.flush()

@@ -20,6 +20,7 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
+from brushexp.painting.working_size import tell_of_sizes
 from brushexp.plugins.metric.base import Metric
 from brushexp.runs.closing import is_job, say_where
 from brushexp.runs.resume import restore_run
@@ -27,6 +28,7 @@ from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import held_back
 from brushexp.system.terminal import IN_LOG
 
@@ -61,6 +63,8 @@ def paint_into(
     ``start`` is `time.monotonic` at the start of the program, or None for a run that goes on from its ``checkpoint``.
     """
     cfg = changed_settings(cfg)
+    if not is_job():
+        tell_of_sizes(cfg)
     trackers = make_trackers(cfg, folder)
     metrics = metrics_of(cfg)
     opening = Opening(cfg, folder)
@@ -97,6 +101,7 @@ def optimise(
 
     The Trainer writes checkpoints into a ``folder``, and goes on from a ``checkpoint``.
     """
+    heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
     painter = build_painter(cfg).to(device)
@@ -135,6 +140,7 @@ def write(
     """Finish a painting and write its files; an interruption waits until they are there."""
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
+    heartbeat.say("writing")
     with held_back("stopping when painting and catalogue are written"):
         finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, start=start)
         finished.write(folder)

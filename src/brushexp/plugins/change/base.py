@@ -30,6 +30,7 @@ class PaintingState:
     order: Callable[[Strokes], Tensor]  # strokes -> their numbers (N,), the uppermost first
     front_to_back: Tensor  # (N,) the present order, which is not renewed at every step
     draw: Callable[[Strokes, Tensor], Tensor]  # strokes, front to back -> whole picture (3, H, W), without gradient
+    zoom: float = 1.0  # pixels of the painting for one of the target, which may be a smaller picture
     is_whole: bool = True  # whether the present step looks at all of the canvas
     is_coarse: bool = False  # whether it does so at half the size
     is_over: bool = False  # whether no step follows, also where the run ends before its plan

@@ -70,7 +70,11 @@ class ExportJob:
 
     def scaled(self, zoom: float) -> "ExportJob":
         """Scale strokes, not pixels, by ``zoom``, so that the painting stays crisp."""
-        size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
+        return self.at_size((max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom))), zoom)
+
+    def at_size(self, size: tuple[int, int], zoom: float | None = None) -> "ExportJob":
+        """Scale strokes by ``zoom``, None for that of the longer side, to a painting of a ``size`` (H, W)."""
+        zoom = max(size) / max(self.size) if zoom is None else zoom
         return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
 
     def picture(self, flat: Tensor | None = None) -> np.ndarray:
@@ -96,7 +100,7 @@ class ExportJob:
             painting = bands(self.strokes, self.bottom_up.flip(0), *canvas)
         if self.size[0] * self.size[1] < LARGE:
             return painting
-        return with_progress(painting, self.size[0], "painting", lambda item: item[1].shape[1])
+        return with_progress(painting, self.size[0], "drawing", lambda item: item[1].shape[1])
 
     def alpha(self, top: int = 0, rows: int | None = None) -> np.ndarray | None:
         """Compute how much of the painting is kept (rows, W, 1) uint8, from row ``top`` on; None for all of it."""

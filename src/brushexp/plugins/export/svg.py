@@ -101,7 +101,7 @@ class Svg(Exporter):
             for number in job.bottom_up.cpu().split(AT_ONCE):
                 yield LEADING_ZERO.sub(".", "".join(self._paths(profile, number))).replace(" -", "-")
         if is_lit:
-            if pictures is None or max(job.size) > LIGHT_SIDE:
+            if pictures is None or max(pictures[0].shape) > LIGHT_SIDE:
                 job = job.at_most(LIGHT_SIDE)
                 pictures = job.bare().picture(), job.picture()
             light = _href(overlay(*pictures))

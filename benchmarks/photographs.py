@@ -1,0 +1,107 @@
+"""Photographs of 1 to 50 megapixels: time and memory of the default painting, and how many pixels strokes need.
+
+    python benchmarks/photographs.py                     whole runs, as ratios to the one of 1,024 pixels
+    python benchmarks/photographs.py --pixels            PSNR and seconds by pixels of the working picture for a stroke
+
+The photographs are samples of scikit-image, enlarged and with the grain of a camera. Each is a process of its own; a
+first, uncounted run compiles the kernels.
+"""
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from brushexp.pictures.load import load_picture, samples
+from brushexp.pictures.similarity import picture_psnr
+
+ROOT = Path(__file__).parents[1]
+SIDES = {"1,024 px": 1024, "12 MP": 4000, "50 MP": 8160}
+GRAIN = 4  # levels of 255: standard deviation
+KILOBYTES_PER_MB = 1024
+STROKES = 20_000
+PIXELS = (10, 20, 40, 80, 160)  # of the working picture for a stroke
+SEEN_SIDE = 2048  # pixels at which paintings are compared with the photograph
+
+
+def make_photograph(name: str, side: int, folder: Path) -> Path:
+    """Enlarge a sample to so many pixels on its longer side, 3 to 4, with grain, and save it as a JPEG."""
+    sample = Image.open(samples()[name]).convert("RGB")
+    height, width = side * 3 // 4, side
+    fitted = sample.crop((0, 0, sample.width, min(sample.height, sample.width * 3 // 4)))
+    pixels = np.asarray(fitted.resize((width, height), Image.Resampling.LANCZOS), dtype=np.int16)
+    grain = np.random.default_rng(0).normal(0, GRAIN, (height, width, 1)).astype(np.int16)
+    path = folder / f"{name}_{side}.jpg"
+    Image.fromarray((pixels + grain).clip(0, 255).astype(np.uint8)).save(path, quality=92)
+    return path
+
+
+def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
+    """Paint as a user does; return wall and CPU seconds and the largest memory of the process."""
+    command = [sys.executable, str(ROOT / "run.py"), f"image={image}", f"output={folder}", "overwrite=true", *words]
+    start = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"{' '.join(command)} failed")
+    cpu, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / KILOBYTES_PER_MB
+    return {"wall": time.perf_counter() - start, "cpu": cpu, "memory": memory}
+
+
+def print_sizes(names: list[str], folder: Path) -> None:
+    """Print whole runs by size, as they are and as ratios to the smallest."""
+    print("| photograph | size | wall s | ratio | CPU s | ratio | memory MB | PSNR dB |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name in names:
+        first = None
+        for size, side in SIDES.items():
+            run = paint(make_photograph(name, side, folder), folder / "run")
+            first = first or run
+            metrics = json.loads((folder / "run" / "metrics.json").read_text())
+            ratios = [run[key] / first[key] for key in ("wall", "cpu")]
+            print(
+                f"| {name} | {size} | {run['wall']:.1f} | {ratios[0]:.2f} | {run['cpu']:.1f} | {ratios[1]:.2f} "
+                f"| {run['memory']:.0f} | {metrics['psnr']:.2f} |",
+                flush=True,
+            )
+
+
+def print_pixels(names: list[str], folder: Path) -> None:
+    """Print how near paintings of many strokes come to the photograph, by the pixels they are optimised on."""
+    print("| photograph | pixels a stroke | working side | PSNR dB at 2,048 px | optimisation s |")
+    print("|---|---|---|---|---|")
+    for name in names:
+        photograph = make_photograph(name, SIDES["12 MP"], folder)
+        truth = np.asarray(255 * load_picture(str(photograph), SEEN_SIDE).movedim(0, 2)).round().astype(np.uint8)
+        for pixels in PIXELS:
+            side = math.ceil(math.sqrt(pixels * STROKES * 4 / 3))
+            words = ["look=plain", f"strokes={STROKES}", f"working_resolution={side}", "frames=0", "report=false"]
+            paint(photograph, folder / "run", *words)
+            painted = load_picture(str(folder / "run" / "painting.png"), SEEN_SIDE).movedim(0, 2)
+            psnr = picture_psnr(np.asarray(255 * painted).round().astype(np.uint8), truth)
+            seconds = json.loads((folder / "run" / "metrics.json").read_text())["seconds"]
+            print(f"| {name} | {pixels} | {side} | {psnr:.2f} | {seconds:.1f} |", flush=True)
+
+
+def main() -> None:
+    """Print one of two Markdown tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("samples", nargs="*", default=["coffee", "astronaut"], help="of scikit-image")
+    parser.add_argument("--pixels", action="store_true", help="by pixels of the working picture for a stroke")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        paint(samples()["coffee"], folder / "first", "resolution=64", "steps=2")
+        (print_pixels if options.pixels else print_sizes)(options.samples, folder)
+
+
+if __name__ == "__main__":
+    main()

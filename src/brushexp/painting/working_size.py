@@ -1,0 +1,88 @@
+"""Choose the size at which strokes are optimised: what their number needs, where a photograph has more pixels."""
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.painting.components import stroke_budget
+from brushexp.pictures.load import shrunk_to, sides_of_picture, size_at, size_of_picture
+from brushexp.plugins.painter.base import Painter
+from brushexp.registry import keep_built
+from brushexp.strokes.storage import load_catalogue
+
+AUTO = "auto"  # working_resolution by the number of strokes
+PIXELS_PER_STROKE = 20  # of the working picture, at least; see benchmarks/photographs.py
+SMALLEST_SIDE = 1024  # pixels of the longer side: smaller pictures are optimised whole
+WORTH_IT = 1.5  # times as long a side has to be to be shrunk: else little time is saved
+LARGEST_PAINTING = 50_000_000  # pixels: of a picture with more, the painting has as many
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Height and width in pixels of a painting, and of the picture on which its strokes are optimised."""
+
+    painting: tuple[int, int]
+    working: tuple[int, int]
+
+    @property
+    def zoom(self) -> float:
+        """Pixels of the painting for one of the working picture."""
+        return max(self.painting) / max(self.working)
+
+
+def sizes_of(cfg: DictConfig) -> Sizes:
+    """Choose both sizes for the settings of a painting of one picture; a UserError if they fit no picture or strokes.
+
+    A ``resolution`` that is set is that of both, as are the picture's own pixels where ``working_resolution`` is null,
+    and for other painters than gradient descent, whose brushes are measured in pixels.
+    """
+    typed = cfg.working_resolution
+    by_strokes = typed == AUTO and cfg.resolution is None and not isinstance(keep_built(cfg.painter), Painter)
+    if typed is None or (typed == AUTO and not by_strokes):
+        size = size_of_picture(cfg.image, "image", cfg.resolution)
+        return Sizes(size, size)
+    painting = size_at(cfg.resolution, *shrunk_to(LARGEST_PAINTING, sides_of_picture(cfg.image, "image")))
+    count = None if cfg.catalogue is None else len(load_catalogue(Path(cfg.catalogue), "catalogue").strokes)
+    strokes = stroke_budget(cfg, painting, keep_built(cfg.density), count)
+    side = _side_for(strokes, painting) if by_strokes else int(typed)
+    working = size_at(min(side, max(painting)), *painting)
+    if math.prod(working) < strokes:
+        wrong = f"working_resolution={typed} makes {working[1]} x {working[0]} pixels, fewer than the {strokes} strokes"
+        raise UserError(f"{wrong}; set working_resolution=auto")
+    return Sizes(painting, working)
+
+
+def tell_of_sizes(cfg: DictConfig) -> None:
+    """Log that strokes are optimised on a smaller picture, and that a painting has fewer pixels than its picture."""
+    sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
+    (height, width), (rows, columns) = sizes.painting, sizes.working
+    if sizes.painting != sizes.working:
+        at = f"strokes are optimised at {columns} x {rows} pixels and painted at {width} x {height}"
+        log.info("%s; to optimise at all of them: working_resolution=null", at)
+    if max(own) > max(sizes.painting):
+        more = f"brushexp export FOLDER resolution={max(own)}"
+        log.info("the painting has %d x %d pixels, the picture %d x %d; more: %s", width, height, *own[::-1], more)
+
+
+def resolution_of(cfg: DictConfig) -> int | None:
+    """Return the longer side at which the picture of a painting is loaded; None for all of its pixels."""
+    sizes = sizes_of(cfg)
+    return cfg.resolution if sizes.painting == sizes.working else max(sizes.working)
+
+
+def _side_for(strokes: int, painting: tuple[int, int]) -> int:
+    """Compute the longer side of the picture on which so many strokes are optimised.
+
+    >>> _side_for(8000, (3000, 4000)), _side_for(120000, (3000, 4000)), _side_for(8000, (1080, 1440))
+    (1024, 1789, 1440)
+    """
+    longest = max(painting)
+    needed = math.ceil(longest * math.sqrt(PIXELS_PER_STROKE * strokes / math.prod(painting)))
+    side = max(SMALLEST_SIDE, needed)
+    return longest if side * WORTH_IT > longest else side
