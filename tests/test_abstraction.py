@@ -6,7 +6,7 @@ from skimage import data
 
 import brushexp
 from brushexp.pictures.abstraction import simplified
-from brushexp.pictures.focus import faces
+from brushexp.pictures.faces.detection import find_faces
 
 
 @pytest.fixture(scope="module")
@@ -20,13 +20,13 @@ def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leave
     assert counts == sorted(counts, reverse=True)
     distances = [painting.metrics["perceptual"] for painting in paintings]
     assert distances == sorted(distances)
-    (((y, x), side),) = faces(torch.from_numpy(paintings[0].target).float().movedim(-1, 0) / 255)
+    (face,) = find_faces(torch.from_numpy(paintings[0].target).float().movedim(-1, 0) / 255)
     for painting in paintings:  # a face keeps strokes of its own, and stays one
         position = painting.strokes.position
-        on_face = (position - torch.tensor([x, y])).norm(dim=1) < side / 2
+        on_face = (position - torch.tensor([face.x, face.y])).norm(dim=1) < face.side / 2
         assert on_face.sum() > 80
-        assert faces(torch.from_numpy(painting.image).float().movedim(-1, 0) / 255)
-    without = [brushexp.paint("chelsea", abstraction=value, steps=0, resolution=192) for value in (0, 1)]
+        assert find_faces(torch.from_numpy(painting.image).float().movedim(-1, 0) / 255)
+    without = [brushexp.paint("chelsea", abstraction=value, steps=0, resolution=192, faces="off") for value in (0, 1)]
     assert len(without[0].strokes) == pytest.approx(40 * len(without[1].strokes), rel=0.05)
     painting = brushexp.paint("astronaut", abstraction=1, strokes=50, resolution=64, steps=0, quality="draft")
     assert len(painting.strokes) == 50

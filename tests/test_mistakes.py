@@ -224,6 +224,7 @@ def test_a_message_says_what_to_type_instead(config, overrides, monkeypatch):
     ("finer", "detail=2"),
     ("best", "quality=best"),
     ("timelapse=none", "frames=0"),
+    ("faces=none", "faces=off"),
     ("resume=a,b", "resume=a,b output=\"a,b\""),
     ("export a.h5 to=svg", "task=export catalogue=a.h5 to=[svg]"),
     ("view tests", "task=view catalogue=tests"),

@@ -23,6 +23,7 @@ from brushexp.contracts.painting import (
     build_stages,
     clip_of,
     compute_focus,
+    faces_of,
 )
 from brushexp.contracts.pictures import Region, background_color
 from brushexp.contracts.runs import conclude, fit, load_plugins, make_trainer
@@ -110,7 +111,8 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     target = torch.from_numpy(store.read("target", window)).float() / 255
     cfg.seed += tile.row * store.grid.shape[1] + tile.column
     L.seed_everything(cfg.seed, verbose=False)
-    focus = evened(compute_focus(cfg, target)[0], store.grid.near_borders(tile, window, BORDER))
+    weights, _ = compute_focus(cfg, target, faces_of(cfg, target))
+    focus = evened(weights, store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
     parts = laid.ring, laid.own, laid.passing
     strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # each keeps its own

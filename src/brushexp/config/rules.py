@@ -20,7 +20,8 @@ from brushexp.system.runtime import check_memory
 log = logging.getLogger(__name__)
 
 STEP_KEYS = {  # keys of task=paint that only gradient steps use
-    *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
+    *("init", "order", "loss", "density", "sampler", "optimizer", "style", "catalogue"),
+    *("focus", "focus_strength", "faces"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
 }
 INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect

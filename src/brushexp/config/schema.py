@@ -132,7 +132,7 @@ class PaintTask(Task):
     )
     common: ClassVar[tuple[str, ...]] = (  # keys of the first page of the help
         *("image", "resolution", "strokes", "detail", "abstraction", "steps", "seconds", "psnr", "background"),
-        *("focus", "style.image", "light.depth", "frames", "report", "resume"),
+        *("focus", "faces", "style.image", "light.depth", "frames", "report", "resume"),
         *("seed", "device", "threads", "output", "overwrite"),
     )
     check = staticmethod(rules.check_paint)
@@ -185,6 +185,11 @@ class PaintTask(Task):
     report: bool = key(True, "write report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "weights of errors: auto (saliency) or a mask, bright = important; null = 1", FOCUS)
     focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
+    faces: str = key(
+        "auto",
+        "auto = find faces, weigh them most in focus=auto, and paint eyes and mouths with small strokes; off",
+        one_of("auto", "off"),
+    )
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)

@@ -1,6 +1,6 @@
 """The parts of a painting, its optimisation, and what is left when it has ended."""
 
-from brushexp.painting.build import build_painter, clip_of, compute_focus
+from brushexp.painting.build import build_painter, clip_of, compute_focus, faces_of
 from brushexp.painting.canvas_memory import boxes_of
 from brushexp.painting.changes import build_changes
 from brushexp.painting.components import (
@@ -36,6 +36,7 @@ __all__ = [
     "clip_of",
     "compute_focus",
     "export_job",
+    "faces_of",
     "first_strokes",
     "goals_of",
     "importance",

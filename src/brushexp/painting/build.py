@@ -1,7 +1,7 @@
 """Build a painter before its first step from the config of a painting."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from omegaconf import DictConfig
@@ -9,13 +9,16 @@ from torch import Tensor
 
 from brushexp.painting.changes import build_changes
 from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
+from brushexp.painting.faces import features_of
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
 from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
 from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
-from brushexp.pictures.focus import Face, focus_map, focus_weights
+from brushexp.pictures.face import Face
+from brushexp.pictures.faces.spots import Spot, find_spots
+from brushexp.pictures.focus import AUTO, focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
 from brushexp.plugins.change.base import Change
 from brushexp.plugins.loss.base import StyleLoss
@@ -32,22 +35,52 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
     ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size and in its own colours.
     """
-    sizes = None
-    if target is None:
-        target, sizes = target_of(cfg), sizes_of(cfg)
+    sizes = sizes_of(cfg) if target is None else None
+    picture = _load(cfg, resolution_of(cfg)) if target is None else target
+    target = _in_palette(cfg, picture) if target is None else target
     changes = build_changes(cfg)
     for change in changes.values():
         target = change.target(target)
     painter = take_built(cfg.painter)
     if isinstance(painter, Painter):
         return _other_painter(cfg, painter, target, changes)
-    return _stroke_optimizer(cfg, target, changes, sizes)
+    faces = faces_of(cfg, picture)
+    if faces:
+        log.info("found %d face%s", len(faces), "s" if len(faces) > 1 else "")
+    return _stroke_optimizer(cfg, target, faces, changes, sizes)
 
 
 def target_of(cfg: DictConfig) -> Tensor:
     """Load the picture (3, H, W) that is painted, in its palette, at the size at which strokes are optimised."""
+    return _in_palette(cfg, _load(cfg, resolution_of(cfg)))
+
+
+def _in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
     palette: Palette = take_built(cfg.palette)
-    return palette(_load(cfg, resolution_of(cfg)))
+    return palette(picture)
+
+
+def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
+    """Find the faces of a picture (3, H, W) where a painting asks for them: to look at them first, or to lay strokes.
+
+    With ``faces=off``, or where all strokes are given and no focus is found, there are none, and no network is loaded.
+    """
+    if cfg.faces != AUTO or not (cfg.focus == AUTO or cfg.catalogue is None):
+        return []
+    from brushexp.pictures.faces.detection import find_faces  # noqa: PLC0415  (not every painting asks for it)
+
+    return find_faces(picture)
+
+
+def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
+    """Find what may be eyes of animals in a target (3, H, W), where the found focus is.
+
+    A typed number of strokes is left to the picture: a spot is less sure than a face.
+    """
+    if cfg.faces != AUTO or cfg.focus != AUTO or cfg.strokes is not None or cfg.catalogue is not None:
+        return []
+    assert attended is not None
+    return find_spots(target, attended)
 
 
 def _load(cfg: DictConfig, resolution: int | None) -> Tensor:
@@ -66,10 +99,10 @@ def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor, changes: M
 
 
 def _stroke_optimizer(
-    cfg: DictConfig, target: Tensor, changes: Mapping[str, Change], sizes: Sizes | None
+    cfg: DictConfig, target: Tensor, faces: Sequence[Face], changes: Mapping[str, Change], sizes: Sizes | None
 ) -> StrokeOptimizer:
     pictures: dict[str, Tensor] = {}
-    focus, attended, seen = compute_focus(cfg, target)
+    focus, attended = compute_focus(cfg, target, faces)
     if attended is not None:
         pictures["focus"] = attended.expand(3, -1, -1)
     target = simplified(target, cfg.abstraction, attended)
@@ -80,8 +113,10 @@ def _stroke_optimizer(
     for change in changes.values():
         parts = replace(parts, order=change.order(parts.order))
         background = change.ground(background)
+    spots = spots_of(cfg, target, attended) if not faces else []
+    features = features_of(faces, spots)
     painted = None if sizes is None else sizes.painting
-    strokes, budget = first_strokes(cfg, target, parts.density, focus, seen, painted=painted)
+    strokes, budget = first_strokes(cfg, target, parts.density, focus, faces, features, painted=painted)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     has_steps = any(stage.steps for stage in parts.stages) or cfg.seconds
     painter = StrokeOptimizer(
@@ -108,12 +143,12 @@ def clip_of(cfg: DictConfig) -> GradientClip | None:
     return None if most is None else GradientClip(most, algorithm or "norm")
 
 
-def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None, list[Face]]:
-    """Compute the weights (H, W) of pixels, of mean 1, if ``focus`` is set, the map they are made from, and faces."""
+def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
+    """Compute the weights (H, W) of pixels, of mean 1, if ``focus`` is set, and the map that they are made from."""
     if cfg.focus is None:
-        return None, None, []
-    attended, found = focus_map(cfg.focus, target)
-    return focus_weights(attended, cfg.focus_strength), attended, found
+        return None, None
+    attended = focus_map(cfg.focus, target, faces)
+    return focus_weights(attended, cfg.focus_strength), attended
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:

@@ -12,8 +12,8 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.pictures.abstraction import FEWER
-from brushexp.pictures.focus import Face
+from brushexp.painting.faces import TYPED_SHARE, Feature, draw_features, face_strokes
+from brushexp.pictures.face import Face
 from brushexp.pictures.load import check_ratio
 from brushexp.plugins.blend.base import Blend, Compositor
 from brushexp.plugins.blend.tiled import Tiled
@@ -40,7 +40,6 @@ from brushexp.system.runtime import check_memory
 log = logging.getLogger(__name__)
 BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
-ON_A_FACE, FACE_REACH = 400, 0.85  # strokes at most, and how far from its middle they lie, in its sides
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 LONG_MINUTES = 2  # steps that take longer are announced
 MANY_DRAWINGS = 10_000  # drawings of a stroke below which their time is not measured
@@ -162,13 +161,16 @@ def first_strokes(
     target: Tensor,
     density: Density,
     focus: Tensor | None,
-    seen: Sequence[Face] = (),
+    faces: Sequence[Face] = (),
+    features: Sequence[Feature] = (),
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
     """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget.
 
-    ``painted`` is the size (H, W) of the painting where the target is a smaller picture of it.
+    Small strokes of the ``features`` come last. They, and those that abstraction leaves the ``faces``, are beside the
+    strokes of the look, but among those of a typed ``strokes``. ``painted`` is the size (H, W) of the painting where
+    the target is a smaller picture of it.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
@@ -178,30 +180,23 @@ def first_strokes(
         strokes = load_strokes(Path(cfg.catalogue), (height, width))
         return strokes, stroke_budget(cfg, painted, density, len(strokes))
     n = stroke_budget(cfg, painted, density)
+    first = density.first(n, planned_steps(cfg))
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = take_built(cfg.init)
-    strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)
-    if cfg.strokes is None:  # abstraction gives the faces ``seen`` strokes beside those
-        nearer = [face_strokes(initializer, target, face, n, cfg.abstraction, generator) for face in seen]
-        strokes, n = Strokes.join(strokes, *nearer), n + sum(map(len, nearer))
+    strokes = initializer(target, first, generator, focus)
+    if cfg.strokes is None:
+        kept = [face_strokes(initializer, target, face, n, cfg.abstraction, generator) for face in faces]
+        strokes = Strokes.join(strokes, *kept)
+        small = draw_features(initializer, target, features, strokes, generator)
+        n += sum(map(len, kept)) + len(small)
+    else:
+        small = draw_features(initializer, target, features, strokes, generator, TYPED_SHARE * first)
+        if len(small):
+            strokes = initializer(target, first - len(small), generator, focus)
     if cfg.style.brushwork is not None:
         likeness: BrushworkLoss = build(cfg.style.strokes)
         strokes = likeness.arranged(strokes, (height, width), generator)
-    return strokes, n
-
-
-def face_strokes(
-    initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
-) -> Strokes:
-    """Lay the strokes on a face that ``abstraction`` takes from it in a picture of now ``n``, up to `ON_A_FACE`."""
-    (y, x), reach = face[0], FACE_REACH * face[1]
-    top, left = max(0, round(y - reach)), max(0, round(x - reach))
-    near = target[:, top : round(y + reach), left : round(x + reach)].contiguous()
-    count = min(ON_A_FACE, round(n * (FEWER**abstraction - 1) * near.numel() / target.numel()))
-    if not count:
-        return Strokes.none()
-    strokes = initializer.nearer()(near, count, generator).moved(shift=(left, top))
-    return strokes[(strokes.position - torch.tensor([x, y])).norm(dim=1) < reach]
+    return Strokes.join(strokes, small), n
 
 
 def planned_steps(cfg: DictConfig) -> int:

@@ -14,7 +14,8 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import sampled_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
-from brushexp_media.init.drawing import ANGLES, forms, hatching, noise_of, strokes_of
+from brushexp_media.init.drawing import ANGLES, forms, hatching, noise_of
+from brushexp_media.init.ink import strokes_of
 from brushexp_media.marks import RUBBED, VARIANTS
 
 Array = np.ndarray

@@ -19,7 +19,9 @@ from brushexp.contracts.pictures import (
     structure_tensor,
     worst_of_cells,
 )
-from brushexp.contracts.strokes import Strokes, strokes_along
+from brushexp.contracts.strokes import Strokes
+from brushexp_media.init.dark_shapes import DarkShapes
+from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import between_tones, cleaned, filled
 from brushexp_media.picture.lines import anisotropy_of, edge_lines, find_apart, followed, luminance
 from brushexp_media.picture.noise import fractal_noise
@@ -29,7 +31,6 @@ ANGLES = (-0.9, -0.7, -0.4)  # radians of the hatchings, the first of the half t
 BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
-INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
 DEEPEST = 0.35  # luma up to which there are accents
 SPECK = 6e-4  # least accent over what is looked at
@@ -126,6 +127,9 @@ class Drawing(Initializer):
                 _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
             ),
         )
+
+    def details(self) -> Initializer:
+        return DarkShapes(color=self.color)
 
     def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
         """Fill lines (H, W), which are as thick as the picture has them, but for specks beside an ``area`` (H, W)."""
@@ -280,20 +284,3 @@ def slope_of(luma: Array) -> Array:
     xx, _, yy = structure_tensor(gaussian_filter(luma, SMOOTH_WASH * side)[None], 0.0)
     slope: Array = np.sqrt(xx + yy) * side
     return slope
-
-
-def rgb_of(color: str) -> Array:
-    """Return the colour (3,), 0 to 1, that a name or '#rrggbb' says."""
-    return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
-
-
-def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
-    lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
-    curve, width, seen, color = (
-        np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])
-        for part, fill in ((curve, 0), (width, 1), (seen, False), (color, 0))
-    )
-    paint = torch.from_numpy(color)
-    opacity = torch.from_numpy(seen).double()
-    return strokes_along(torch.from_numpy(curve), torch.from_numpy(width), paint, opacity).map(Tensor.float)

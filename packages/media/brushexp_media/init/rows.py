@@ -16,7 +16,7 @@ from brushexp.contracts.members import FAR_AWAY, InLayers
 from brushexp.contracts.pictures import FarStructure, along_edges, named_color, sampled_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
-from brushexp_media.init.drawing import rgb_of, strokes_of
+from brushexp_media.init.ink import rgb_of, strokes_of
 from brushexp_media.picture.noise import fractal_noise
 
 Array = np.ndarray

@@ -28,3 +28,7 @@ class Initializer(ABC):
     def nearer(self) -> "Initializer":
         """Return the initialiser of a face that is painted by itself, where ``abstraction`` leaves the rest out."""
         return self
+
+    def details(self) -> "Initializer | None":
+        """Return the initialiser of an eye or a mouth, a target of a few strokes; None for small strokes in layers."""
+        return None

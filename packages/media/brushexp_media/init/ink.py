@@ -1,0 +1,28 @@
+"""Strokes of ink: along given curves, in a named colour."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.contracts.pictures import named_color
+from brushexp.contracts.strokes import Strokes, strokes_along
+
+Array = np.ndarray
+INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
+
+
+def rgb_of(color: str) -> Array:
+    """Return the colour (3,), 0 to 1, that a name or '#rrggbb' says."""
+    return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
+
+
+def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
+    """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
+    lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
+    curve, width, seen, color = (
+        np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])
+        for part, fill in ((curve, 0), (width, 1), (seen, False), (color, 0))
+    )
+    paint = torch.from_numpy(color)
+    opacity = torch.from_numpy(seen).double()
+    return strokes_along(torch.from_numpy(curve), torch.from_numpy(width), paint, opacity).map(Tensor.float)

@@ -1,0 +1,108 @@
+"""Faces get strokes of their own: small ones for eyes and mouth, and those that abstraction takes elsewhere."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from brushexp.pictures.abstraction import FEWER
+from brushexp.pictures.face import Face
+from brushexp.pictures.faces.spots import Spot
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init.layers import InLayers
+from brushexp.strokes.bezier import half_width_of
+from brushexp.strokes.catalogue import Strokes
+
+EYE_RADIUS = 0.17  # sides of a face
+MOUTH_RADIUS = 0.22  # sides of a face
+FLOOR = 120  # small strokes that draw an eye or a mouth
+FLOOR_OF_SPOT = 60  # small strokes that draw a spot, which may be the eye of an animal
+RADII_PER_WIDTH = 6.0  # radii of a feature over the width of the broadest stroke that draws it
+THINNEST_STROKE = 1.5  # pixels, width of the smallest strokes that a feature is given
+TYPED_SHARE = 0.5  # of a typed number of strokes, the most that draw features
+MOST_ON_A_FACE = 400  # strokes at most that a face keeps where abstraction takes them elsewhere
+FACE_REACH = 0.85  # sides of a face: how far from its middle they lie
+IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edges=0.08, shadows=1.0, opacity=1.0)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A round place, in pixels, that is drawn by ``floor`` small strokes at least: an eye or a mouth."""
+
+    x: float
+    y: float
+    radius: float
+    most: int = FLOOR
+
+    @property
+    def floor(self) -> int:
+        """Least number of small strokes: ``most``, or fewer where the place is a few pixels wide."""
+        return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
+
+    def holds(self, position: Tensor) -> Tensor:
+        """Tell which positions (N, 2) lie in the place, (N,) bool."""
+        return (position - position.new_tensor([self.x, self.y])).norm(dim=1) < self.radius
+
+
+def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
+    """List the eyes and the mouth of each face, and spots."""
+    features = []
+    for face in faces:
+        features += [Feature(x, y, EYE_RADIUS * face.side) for x, y in face.eyes.tolist()]
+        x, y = face.mouth.tolist()
+        features.append(Feature(x, y, MOUTH_RADIUS * face.side))
+    return features + [Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT) for spot in spots]
+
+
+def draw_features(
+    initializer: Initializer,
+    target: Tensor,
+    features: Sequence[Feature],
+    strokes: Strokes,
+    generator: torch.Generator,
+    limit: float = math.inf,
+) -> Strokes:
+    """Lay small strokes on the features of a target (3, H, W) that have fewer than their floor among ``strokes``.
+
+    They are meant to lie over ``strokes``; there are ``limit`` of them at most, shared in proportion to the floors.
+    """
+    width = 2 * half_width_of(strokes)
+    missing = []
+    for feature in features:
+        small = width < max(feature.radius / RADII_PER_WIDTH, THINNEST_STROKE)
+        if int((small & feature.holds(strokes.position)).sum()) < feature.floor:
+            missing.append(feature)
+    share = min(1.0, limit / max(1, sum(feature.floor for feature in missing)))
+    drawn = [draw_feature(initializer, target, one, math.floor(share * one.floor), generator) for one in missing]
+    return Strokes.join(*drawn) if drawn else strokes[:0]
+
+
+def draw_feature(
+    initializer: Initializer, target: Tensor, feature: Feature, n: int, generator: torch.Generator
+) -> Strokes:
+    """Lay at most ``n`` small strokes in the place of a feature of a target (3, H, W)."""
+    height, width = target.shape[1:]
+    left, right = (round(min(max(feature.x + way * feature.radius, 0), width)) for way in (-1, 1))
+    top, bottom = (round(min(max(feature.y + way * feature.radius, 0), height)) for way in (-1, 1))
+    near = target[:, top:bottom, left:right].contiguous()
+    n = min(n, near[0].numel())
+    if not n:
+        return Strokes.none()
+    strokes = (initializer.details() or IN_LAYERS)(near, n, generator).moved(shift=(left, top))
+    return strokes[feature.holds(strokes.position)]
+
+
+def face_strokes(
+    initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
+) -> Strokes:
+    """Lay up to `MOST_ON_A_FACE` strokes that ``abstraction`` takes from a face, in a picture of now ``n``."""
+    reach = FACE_REACH * face.side
+    top, left = max(0, round(face.y - reach)), max(0, round(face.x - reach))
+    near = target[:, top : round(face.y + reach), left : round(face.x + reach)].contiguous()
+    count = min(MOST_ON_A_FACE, round(n * (FEWER**abstraction - 1) * near.numel() / target.numel()))
+    if not count:
+        return Strokes.none()
+    strokes = initializer.nearer()(near, count, generator).moved(shift=(left, top))
+    return strokes[(strokes.position - torch.tensor([face.x, face.y])).norm(dim=1) < reach]

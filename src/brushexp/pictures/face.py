@@ -1,0 +1,49 @@
+"""A face in a picture: where it is, how large, how far it is turned, and where its eyes and mouth are."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+
+class Landmark(IntEnum):
+    """Rows of the landmarks of a face; right and left are those of the person."""
+
+    RIGHT_EYE = 0
+    LEFT_EYE = 1
+    NOSE = 2
+    RIGHT_MOUTH = 3
+    LEFT_MOUTH = 4
+
+
+@dataclass(frozen=True)
+class Face:
+    """A face at (``x``, ``y``), its middle in pixels from the upper left corner of the picture.
+
+    ``side`` is the root of the area of its box in pixels, ``score`` the confidence of the detector, 0 to 1, and
+    ``landmarks`` (5, 2) has x and y of each `Landmark`.
+    """
+
+    x: float
+    y: float
+    side: float
+    score: float
+    landmarks: np.ndarray
+
+    @property
+    def eyes(self) -> np.ndarray:
+        """Middles (2, 2: x, y) of the eyes, the right one first."""
+        return self.landmarks[[Landmark.RIGHT_EYE, Landmark.LEFT_EYE]]
+
+    @property
+    def mouth(self) -> np.ndarray:
+        """Middle (2: x, y) of the mouth."""
+        corners: np.ndarray = self.landmarks[[Landmark.RIGHT_MOUTH, Landmark.LEFT_MOUTH]]
+        return corners.mean(0)
+
+    @property
+    def tilt(self) -> float:
+        """Angle of the head in the picture, radians clockwise from upright: from the eyes to the mouth."""
+        right, down = self.mouth - self.eyes.mean(0)
+        return math.atan2(-right, down)

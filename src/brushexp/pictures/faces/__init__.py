@@ -1,0 +1,1 @@
+"""Faces in pictures, found by a small frozen network, and eyes of animals. Loaded only when something asks for them."""

@@ -1,0 +1,113 @@
+"""Faces of any size are found in a picture, whichever way heads are tilted."""
+
+import math
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.pictures.face import Face
+from brushexp.pictures.faces.network import Candidates, open_network
+from brushexp.pictures.load import downsample
+
+LARGEST_SIDE = 1024  # pixels of the longer side at which a picture is searched first, and then at halves of it
+HALVED_SIDE = 512  # pixels of the longer side from which a picture is searched at half its size, too
+ENLARGED = 2  # times that a smaller picture is searched at: small faces are surer there
+TILTS = (0.0, -math.pi / 4, math.pi / 4)  # radians by which it is turned: the network knows heads up to some 30 degrees
+LEAST_SCORE = 0.8  # confidence from which a candidate is a face, if it was seen twice: docs/decisions/027-faces.md
+CERTAIN_SCORE = 0.88  # confidence from which once is enough
+SEEN_AGAIN_SCORE = 0.5  # confidence with which it must have been seen at another size or tilt
+ROUNDING = 1e-6  # pixels by which a canvas may be too small
+SMALLEST_SIDE = 8  # pixels of the shorter side of a picture that can hold a face
+FACES_APART = 0.5  # sides of the larger of two faces, from which their middles are those of two
+
+
+def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
+    """Find faces of a picture (3, H, W), sRGB in [0, 1], the most certain ones first.
+
+    Frontal faces and profiles are found from about 16 pixels on, heads tilted by up to 45 degrees and beyond. The
+    picture is searched at several sizes and turned both ways; what is a face is seen more than once, unless it is
+    certain (``least`` is the confidence of the others). Of candidates for one face the best is kept.
+    """
+    if min(picture.shape[1:]) < SMALLEST_SIDE:
+        return []
+    longer = max(picture.shape[1:])
+    smaller = downsample(picture.detach().cpu().float().clamp(0, 1), LARGEST_SIDE)
+    if longer < HALVED_SIDE:
+        size = [ENLARGED * side for side in smaller.shape[1:]]
+        smaller = functional.interpolate(smaller[None], size, mode="bilinear", align_corners=False)[0]
+    looks: list[list[Face]] = []
+    while True:
+        side = max(smaller.shape[1:])
+        looks += [distinct(_search(smaller, longer / side, tilt, min(least, SEEN_AGAIN_SCORE))) for tilt in TILTS]
+        if side < HALVED_SIDE:
+            break
+        smaller = downsample(smaller, side // 2)
+    found = []
+    for look in looks:
+        others = [face for other in looks if other is not look for face in other]
+        likely = [face for face in look if face.score >= least]
+        found += [
+            face for face in likely if face.score >= CERTAIN_SCORE or any(is_at_one_place(face, o) for o in others)
+        ]
+    return distinct(found)
+
+
+def distinct(faces: list[Face]) -> list[Face]:
+    """Keep of faces at one place the one with the highest score, by greedy suppression; the highest come first."""
+    kept: list[Face] = []
+    for face in sorted(faces, key=lambda face: -face.score):
+        if not any(is_at_one_place(face, other) for other in kept):
+            kept.append(face)
+    return kept
+
+
+def is_at_one_place(one: Face, other: Face) -> bool:
+    """Tell whether two faces are so near that there is room for one only."""
+    return math.hypot(one.x - other.x, one.y - other.y) <= FACES_APART * max(one.side, other.side)
+
+
+@torch.no_grad()
+def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
+    """Search a picture (3, h, w) turned by ``tilt``; faces are in pixels of one ``zoom`` times as large."""
+    candidates: Candidates = open_network()(turned(picture, tilt))
+    height, width = picture.shape[1:]
+    found = []
+    for number in (candidates.score >= least).nonzero()[:, 0].tolist():
+        middle = candidates.middle[number]
+        places = turned_back(torch.cat([middle[None], candidates.landmarks[number]]), tilt, (height, width))
+        (x, y), landmarks = (zoom * places[0]).tolist(), (zoom * places[1:]).double().numpy()
+        if 0 <= x <= zoom * width and 0 <= y <= zoom * height:
+            side = zoom * math.sqrt(float(candidates.size[number].prod()))
+            found.append(Face(x, y, side, float(candidates.score[number]), landmarks))
+    return found
+
+
+def turned(picture: Tensor, tilt: float) -> Tensor:
+    """Turn a picture (3, H, W) clockwise by ``tilt``, radians, on a black canvas that holds all of it."""
+    if not tilt:
+        return picture
+    height, width = picture.shape[1:]
+    down, across = _canvas_of((height, width), tilt)
+    y, x = torch.meshgrid(torch.arange(down) + 0.5, torch.arange(across) + 0.5, indexing="ij")
+    places = turned_back(torch.stack([x, y], -1).reshape(-1, 2), tilt, (height, width))
+    grid = (2 * places / torch.tensor([width, height]) - 1).reshape(1, down, across, 2)
+    return functional.grid_sample(picture[None], grid, align_corners=False)[0]
+
+
+def turned_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
+    """Map places (N, 2: x, y) of a picture of ``size`` (H, W) after `turned` to where they were before."""
+    if not tilt:
+        return places
+    height, width = size
+    down, across = _canvas_of(size, tilt)
+    x, y = (places - torch.tensor([across / 2, down / 2])).unbind(1)
+    c, s = math.cos(tilt), math.sin(tilt)
+    return torch.stack([c * x + s * y + width / 2, c * y - s * x + height / 2], 1)
+
+
+def _canvas_of(size: tuple[int, int], tilt: float) -> tuple[int, int]:
+    """Compute height and width of the smallest canvas that holds a turned picture of ``size`` (H, W)."""
+    height, width = size
+    c, s = abs(math.cos(tilt)), abs(math.sin(tilt))
+    return math.ceil(c * height + s * width - ROUNDING), math.ceil(c * width + s * height - ROUNDING)

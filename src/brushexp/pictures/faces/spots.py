@@ -1,0 +1,64 @@
+"""Small dark spots that stand out, as the eye of an animal does."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.pictures.load import BRIGHTNESS, downsample
+
+SIDE = 512  # pixels of the longer side at which spots are sought
+SIGMAS = (0.003, 0.0045, 0.0068, 0.01, 0.015)  # longer sides, deviations of the Gaussians that spots are compared with
+AROUND = 4.0  # sigmas, deviation of the Gaussian over which a spot is compared with other detail
+CALM_DETAIL = 0.01  # strength of detail around a spot below which there is none
+WEAKEST_SPOT = 1e-3  # strength of the weakest spot
+SPOTS_APART = 6.0  # sigmas of the larger of two spots, from which they are two
+SPOT_RADIUS = 3.5  # sigmas, radius of a spot with what is just around it
+TINY = 1e-9  # no division by zero where luma is even
+MOST_SPOTS = 4  # most that are found in a picture
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round, dark spot at (``x``, ``y``), with what is just around it within ``radius``, in pixels."""
+
+    x: float
+    y: float
+    radius: float
+
+
+def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
+    """Find up to `MOST_SPOTS` small dark spots of a picture (3, H, W) where it is ``attended`` to, (H, W) from 0 to 1.
+
+    A spot is a maximum, over place and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
+    (Lindeberg, 1998): so it is dark and round. Its strength is divided by that of other detail around it and multiplied
+    by the attention: so it stands alone, and where one looks first.
+    """
+    from scipy.ndimage import gaussian_filter, maximum_filter  # noqa: PLC0415  (slow to import)
+
+    small = downsample(picture.detach().cpu().float(), SIDE)
+    zoom = max(picture.shape[1:]) / max(small.shape[1:])
+    luma = np.tensordot(BRIGHTNESS, small.double().numpy(), 1)
+    weight = functional.adaptive_avg_pool2d(attended[None].float(), luma.shape)[0].double().numpy()
+    sigmas = [share * max(luma.shape) for share in SIGMAS]
+    strengths = []
+    for sigma in sigmas:
+        across = sigma**2 * gaussian_filter(luma, sigma, order=(0, 2))
+        down = sigma**2 * gaussian_filter(luma, sigma, order=(2, 0))
+        aslant = sigma**2 * gaussian_filter(luma, sigma, order=(1, 1))
+        mean = (across + down) / 2
+        apart = np.hypot((across - down) / 2, aslant)
+        least = (mean - apart).clip(0)  # eigenvalue: how much darker than its surroundings, in any direction
+        roundness = np.sqrt(least / (mean + apart).clip(TINY))
+        busy = np.sqrt(gaussian_filter((2 * mean) ** 2, AROUND * sigma))
+        strengths.append(weight * least**2 * roundness / (busy + CALM_DETAIL))
+    strength = np.stack(strengths)
+    peaks = np.argwhere((strength == maximum_filter(strength, size=(3, 5, 5))) & (strength > WEAKEST_SPOT))
+    found: list[tuple[float, float, float]] = []
+    for scale, row, column in sorted(peaks.tolist(), key=lambda peak: -strength[tuple(peak)]):
+        x, y, sigma = column + 0.5, row + 0.5, sigmas[scale]
+        if all(math.hypot(x - a, y - b) > SPOTS_APART * max(sigma, c) for a, b, c in found):
+            found.append((x, y, sigma))
+    return [Spot(zoom * x, zoom * y, zoom * SPOT_RADIUS * sigma) for x, y, sigma in found[:MOST_SPOTS]]
