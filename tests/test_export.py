@@ -32,6 +32,7 @@ from brushexp.painting.components import load_strokes
 from brushexp.painting.reopen import export_job, renderer_of, with_renderer
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export import svg
 from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
@@ -46,7 +47,7 @@ from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.saved import json_lines, parse
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.files import to_bytes
+from brushexp.system.files import to_bytes, write_text
 
 SIZE = (36, 52)
 LEVELS = 3 / 255  # by which faint paint differs where tiles lie elsewhere
@@ -266,6 +267,63 @@ def test_the_svg_has_only_what_readers_of_svg_1_1_know_and_no_style_takes_its_si
     tags = [(element.tag.rpartition("}")[2], set(element.attrib)) for element in root.iter()]
     assert {tag: used for tag, used in tags if used - ATTRIBUTES_1_1.get(tag, set())} == {}
     assert {entry.partition(":")[0] for entry in root.get("style").split(";")} == {"max-width", "max-height"}
+
+
+INK_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+
+
+@pytest.mark.parametrize("renderer", [TEXTURED, Analytic()])
+def test_groups_of_layers_and_colours_have_every_stroke_once_and_layers_keep_the_picture(renderer, tmp_path):
+    what = replace(job_of(some(40)), renderer=renderer)
+    plain = Svg().write(what, tmp_path)[0].read_bytes()
+    layered = Svg(layers=4).write(what, tmp_path)[0].read_bytes()
+    np.testing.assert_array_equal(drawn(layered), drawn(plain))
+    text = Svg(layers=4, colors=3).write(what, tmp_path)[0].read_bytes()
+    name = "{http://www.w3.org/2000/svg}"
+    root = ET.fromstring(text).find(f"{name}g")
+    groups = root.findall(f"{name}g")
+    assert [group.get("id") for group in groups] == [f"layer-{k}" for k in (1, 2, 3, 4)]
+    shapes = [sum(len(part) for part in group) for group in groups]
+    ungrouped = len(ET.fromstring(plain).find(f"{name}g")) - 1
+    assert sum(shapes) == ungrouped
+    for group in groups:
+        labels = [part.get(INK_LABEL) for part in group]
+        light = [
+            int(label[1:3], 16) * 0.299 + int(label[3:5], 16) * 0.587 + int(label[5:], 16) * 0.114 for label in labels
+        ]
+        assert light == sorted(light), "from dark to light"
+    assert len({part.get(INK_LABEL) for group in groups for part in group}) == 3
+
+
+def test_millimetres_change_the_units_of_an_svg_and_not_its_picture(tmp_path):
+    what = job_of(some(20))
+    pixels = Svg().write(what, tmp_path)[0].read_bytes()
+    root = ET.fromstring(text := Svg(width_mm=520).write(what, tmp_path)[0].read_bytes())
+    assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("520mm", "360mm", "0 0 520 360")
+    smaller = text.replace(b'width="520mm" height="360mm"', b'width="52px" height="36px"')
+    assert psnr(drawn(smaller), drawn(pixels)) > 40
+
+
+def test_the_size_of_bitmaps_and_of_a_page_is_told_before_they_are_written(tmp_path, caplog):
+    caplog.set_level("INFO")
+    what = replace(job_of(some(200, (720, 1040)), (720, 1040)), renderer=TEXTURED)
+    told = []
+
+    def tell(path, lines):
+        told.extend(caplog.messages)
+        write_text(path, lines)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("brushexp.plugins.export.svg.write_text", tell)
+        (path,) = Svg().write(what, tmp_path)
+    sprites = draw_sprites(what)
+    megabytes, count = svg.megabytes_of(sprites), len(sprites.number)
+    assert path.stat().st_size / 1e6 == pytest.approx(megabytes, rel=0.2)
+    assert told == [f"strokes.svg: about {megabytes:.1f} MB of {count} bitmaps; to.svg.paths=true writes paths"]
+    build_named("to", "pdf", {}).write(job_of(some()), tmp_path)
+    assert "painting.pdf: 0.4 x 0.3 cm at 300 dpi; to.pdf.size_cm=60x40 paints it larger" in caplog.messages
+    build_named("to", "pdf", {"size_cm": "6x2.5", "dpi": 80}).write(job_of(some()), tmp_path)
+    assert "painting.pdf: 3.6 x 2.5 cm at 80 dpi" in caplog.messages
 
 
 @pytest.mark.parametrize("source", ["a\x00b\x1b\ud800.h5", "<script>alert(1)</script>", "--> ]]> &amp; \"'", "ö 画"])

@@ -72,7 +72,7 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
 
 @pytest.mark.parametrize(("words", "name", "checkpoint"), [
     ("look=plain", "predicted", "plain"),
-    ("", "predicted", "brushed"),
+    ("", "layers", None),
     ("look=ink", "drawing", None),
     ("look=vangogh", "rows", None),
     ("look=oil init=layers", "layers", None),
@@ -90,8 +90,8 @@ def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_loo
     ("look=plain", 0.028, 0.03),
     ("look=plain init=slic", 0.1, 0.03),
     ("look=plain optimizer=adam", 0.028, 0.02),
-    ("look=oil", 0.05, 0.02),
-    ("look=vangogh", 0.1, 0.008),
+    ("look=oil", 0.34, 0.02),
+    ("look=vangogh", 0.34, 0.008),
 ])  # fmt: skip
 def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_its_look(words, effort, rate):
     draft = composed("quality=draft", *words.split())
@@ -105,6 +105,29 @@ def test_a_draft_keeps_an_optimizer_that_a_look_tunes(tmp_path):
     draft = composed("quality=draft", "look=still", own=[tmp_path])
     offer(conf_folders())
     assert (plugin_of(draft.init).name, draft.optimizer.lr, draft.optimizer.units.position) == ("predicted", 0.02, 0)
+
+
+MEDIA = ("oil", "gouache", "impasto", "ink", "pastel", "pointillist", "vangogh", "watercolour")
+
+
+@pytest.mark.parametrize("look", MEDIA)
+def test_in_a_medium_quality_keeps_the_size_of_strokes_and_takes_more_steps(look):
+    ladder = [composed(f"look={look}", f"quality={name}") for name in LADDER]
+    normal = ladder[LADDER.index("normal")]
+    for cfg in ladder:
+        assert (cfg.pixels_per_stroke, cfg.max_strokes) == (normal.pixels_per_stroke, normal.max_strokes)
+        assert (cfg.init, cfg.density, cfg.optimizer) == (normal.init, normal.density, normal.optimizer)
+    assert [cfg.steps for cfg in ladder] == [round(times * normal.steps) for times in (0.34, 1, 2, 4)]
+    typed = composed(f"look={look}", "quality=best", "density=adaptive", "detail=2", "effort=1")
+    assert typed.pixels_per_stroke == normal.pixels_per_stroke / 2
+    assert (plugin_of(typed.density).name, typed.steps) == ("adaptive", normal.steps)
+
+
+@pytest.mark.parametrize("look", [*MEDIA, "plain"])
+def test_nearer_makes_strokes_smaller_in_any_look(look):
+    nearer, normal = composed(f"look={look}", "quality=nearer"), composed(f"look={look}")
+    assert nearer.pixels_per_stroke == normal.pixels_per_stroke / 4
+    assert plugin_of(nearer.density).name == "adaptive"
 
 
 @pytest.mark.parametrize("study", STUDIES)

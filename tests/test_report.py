@@ -509,6 +509,20 @@ def test_settings_are_compared_on_one_picture_and_an_album_begins_with_its_paint
     assert 'id="plots"' not in html
 
 
+def test_the_page_of_a_folder_of_pictures_shows_paintings_and_figures_on_request(tmp_path, opened):
+    for k, image in enumerate(("a.png", "b.png")):
+        make_run(tmp_path, {"image": image}, target=k, color=50, psnr=20.0 + k, anytime=[[0.1, 9.0], [1.0, 20.0]])
+    watched = opened(page_of(tmp_path))
+    page = watched.page
+    assert page.locator(".lead").first.text_content() == "2 paintings."
+    figures = (".runs thead", "td.number", "td.repeat", ".filters")
+    assert not any(page.locator(part).first.is_visible() for part in figures)
+    assert page.locator("td.pictured img").first.is_visible()
+    page.locator("#figures summary").click()
+    assert all(page.locator(part).first.is_visible() for part in figures)
+    assert not watched.errors
+
+
 def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_pictures(tmp_path):
     for k, width in enumerate(("16", "32", "64")):
         make_run(tmp_path, {"renderer.width": width}, l2=0.1 / (k + 1))

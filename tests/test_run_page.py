@@ -182,9 +182,16 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", html)
     assert not re.search(r"<[^>]* (style|on\w+)=", re.sub(r"<script.*?</script>", "", html, flags=re.S))
     menu = re.findall(r'href="#([\w-]+)">([^<]+)</a>', html)[1:]  # the first one skips to the content
-    assert len(menu) == 8
+    assert [part for part, _ in menu] == ["replay", "light", "files", "measured", "settings"]
     for part, word in menu:
-        assert f'<h2 id="{part}-head">{word}</h2>' in html
+        assert f'id="{part}"' in html
+        assert re.search(f"<h2[^>]*>{word}</h2>", html)
+    figures = html.partition('<details class="measured"')[2].partition("</details>")[0]
+    for part in ("figures", "error", "curves", "strokes-section"):
+        assert f'<section id="{part}"' in figures, "what is measured opens on request"
+    places = [html.index(f'id="{part}"') for part in ("painting", "replay", "light", "files", "measured", "settings")]
+    assert places == sorted(places)
+    assert places[-1] < html.index('alt="style"'), "other pictures come last"
     (run / "a b.txt").write_text("x")
     again = page_from(run).read_text()
     (run / "a b.txt").unlink()
@@ -224,8 +231,18 @@ def test_what_is_not_known_is_left_out():
     assert "0 strokes" in html
     assert 'id="replay"' not in html
     html = page_of(saved_with(1, renderer="neural"), metrics={"psnr": None, "l1": 0.0})
-    for part in ("1 stroke on", "The only stroke is", "<code>renderer=neural</code>", "∞"):
+    for part in ("1 stroke drawn by renderer=neural", "The only stroke is", "<code>renderer=neural</code>", "∞"):
         assert part in html
+
+
+def test_the_head_of_a_page_is_in_words(tmp_path):
+    folder = run_in(tmp_path / "run")
+    lead = f"{COUNT} strokes, {SIZE[1]} × {SIZE[0]} pixels"
+    assert f'<p class="lead">{lead}</p>' in page_from(folder).read_text()
+    for recorded, words in {"look: oil": "In oil, ", "look: own": "", "x": ""}.items():
+        (folder / ".hydra" / "hydra.yaml").write_text(f"hydra: {{runtime: {{choices: {{{recorded}}}}}}}\n")
+        assert f'<p class="lead">{words}{lead}</p>' in page_from(folder).read_text()
+    assert "3 strokes of a bristle brush, " in page_of(saved_with(3, renderer="textured"))
 
 
 @pytest.mark.parametrize(("error", "words", "is_bug"), [

@@ -7,12 +7,13 @@ import catalogues
 import numpy as np
 import pytest
 import torch
+from brushexp_changes.tubes.amounts import hours_of, millilitres_of_mixtures, millilitres_of_tubes
 from brushexp_changes.tubes.difference import median_difference
 from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures
 from brushexp_changes.tubes.paints import load_tubes
-from brushexp_changes.tubes.plan import DRIEST, Plan, labels_of, numbered_regions, plan_of
+from brushexp_changes.tubes.plan import DRIEST, Plan, labels_of, numbered_regions, plan_of, without_slivers
 from brushexp_changes.tubes.recorded import recorded_plan
-from brushexp_changes.tubes.sheets import PlanSheets
+from brushexp_changes.tubes.sheets import DIFFICULTIES, PlanSheets, difference_from, remarks_on, title_of
 from brushexp_changes.tubes.table import Table
 from omegaconf import OmegaConf
 from refusals import refuses
@@ -21,6 +22,7 @@ from test_paints import CANVAS
 
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
@@ -133,13 +135,90 @@ def test_each_region_has_a_number_inside_it_and_the_difference_from_a_target_is_
         assert all(regions[row, column] == number for row, column, _ in places)
     from skimage import io  # noqa: PLC0415
 
-    plan, own = recorded_plan(job_of(painted(), **TUBES), {})
+    plan, _ = recorded_plan(job_of(painted(), **TUBES), {})
     picture = plan.played().picture()
     io.imsave(tmp_path / "same.png", picture, check_contrast=False)
     io.imsave(tmp_path / "other.png", picture[:30], check_contrast=False)
-    assert "CIEDE2000 0.0 " in PlanSheets(target=str(tmp_path / "same.png")).remarks(plan, own)[-1]
+    assert difference_from(plan, str(tmp_path / "same.png")) == pytest.approx(0, abs=0.05)
     with pytest.raises(UserError, match=r"give its target\.png"):
-        PlanSheets(target=str(tmp_path / "other.png")).remarks(plan, own)
+        difference_from(plan, str(tmp_path / "other.png"))
     picture = torch.rand(3, 5, 6)
     assert median_difference(picture, picture) == 0
     assert median_difference(picture, 1 - picture) > 5
+
+
+def parts_of(regions: np.ndarray) -> list[np.ndarray]:
+    from scipy.ndimage import label  # noqa: PLC0415
+
+    found = []
+    for number in np.unique(regions):
+        parts, count = label(regions == number, structure=np.ones((3, 3)))
+        found += [parts == k for k in range(1, count + 1)]
+    return found
+
+
+def test_slivers_and_spots_go_to_what_is_beside_them_and_broad_parts_stay():
+    regions = np.zeros((60, 80), dtype=int)
+    regions[:, 40:] = 1
+    regions[20:22] = 2  # a line
+    regions[40:45, 10:15] = 3  # a spot
+    regions[30:60, 60:80] = 4
+    merged = without_slivers(regions, 8.0)
+    assert set(np.unique(merged)) == {0, 1, 4}
+    assert (merged[regions == 4] == 4).mean() > 0.95
+    assert (merged[20:22, :38] == 0).all()
+    assert (merged[20:22, 42:] == 1).all()
+    noise = np.random.default_rng(0).integers(0, 3, (60, 80))
+    noise[10:40, 10:50] = 1
+    for side in (3.0, 6.0):
+        assert min(part.sum() for part in parts_of(without_slivers(noise, side))) >= side**2
+    np.testing.assert_array_equal(without_slivers(noise, 100.0), noise, "nothing is broad enough to stay")
+
+
+def test_a_plan_grows_stage_by_stage_to_what_is_played_back():
+    plan = planned(painted())
+    pictures = [plan.after(stage.last).picture() for stage in plan.stages]
+    np.testing.assert_array_equal(pictures[-1], plan.played().picture())
+    ground = plan.after(0).picture()
+    changes = [np.abs(a.astype(int) - b).sum() for a, b in zip([ground, *pictures], pictures, strict=False)]
+    assert changes[0] > 0
+    assert len(changes) == len(plan.stages)
+
+
+def test_amounts_of_paint_and_hours_follow_what_is_painted():
+    plan = planned(painted())
+    area = sum(stage.metres * 1000 * stage.brush_mm for stage in plan.stages)  # mm^2
+    assert millilitres_of_mixtures(plan).sum() == pytest.approx(area * 0.2 * 1.5 / 1000)
+    assert sum(millilitres_of_tubes(plan).values()) == pytest.approx(millilitres_of_mixtures(plan).sum())
+    used = {stage.mixture for stage in plan.stages}
+    seconds = 4 * 40 + 5 * plan.dips + 300 * len(used) + 90 * len(plan.stages)
+    assert hours_of(plan) == pytest.approx(seconds / 3600)
+
+
+def test_an_easier_plan_has_fewer_mixtures_brushes_and_strokes(tmp_path, caplog):
+    caplog.set_level("INFO")
+    job = job_of(painted(200), **{**TUBES, "mixtures": 20})
+    counts = []
+    for number, difficulty in enumerate(DIFFICULTIES):
+        (folder := tmp_path / difficulty).mkdir()
+        _, table = PlanSheets(difficulty=difficulty, scale=0.3).write(job, folder)
+        rows = list(csv.DictReader(table.read_text().splitlines()))
+        counts.append(len(rows))
+        mixtures, brushes = ({row[name] for row in rows} for name in ("mixture", "brush_mm"))
+        assert len(mixtures) <= (8, 12, 24)[number]
+        assert brushes <= ({"25", "12"}, {"25", "12", "6"}, {"40", "20"})[number]
+    assert counts == sorted(counts)
+    assert counts[0] < 200
+    refuses("to.plan.difficulty=fun is not there; choose one of easy", build_named, "to", "plan", {"difficulty": "fun"})
+    words = " ".join([*remarks_on(*recorded_plan(job, {})), title_of(job)])
+    assert "hours" in words
+    assert "ml of paint" in words
+    assert "CIEDE2000" not in words
+    assert "catalogue" not in words
+
+
+def test_a_plan_is_named_by_its_picture():
+    job = job_of(painted(3), **TUBES)
+    config = OmegaConf.to_yaml({"image": "photos/grandma.jpg"})
+    assert title_of(replace(job, saved=replace(job.saved, config=config))) == "To paint: grandma"
+    assert title_of(job) == "To paint"

@@ -1,13 +1,15 @@
 """Write the painting as a page for print (ISO 32000-1), with nothing on it but the picture."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.contracts import register
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
-from brushexp.contracts.members import DPI, Compression, PrintExporter
+from brushexp.contracts.members import CM, DPI, Compression, PrintExporter
 
+log = logging.getLogger(__name__)
 POINTS = 72  # points in an inch
 PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"
 
@@ -28,6 +30,7 @@ class Pdf(PrintExporter):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         job = self.scale_to_paper(job)
         path, (height, width) = folder / "painting.pdf", job.size
+        self._say_size(job)
         across, up = (f"{POINTS * side / (self.density or DPI):.4f}" for side in (width, height))
         content = f"{across} 0 0 {up} 0 0 cm /Picture Do".encode()
         image = f"/Type /XObject /Subtype /Image /Width {width} /Height {height} /ColorSpace /DeviceRGB"
@@ -56,3 +59,10 @@ class Pdf(PrintExporter):
             start = file.tell()
             file.write(f"{end}startxref\n{start}\n%%EOF\n".encode())
         return [path]
+
+    def _say_size(self, job: ExportJob) -> None:
+        """Log the size on paper, and how to choose it where it follows from the pixels."""
+        dpi = self.density or DPI
+        height, width = (CM * side / dpi for side in job.size)
+        cure = "" if self.size_cm else f"; {self.key}.size_cm=60x40 paints it larger"
+        log.info("painting.pdf: %.1f x %.1f cm at %g dpi%s", width, height, dpi, cure)

@@ -1,6 +1,8 @@
 """Brushes of one's own: what is read of files, and that strokes keep thin starts and frayed ends at any length."""
 
+import io
 import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import torch
 from brushexp_media.brushes.brush import Brush, dry_brush
 from brushexp_media.brushes.gimp import Stamp, read_stamps
 from brushexp_media.brushes.marks import columns_for, dragged, place_of, read_marks
+from brushexp_media.brushes.photoshop import read_abr
 from brushexp_media.brushes.rule import BRUSH
 from brushexp_media.brushes.task import STROKES, sheet_of
 from PIL import Image
@@ -38,6 +41,62 @@ def framed(mark: np.ndarray, ground: float = 0.0) -> np.ndarray:
 
 
 DOT = (255 * (np.hypot(*np.mgrid[-1:1:16j, -1:1:16j]) < 0.9)).astype(np.uint8)
+
+
+def packed(row: bytes) -> bytes:
+    """PackBits: runs of one byte, and literal bytes, one at a time."""
+    parts, at = b"", 0
+    while at < len(row):
+        run = next((k for k in range(1, min(128, len(row) - at)) if row[at + k] != row[at]), min(128, len(row) - at))
+        parts += struct.pack(">b", 1 - run) + row[at : at + 1] if run > 1 else b"\0" + row[at : at + 1]
+        at += run
+    return parts
+
+
+def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int = 0) -> bytes:
+    """Bounds, which do not begin at 0, depth and pixels of a brush of Photoshop; each row lacks ``cut`` bytes."""
+    height, width = mask.shape
+    pixels = mask if depth == 8 else (mask.astype(np.uint16) * 257).astype(">u2")
+    rows = [packed(row.tobytes()) for row in pixels]
+    rows = [row[: len(row) - cut] for row in rows]
+    sizes = struct.pack(f">{height}H", *map(len, rows))
+    data = sizes + b"".join(rows) if is_packed else pixels.tobytes()
+    return struct.pack(">4iHB", 5, 7, 5 + height, 7 + width, depth, is_packed) + data
+
+
+def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
+    """A set as Photoshop up to 6 wrote it, whose first brush is a formula."""
+    formula = struct.pack(">HI", 1, 14) + bytes(14)
+    parts = [formula]
+    for mask in masks:
+        name = "dot\0".encode("utf-16-be")
+        head = struct.pack(">IH", 0, spacing) + (struct.pack(">I", len(name) // 2) + name if version == 2 else b"")
+        brush = head + bytes(9) + sampled(mask, is_packed=True, cut=cut)
+        parts.append(struct.pack(">HI", 2, len(brush)) + brush)
+    return struct.pack(">HH", version, len(parts)) + b"".join(parts)
+
+
+def abr_in_sections(masks, magic: bytes = b"8BIM", minor: int = 2, version: int = 6, depth: int = 8) -> bytes:
+    """A set as Photoshop from 7 on writes it: other sections before and behind that of the brushes."""
+    brushes = b""
+    for k, mask in enumerate(masks):
+        brush = bytes(37 + {1: 10, 2: 264}[minor]) + sampled(mask, depth, is_packed=bool(k % 2))
+        brushes += struct.pack(">I", len(brush)) + brush + bytes(-len(brush) % 4)
+    sections = {b"patt": b"1234", b"samp": brushes, b"desc": b""}
+    body = b"".join(magic + name + struct.pack(">I", len(data)) + data for name, data in sections.items())
+    return struct.pack(">HH", version, minor) + body
+
+
+def archive(files: dict[str, bytes]) -> bytes:
+    with zipfile.ZipFile(file := io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as made:
+        for name, data in files.items():
+            made.writestr(name, data)
+    return file.getvalue()
+
+
+def png(levels: np.ndarray) -> bytes:
+    Image.fromarray(levels).save(file := io.BytesIO(), "PNG")
+    return file.getvalue()
 
 
 @pytest.fixture
@@ -75,6 +134,62 @@ def test_a_pipe_has_all_of_its_stamps_each_first_in_one_mark(folder):
         (16, 16), (8, 16), (16, 4),
     ]  # fmt: skip
     assert [mark.name for mark in read_marks(["pipe.gih"])] == ["pipe.gih 1", "pipe.gih 2", "pipe.gih 3"]
+
+
+RAMP = np.arange(15 * 9, dtype=np.uint8).reshape(9, 15)  # of odd sizes, so that records are filled up to four bytes
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_old_sets_of_photoshop_have_the_stamps_of_their_sampled_brushes(version):
+    stamps = read_abr(old_abr([DOT, RAMP], version, spacing=40))
+    for stamp, mask in zip(stamps, (DOT, RAMP), strict=True):
+        assert_close(stamp.coverage, mask.astype(np.float32) / 255)
+        assert stamp.spacing == 0.4
+
+
+@pytest.mark.parametrize("version", [6, 7, 10])
+@pytest.mark.parametrize("minor", [1, 2])
+@pytest.mark.parametrize("depth", [8, 16])
+def test_newer_sets_of_photoshop_have_theirs_in_sections(version, minor, depth):
+    stamps = read_abr(abr_in_sections([RAMP, DOT, RAMP], minor=minor, version=version, depth=depth))
+    for stamp, mask in zip(stamps, (RAMP, DOT, RAMP), strict=True):
+        assert_close(stamp.coverage, mask.astype(np.float32) / 255)
+
+
+@pytest.mark.parametrize("whole", [old_abr([DOT, RAMP], 2), abr_in_sections([RAMP, DOT])])
+def test_a_set_cut_short_within_its_brushes_is_refused(whole):
+    behind = len(whole) - whole.rfind(b"8BIMdesc") if b"8BIM" in whole else 0
+    for end in range(len(whole) - behind):
+        with pytest.raises(UserError, match=r"is damaged|no brush with a picture"):
+            read_abr(whole[:end])
+
+
+def test_each_brush_of_a_set_is_a_mark_and_of_large_sets_the_first_are_used(folder, caplog):
+    (folder / "set.abr").write_bytes(abr_in_sections([DOT, RAMP]))
+    assert [mark.name for mark in read_marks(["set.abr"])] == ["set.abr 1", "set.abr 2"]
+    (folder / "many.abr").write_bytes(old_abr([DOT] * 70, 1))
+    assert len(read_marks(["many.abr"])) == 64
+    assert "many.abr has more than 64 brushes; the first 64 are used" in caplog.text
+
+
+def test_shapes_of_procreate_and_bundles_of_krita_are_brushes(folder):
+    shape, grain = png(np.pad(DOT, 4)), png(DOT)
+    files = {"A/Shape.png": shape, "A/Grain.png": grain, "A/Reset/Shape.png": shape, "B/Brush.archive": b"x"}
+    (folder / "x.brushset").write_bytes(archive(files | {"brushset.plist": b"x"}))
+    (folder / "x.brush").write_bytes(archive({"Shape.png": shape, "Brush.archive": b"x"}))
+    bundle = {"brushes/b.gbr": gbr(DOT), "brushes/a.png": png(255 - np.pad(DOT, 4)), "paintoppresets/c.kpp": b"x"}
+    (folder / "x.bundle").write_bytes(archive(bundle | {"brushes/d.abr": abr_in_sections([DOT, DOT])}))
+    names = {
+        "x.brushset": ["x.brushset: A.png"],
+        "x.brush": ["x.brush: brush.png"],
+        "x.bundle": ["x.bundle: a.png", "x.bundle: b.gbr", "x.bundle: d.abr 1", "x.bundle: d.abr 2"],
+    }
+    for file, expected in names.items():
+        marks = read_marks([file])
+        assert [mark.name for mark in marks] == expected
+        for mark in marks:
+            assert len(mark.coverage) in (14, 16), "dabs of the dot, dark on white or bright on black"
+            assert mark.coverage.max() == 1
 
 
 def test_a_stamp_is_dragged_with_its_spacing_and_dabs_lie_over_each_other():
@@ -128,7 +243,18 @@ def test_brush_is_a_word_of_the_command_line(folder):
 
 
 @pytest.mark.parametrize(("name", "data", "message"), [
-    ("x.abr", b"\0\6", "brush=x.abr is a set of brushes of Photoshop; open it in GIMP or Krita"),
+    ("x.abr", b"\0\6", "is damaged: it ends too early; save the set anew from Photoshop"),
+    ("x.abr", b"\0\3\0\1", "is no set of brushes of Photoshop that can be read (version 3.1)"),
+    ("x.abr", abr_in_sections([])[:-4] + b"\0\0\1\0", "is damaged: it ends too early"),
+    ("x.abr", abr_in_sections([], b"8BIX"), "is damaged: a section does not begin where it should"),
+    ("x.abr", abr_in_sections([DOT])[:-80], "is damaged: it ends too early"),
+    ("x.abr", abr_in_sections([DOT], depth=1), "is damaged: a brush has 1 bits a pixel"),
+    ("x.abr", abr_in_sections([DOT[:0]]), "is damaged: a brush has 16 x 0 pixels"),
+    ("x.abr", old_abr([DOT], 1, cut=2), "is damaged: a row of a brush has not as many pixels"),
+    ("x.abr", old_abr([], 1), "has no brush with a picture; paint a stroke with it"),
+    ("x.brushset", b"PK", "is damaged, or no archive of brushes"),
+    ("x.brushset", archive({"a/Brush.archive": b"x"}), "names brushes that are built into its program"),
+    ("x.bundle", archive({"brushes/a.gbr": b"GIMP"}), "is no brush of GIMP that can be read"),
     ("x.kpp", b"\x89PNG", "a preset of Krita, whose brush is another file"),
     ("x.gbr", gbr(DOT)[:100], "claims 16 x 16 pixels, of which not all are there"),
     ("x.gbr", gbr(DOT[:0]), "claims 16 x 0 pixels"),

@@ -29,6 +29,7 @@ LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_optio
 UNTUNED = "untuned"  # group of members of such families as they are without a look
 FAST_STARTS = "fast_start"  # group of files, one for an ``init``: what a draft has in its place
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
+KEEPS_SIZE = "keep_stroke_size"  # key by which looks say what quality means
 CLOSER = 50  # times as much weight of the focus with abstraction=1
 LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
 
@@ -63,6 +64,26 @@ def fast_start(look: str, family: str) -> str:
     return str(replaced) if family == "init" else str(replaced.get(chosen[family], chosen[family]))
 
 
+def start_of_draft(look: str, family: str) -> str:
+    """Choose a member for a draft: the look's own where its strokes keep their size, else a fast start."""
+    node = ConfigStore.instance().load(f"look/{look}.yaml").node
+    return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
+
+
+def density_of_quality(look: str, density: str) -> str:
+    """Choose the density policy of a quality: the look's own where its strokes keep their size, else this one."""
+    node = ConfigStore.instance().load(f"look/{look}.yaml").node
+    return str(choices_of(node, PaintTask.groups)["density"]) if node.get(KEEPS_SIZE) else density
+
+
+def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
+    """Choose what a quality means: ``finished`` where a look's strokes keep their size, else ``nearer``."""
+    return finished if _root_[KEEPS_SIZE] else nearer
+
+
+OmegaConf.register_new_resolver("by_quality", by_quality, replace=True)
+OmegaConf.register_new_resolver("density_of_quality", density_of_quality, replace=True)
+OmegaConf.register_new_resolver("start_of_draft", start_of_draft, replace=True)
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
 OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 

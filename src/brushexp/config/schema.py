@@ -164,6 +164,7 @@ class PaintTask(Task):
     pixels_per_stroke: float = key(100, "area of the picture for each stroke, in pixels", at_least(1))
     max_strokes: int | None = key(None, "limit of the strokes by pixels_per_stroke; null = no limit", at_least(1))
     effort: float = key(1, "multiplies the look's number of steps (set by quality=)", at_least(0))
+    keep_stroke_size: bool = key(False, "quality= takes more steps instead of smaller strokes (set by look=)")
     steps: int = key(500, "gradient steps; 0 = paint the initialisation", at_least(0))
     steps_per_stroke: float | None = key(None, "average updates per stroke; overrides steps; null = none", at_least(0))
     coarse: float = key(0, "fraction of the steps, the first ones, at half the resolution", between(0, 0.99))

@@ -6,7 +6,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density._worst_places import new_strokes
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.export._prints import DPI, Compression, PrintExporter, over_white
+from brushexp.plugins.export._prints import CM, DPI, Compression, PrintExporter, over_white
 from brushexp.plugins.export.svg import profile_of, soft_edge
 from brushexp.plugins.init.layers import FAR_AWAY, InLayers
 from brushexp.plugins.optimizer.torch import TorchOptim
@@ -17,6 +17,7 @@ from brushexp.plugins.sampler.whole import Whole
 
 __all__ = [
     "CHANNELS",
+    "CM",
     "DPI",
     "FADED",
     "FAR_AWAY",

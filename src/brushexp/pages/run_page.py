@@ -19,12 +19,13 @@ from brushexp.painting.finished import Finished
 from brushexp.registry import family_of_key, name_of_target
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
-from brushexp.results.runs import command_of, read_curves
+from brushexp.results.runs import command_of, look_of, read_curves
 from brushexp.results.stroke_table import SIZE_MEASURES, StrokeTable, measure_strokes, sizes_set_by
 from brushexp.shading.light import overlay
 from brushexp.strokes.saved import Saved, config_of
 from brushexp.system.files import TEMPORARY, write_text
 from brushexp.system.status import Status
+from brushexp.system.words import table_of_words
 
 PAGE_NAME = "report.html"
 FILES = {  # the page lists the files of a run in this order
@@ -67,6 +68,7 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
     return run_page(
         finished,
         name=Path(str(image or folder.resolve().name)).name,
+        look=look_of(folder),
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if finished.metrics else None,
         files=files_in(folder, film),
@@ -87,13 +89,19 @@ def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str
 
 
 def run_page(
-    finished: Finished, *, name: str, curves: Mapping[str, Sequence[float]] | None = None, command: str | None = None,
-    files: Iterable[Mapping[str, str]] = (), beside: bool = False,
-) -> str:  # fmt: skip
+    finished: Finished,
+    *,
+    name: str,
+    look: str = "",
+    curves: Mapping[str, Sequence[float]] | None = None,
+    command: str | None = None,
+    files: Iterable[Mapping[str, str]] = (),
+    beside: bool = False,
+) -> str:
     """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
 
-    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`, and ``beside`` says
-    that painting.png lies beside the page.
+    ``look`` is the name of one. Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of
+    `files_in`, and ``beside`` says that painting.png lies beside the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -102,7 +110,7 @@ def run_page(
     return page(
         "run.html.j2",
         name=name,
-        lead=_lead(saved, metrics),
+        lead=_lead(saved, look),
         interrupted=metrics.get("status") == Status.INTERRUPTED,
         figures=_figures(metrics),
         target=images.pop("target", None),
@@ -133,10 +141,14 @@ def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
     return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
 
 
-def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
+def _lead(saved: Saved, look: str) -> str:
+    """Say in words what a painting is: its medium, its strokes and its size."""
     (height, width), count = saved.size, len(saved.strokes)
-    words = f"{count:,} stroke{'s' * (count != 1)} on {width:,} × {height:,} pixels, renderer {saved.renderer}"
-    return words + (f", painted on {metrics['device']}" if metrics.get("device") else "")
+    medium = table_of_words("look_in_words").get(look, "")
+    brush = table_of_words("renderer_in_words").get(saved.renderer, f"drawn by renderer={saved.renderer}")
+    strokes = " ".join([f"{count:,} stroke{'s' * (count != 1)}", *[brush] * bool(brush)])
+    words = ", ".join([*[medium] * bool(medium), strokes, f"{width:,} × {height:,} pixels"])
+    return words[0].upper() + words[1:]
 
 
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:

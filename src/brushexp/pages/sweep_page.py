@@ -42,7 +42,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
     return page(
         "sweep.html.j2",
         title=folder.resolve().name,
-        summary=tables.run_count(frame),
+        summary=_summary(frame),
         shown=data,
         metrics=quantities(),
         means=_means(frame),
@@ -51,6 +51,15 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         plotted=_plotted(data),
         data=_script_data(data),
     )
+
+
+def _summary(frame: DataFrame) -> str:
+    """Count the paintings of a folder of pictures, or else the runs, and those that failed, in words."""
+    if not tables.is_album(frame):
+        return tables.run_count(frame)
+    failed = int((frame["run", "status"] == Status.FAILED).sum())
+    count = len(frame) - failed
+    return f"{count} painting{'s' * (count != 1)}" + (f"; {failed} failed" if failed else "")
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:

@@ -182,6 +182,17 @@ def words_of(folder: Path) -> list[str]:
         return []
 
 
+def look_of(folder: Path) -> str:
+    """Name the look of a run, as Hydra recorded it; nothing if it was not recorded."""
+    try:
+        recorded: Any = yaml_of(read_text(folder / ".hydra" / "hydra.yaml", ""))
+    except UserError:
+        return ""
+    for key in ("hydra", "runtime", "choices"):
+        recorded = recorded.get(key) if isinstance(recorded, dict) else None
+    return str(recorded.get("look", "")) if isinstance(recorded, dict) else ""
+
+
 def image_name(run: Any) -> str:
     """Write the name and the size of what a run painted, as far as the folder has them."""
     name = Path(str(setting_of(run, "image") or "picture")).name

@@ -3,13 +3,15 @@
 import logging
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from brushexp.config.changes import shortened
+from brushexp.config.vocabulary import meaning_of
 from brushexp.config.words import parse_value
 from brushexp.runs.run_folder import HYDRAS_FILES
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, files_written
@@ -17,7 +19,7 @@ from brushexp.system.terminal import as_shown
 from brushexp.system.words import table_of_words
 
 log = logging.getLogger(__name__)
-MANY_STROKES = 600  # strokes, from which 300 are few
+EXPORTS = "to"  # key of what is exported of a finished painting
 NAMED = 4  # files that a line names
 
 
@@ -32,7 +34,7 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
     log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
     if not is_job():
         say_page(folder, "how it was painted")
-        log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder, strokes))
+        log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
 
 
 def is_job() -> bool:
@@ -62,28 +64,62 @@ def say_page(folder: Path, what: str) -> None:
         log.info("%s  %s%s%s", as_shown(folder / "report.html"), what, look, place)
 
 
-def suggestion(words: Sequence[str], folder: Path, strokes: int = 4000) -> str:
-    """Choose one thing to try after a painting of so many strokes, by these words of a command line.
+def suggestion(words: Sequence[str], folder: Path) -> str:
+    """Choose one thing to try after a painting that these words of a command line made.
+
+    The files of words list what may be proposed in their tables ``[next.WORD]``: ``gives`` says what the word gives,
+    ``after`` names the words after which alone it fits, and ``unless`` the keys beside which it does nothing.
 
     >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
-    'fewer and larger strokes: brushexp photo.jpg strokes=300'
+    'only what matters, in fewer and larger strokes: brushexp photo.jpg abstract'
+    >>> suggestion(["image=photo.jpg", "quality=draft"], Path("outputs/x"))
+    'the same picture, finished: brushexp photo.jpg quality=normal'
     >>> suggestion(["image=photo.jpg", "strokes=300"], Path("outputs/x"))
     'another look: brushexp photo.jpg strokes=300 look=watercolour'
-    >>> suggestion(["image=photo.jpg"], Path("outputs/x"), strokes=80)
-    'another look: brushexp photo.jpg look=watercolour'
-    >>> suggestion(["look=ink", "strokes=300"], Path("outputs/x"))
+    >>> suggestion(["resume=outputs/x"], Path("outputs/x"))
     'large, for print: brushexp export outputs/x resolution=4096'
     >>> suggestion(['image="${x}, it.jpg"'], Path("outputs/x"))
-    "fewer and larger strokes: brushexp '${x}, it.jpg' strokes=300"
+    "only what matters, in fewer and larger strokes: brushexp '${x}, it.jpg' abstract"
     """
-    keys = {word.partition("=")[0] for word in words}
-    others = [word for word in shortened(words) if not word.startswith(("output=", "overwrite=", "resume="))]
-    typed = [_unquoted(word).removeprefix("image=") for word in others]
-    for word, what in table_of_words("next").items():
-        key = word.partition("=")[0]
-        if not keys & {key, "detail", "resume"} and not (key == "strokes" and strokes < MANY_STROKES):
-            return f"{what}: {shlex.join(['brushexp', *typed, word])}"
-    return f"large, for print: {shlex.join(['brushexp', 'export', as_shown(folder), 'resolution=4096'])}"
+    words = shortened(words)
+    proposals = table_of_words("next")
+    first = sorted(proposals, key=lambda word: "after" not in proposals[word])
+    for word in first:
+        if _fits(word, proposals[word], words):
+            return f"{proposals[word]['gives']}: {shlex.join(_command(word, words, folder))}"
+    return f"large, for print: {shlex.join(_export(folder, 'resolution=4096'))}"
+
+
+def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
+    """Whether a proposal says something new after these words."""
+    typed = {_family(one) for one in words}
+    if "after" in proposal:
+        matches = any(one in words if "=" in one else one in typed for one in proposal["after"])
+    else:
+        matches = _family(word) not in typed
+    return matches and not typed & {"resume", *proposal.get("unless", ())}
+
+
+def _command(word: str, words: Sequence[str], folder: Path) -> list[str]:
+    """Write the command of a proposal: an export of the finished painting, or the same painting with one word more."""
+    if _family(word) == EXPORTS:
+        return _export(folder, word)
+    dropped = {"output", "overwrite", _family(word)}
+    typed = [_unquoted(one).removeprefix("image=") for one in words if _family(one) not in dropped]
+    return ["brushexp", *typed, word]
+
+
+def _export(folder: Path, word: str) -> list[str]:
+    return ["brushexp", "export", as_shown(folder), word]
+
+
+def _family(word: str) -> str:
+    """Name the key of a word, or the family of whose member it sets an option.
+
+    >>> _family("palette.values=5"), _family("+metric=lpips"), _family("abstract")
+    ('palette', 'metric', 'abstraction')
+    """
+    return (meaning_of(word) or word).lstrip("+~").partition("=")[0].partition(".")[0]
 
 
 def _unquoted(word: str) -> str:

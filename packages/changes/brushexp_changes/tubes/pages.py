@@ -14,8 +14,8 @@ import torch
 
 from brushexp.contracts import UserError
 from brushexp.contracts.files import with_progress
-from brushexp.contracts.pictures import hex_of
 from brushexp.contracts.strokes import curve_of, point_at
+from brushexp_changes.tubes.amounts import millilitres_of_mixtures, millilitres_of_tubes
 from brushexp_changes.tubes.mixtures import Mixtures
 from brushexp_changes.tubes.plan import Plan, labels_of, numbered_regions
 
@@ -32,36 +32,63 @@ PAGE = 210.0, 297.0  # mm, A4
 MARGIN, HEAD, LEGEND = 10.0, 14.0, 34.0  # mm
 GRID = 50.0  # mm on the painting between two lines of its grid
 ROWS, COLUMNS_OF_LEGEND = 28, 12  # rows of a table on a page, and swatches in a row of the legend
+ACROSS, DOWN = 3, 4  # pictures of stages on a page
+PICTURES = ACROSS * DOWN
+STAGE_SIDE = 320  # pixels of the longer side of the picture after a stage
+GAP, CAPTION = 4.0, 6.0  # mm between pictures, and of the line above each
 STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm, of the columns of the table of stages
 MOST_PAGES = 400
 CHORDS = 17  # points of a stroke
 INK, GREY, FAINT, GROUND = "#202020", "#707070", "#b0b0b0", "#f4f2ec"
 
 
-def draw_plan(plan: Plan, remarks: Sequence[str], scale: float, path: Path) -> None:
-    """Write all pages as a PDF, the same bytes for the same plan; a UserError if there are too many."""
+def draw_plan(
+    plan: Plan,
+    title: str,
+    remarks: Sequence[str],
+    path: Path,
+    *,
+    scale: float = 1.0,
+    smallest_mm: float = 0.0,
+) -> None:
+    """Write all pages as a PDF, the same bytes for the same plan; a UserError if there are too many.
+
+    ``scale`` is that of the sheets of strokes; no part to paint by number is smaller than ``smallest_mm``.
+    """
     from matplotlib.backends.backend_pdf import PdfPages  # noqa: PLC0415  (slow to import)
 
-    tiles, mixtures = _tiles(plan, scale), plan.table.mixtures
-    sheets = len(tiles) * len(plan.table.brushes)
-    count = 2 + sheets + sum(ceil(max(1, rows) / ROWS) for rows in (len(mixtures), len(plan.stages)))
+    mixtures = plan.table.mixtures
+    sheets = [
+        (number, tile)
+        for number, tile in product(range(len(plan.table.brushes)), _tiles(plan, scale))
+        if len(_on_tile(plan, number, tile))
+    ]
+    count = 2 + len(sheets) + sum(ceil(max(1, rows) / ROWS) for rows in (len(mixtures), len(plan.stages)))
+    count += ceil(len(plan.stages) / PICTURES)
     if count > MOST_PAGES:
         smaller = scale * (MOST_PAGES / count) ** 0.5
         raise UserError(f"the plan would have {count} pages, more than {MOST_PAGES}; set to.plan.scale={smaller:.2g}")
-    pages = _pages(plan, remarks, scale, tiles)
-    with PdfPages(path, metadata={"CreationDate": None, "Title": f"Plan of {plan.job.source}"}) as file:
+    pages = _pages(plan, title, remarks, scale, smallest_mm, sheets)
+    with PdfPages(path, metadata={"CreationDate": None, "Title": title}) as file:
         for page in with_progress(pages, count, "pages"):
             file.savefig(page)
 
 
-def _pages(plan: Plan, remarks: Sequence[str], scale: float, tiles: Sequence[Tile]) -> Iterator[Figure]:
-    yield _overview(plan, remarks)
+def _pages(
+    plan: Plan,
+    title: str,
+    remarks: Sequence[str],
+    scale: float,
+    smallest_mm: float,
+    sheets: Sequence[tuple[int, Tile]],
+) -> Iterator[Figure]:
+    yield _overview(plan, title, remarks)
     yield from _recipes(plan)
     yield from _stages(plan)
-    yield _by_numbers(plan)
-    for number in range(len(plan.table.brushes)):
-        for tile in tiles:
-            yield _sheet(plan, number, tile, scale)
+    yield from _pictures(plan)
+    yield _by_numbers(plan, smallest_mm)
+    for number, tile in sheets:
+        yield _sheet(plan, number, tile, scale)
 
 
 def _tiles(plan: Plan, scale: float) -> list[Tile]:
@@ -94,8 +121,8 @@ def _swatch(axes: Axes, mixtures: Mixtures, number: int, corner: tuple[float, fl
     axes.text(*middle, str(number + 1), ha="center", va="center", fontsize=side, color="black" if light else "white")
 
 
-def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
-    figure, axes = _page(f"To paint: {plan.job.source}")
+def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
+    figure, axes = _page(title)
     height, width = plan.job.size
     room = PAGE[0] - 2 * MARGIN
     across = min(room, 150.0 * width / height)
@@ -104,15 +131,15 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
     axes.set(xlim=(0, PAGE[0]), ylim=(PAGE[1], 0))
     cm = [side / plan.pixels_per_mm / 10 for side in (width, height)]
     brushes = ", ".join(f"{mm:g} mm" for mm in plan.brushes_mm)
-    mixtures = plan.table.mixtures
-    tubes = ", ".join(mixtures.tubes[k] for k in np.flatnonzero(mixtures.parts.any(axis=0)))
+    tubes = ", ".join(f"{tube} {ml:.0f} ml" for tube, ml in millilitres_of_tubes(plan).items())
+    ground = _ground(plan)
     lines = [
         *remarks,
         f"{cm[0]:.1f} x {cm[1]:.1f} cm; brushes of {brushes}; a load lasts for {plan.table.load:g} widths of a brush",
         f"tubes: {tubes}",
         "",
         "1. Mix the paints by their recipes and number them; parts are volumes.",
-        f"2. Tint the ground in {hex_of(plan.job.saved.background.numpy())}.",
+        f"2. {ground}",
         f"3. Draw a grid of {GRID / 10:g} cm on it, or trace the sheets of strokes.",
         "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
@@ -123,6 +150,15 @@ def _overview(plan: Plan, remarks: Sequence[str]) -> Figure:
     return figure
 
 
+def _ground(plan: Plan) -> str:
+    """Say with which mixture the ground is tinted."""
+    mixtures = plan.table.mixtures
+    if not len(mixtures):
+        return "Leave the ground as it is."
+    number = int(plan.table.mixture_of(plan.job.saved.background.detach().cpu()[None])[0])
+    return f"Tint the ground with mixture {number + 1}, thinned: {mixtures.recipe(number)}."
+
+
 def _in_parts(count: int) -> Iterator[range]:
     """Divide rows among pages; no rows are an empty page."""
     return (range(first, min(first + ROWS, count)) for first in range(0, max(1, count), ROWS))
@@ -130,17 +166,14 @@ def _in_parts(count: int) -> Iterator[range]:
 
 def _recipes(plan: Plan) -> Iterator[Figure]:
     mixtures = plan.table.mixtures
-    metres, area = np.zeros(len(mixtures)), np.zeros(len(mixtures))
-    for stage in plan.stages:
-        metres[stage.mixture] += stage.metres
-        area[stage.mixture] += stage.metres * stage.brush_mm * 10  # cm^2
+    millilitres = millilitres_of_mixtures(plan)
     for rows in _in_parts(len(mixtures)):
         figure, axes = _page("Mixtures")
         for row, number in enumerate(rows):
             y = 26 + 9 * row
             _swatch(axes, mixtures, number, (MARGIN, y), 7.5)
             axes.text(MARGIN + 12, y + 4, mixtures.recipe(number), fontsize=9.5, va="center", color=INK)
-            amount = f"{area[number]:.0f} cm²" if metres[number] else "not used"
+            amount = f"{millilitres[number]:.1f} ml" if millilitres[number] else "not used"
             axes.text(PAGE[0] - MARGIN, y + 4, amount, fontsize=9, va="center", ha="right", color=INK)
         yield figure
 
@@ -159,13 +192,32 @@ def _stages(plan: Plan) -> Iterator[Figure]:
         yield figure
 
 
-def _by_numbers(plan: Plan) -> Figure:
+def _pictures(plan: Plan) -> Iterator[Figure]:
+    """Draw the painting as it is after each stage, played back."""
+    height, width = plan.job.size
+    room = (PAGE[0] - 2 * MARGIN) / ACROSS, (PAGE[1] - 2 * MARGIN - HEAD) / DOWN
+    across = min(room[0] - GAP, (room[1] - GAP - CAPTION) * width / height)
+    down = across * height / width
+    for first in range(0, len(plan.stages), PICTURES):
+        figure, axes = _page("After each stage")
+        for k, stage in enumerate(plan.stages[first : first + PICTURES]):
+            left = MARGIN + room[0] * (k % ACROSS)
+            top = MARGIN + HEAD + CAPTION + room[1] * (k // ACROSS)
+            picture = plan.after(stage.last).at_most(STAGE_SIDE).picture()
+            axes.imshow(picture, extent=(left, left + across, top + down, top), aspect="auto")
+            caption = f"{stage.number}: {stage.brush_mm:g} mm, mixture {stage.mixture + 1}"
+            axes.text(left, top - 2.5, caption, fontsize=8, va="center", color=INK)
+        axes.set(xlim=(0, PAGE[0]), ylim=(PAGE[1], 0))
+        yield figure
+
+
+def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
     """Draw the outlines of what the mixtures cover, with their numbers."""
     figure, axes = _page("By numbers")
     height, width = plan.job.size
     top = MARGIN + HEAD
     across = min(PAGE[0] - 2 * MARGIN, (PAGE[1] - top - LEGEND - MARGIN) * width / height)
-    regions = numbered_regions(plan)
+    regions = numbered_regions(plan, smallest_mm)
     unit = across / regions.shape[1]
     frame = MARGIN, MARGIN + across, top + unit * regions.shape[0], top
     x = MARGIN + unit * (np.arange(regions.shape[1]) + 0.5)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from brushexp.contracts.families import ExportJob
+from brushexp.contracts.results import measure_strokes
 from brushexp.contracts.strokes import Strokes, curve_of, cut_short, length_of
 from brushexp_changes.tubes.table import Table
 
@@ -16,6 +17,7 @@ FULL = 0.6  # share of a load after which a brush begins to run dry
 DRIEST = 0.4  # coverage at the end of a load
 FILMS = 4  # of a stroke that runs dry, each shorter than the one below
 NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
+TOUCHING = np.ones((3, 3), dtype=int)  # pixels of a part touch at their sides or corners
 ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
 
 Array = np.ndarray
@@ -105,6 +107,19 @@ class Plan:
         """Length of all strokes."""
         return sum(stage.metres for stage in self.stages)
 
+    def without_hidden(self, least_visible: float) -> "Plan":
+        """Leave out the strokes of whose paint a smaller share than this is seen at the end."""
+        if len(self.order) < 2 or not least_visible:
+            return self
+        measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
+        seen = torch.from_numpy(np.asarray(measures.visible) >= least_visible)
+        return Plan(self.job, self.table, self.order[seen], self.pixels_per_mm)
+
+    def after(self, strokes: int) -> ExportJob:
+        """Return the painting as it is after so many strokes of the plan."""
+        begun = Plan(self.job, self.table, self.order[:strokes], self.pixels_per_mm)
+        return begun.played()
+
     def played(self) -> ExportJob:
         """Return the painting that comes of the plan, in which brushes run dry.
 
@@ -136,10 +151,12 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
     return Plan(job, table, torch.from_numpy(order), pixels_per_mm)
 
 
-def numbered_regions(plan: Plan) -> Array:
-    """Number the mixture (h, w) from 0 that a picture shows at each place, without spots that no brush could paint."""
-    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
+def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
+    """Number the mixture (h, w) from 0 that a picture shows at each place, without slivers and spots.
 
+    What a disc of ``smallest_mm``, or of the smallest brush, does not fit into goes to what is beside it, and so do
+    parts that are smaller than a square of that side: a hand could not paint them.
+    """
     small = plan.played().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
     mixtures = plan.table.mixtures
@@ -147,14 +164,29 @@ def numbered_regions(plan: Plan) -> Array:
         return np.zeros(small.size, dtype=int)
     away = torch.cdist(colors.reshape(-1, 3), mixtures.color.double())
     regions = away.argmin(1).reshape(small.size).numpy()
-    least = (float(plan.table.brushes.min()) * small.size[1] / plan.job.size[1]) ** 2
-    spots = np.zeros(regions.shape, dtype=bool)
+    zoom = small.size[1] / plan.job.size[1]
+    side = max(float(plan.table.brushes.min()), smallest_mm * plan.pixels_per_mm) * zoom
+    return without_slivers(regions, side)
+
+
+def without_slivers(regions: Array, side: float) -> Array:
+    """Merge what is narrower than ``side``, or smaller than its square, into what is beside it.
+
+    Narrow places are those that a morphological opening by a disc takes away (Serra, 1982). What is taken away gets
+    the number of the nearest place that stays, so parts that stay grow and none becomes small.
+    """
+    from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
+
+    stays = np.zeros(regions.shape, dtype=bool)
     for number in np.unique(regions):
-        parts, _ = label(regions == number)
-        spots |= (np.bincount(parts.ravel())[parts] < least) & (parts > 0)
-    if spots.all():
+        mask = regions == number
+        core = distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1] >= side / 2
+        opened = mask & (distance_transform_edt(~core) <= side / 2) if core.any() else core
+        parts, _ = label(opened, structure=TOUCHING)
+        stays |= opened & (np.bincount(parts.ravel())[parts] >= side**2)
+    if not stays.any():
         return regions
-    nearest = distance_transform_edt(spots, return_distances=False, return_indices=True)
+    nearest = distance_transform_edt(~stays, return_distances=False, return_indices=True)
     return regions[tuple(nearest)]
 
 

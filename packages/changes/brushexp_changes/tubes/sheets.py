@@ -7,13 +7,15 @@ from typing import Annotated
 
 import torch
 
-from brushexp.contracts import UserError, above, between, register
+from brushexp.contracts import Rule, UserError, above, between, register
 from brushexp.contracts.families import Exporter, ExportJob
 from brushexp.contracts.files import replacing, write_text
+from brushexp.contracts.painting import recorded_settings
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.results import csv_table
 from brushexp.contracts.strokes import curve_of
 from brushexp.contracts.tasks import PICTURE
+from brushexp_changes.tubes.amounts import hours_of, millilitres_of_tubes
 from brushexp_changes.tubes.difference import median_difference
 from brushexp_changes.tubes.plan import Plan
 
@@ -22,14 +24,37 @@ BRUSH_MM = (0.5, 200.0)  # narrowest and widest brush
 COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm"]
 
 
+@dataclass(frozen=True)
+class Difficulty:
+    """How much a plan asks of a person."""
+
+    options: dict[str, object]  # of `PlanSheets`, where they are not typed
+    smallest_mm: float  # side of the smallest part to paint by number
+    least_visible: float  # share of a stroke that is seen at the end, below which it is left out
+
+
+AS_PAINTED = Difficulty({}, 0.0, 0.0)
+DIFFICULTIES = {
+    "easy": Difficulty({"mixtures": 8, "brushes": [25.0, 12.0]}, 15.0, 0.1),
+    "medium": Difficulty({"mixtures": 12, "brushes": [25.0, 12.0, 6.0]}, 8.0, 0.05),
+    "hard": Difficulty({}, 0.0, 0.02),
+}
+
+
+def _check_difficulty(name: str, option: str) -> None:
+    if name not in DIFFICULTIES:
+        raise UserError(f"{option}={name} is not there; choose one of {', '.join(DIFFICULTIES)}")
+
+
 @register("to", "plan")
 @dataclass(kw_only=True)
 class PlanSheets(Exporter):
     """``plan.pdf``: what to mix, in which order to paint, and where; ``plan.csv`` has the strokes, in mm.
 
-    Recipes with parts and swatches, stages of one brush and one mixture, a drawing to paint by numbers, and the strokes
-    of each brush on sheets with a grid. The plan is played back, with brushes that run dry, on its first page. What is
-    null is as the painting was made with ``tubes=``; another painting gets mixtures and brushes afterwards.
+    Recipes with parts, swatches and ml, stages of one brush and one mixture, a picture after each of them, a drawing to
+    paint by numbers, and the strokes of each brush on sheets with a grid. The plan is played back, with brushes that
+    run dry, on its first page. What is null is as the painting was made with ``tubes=``; another painting gets mixtures
+    and brushes afterwards.
 
     Args:
         tubes: set of tubes, or a CSV file.
@@ -38,7 +63,9 @@ class PlanSheets(Exporter):
         width_cm: width of the painting in cm.
         load: length that a brush paints with one load, in its widths.
         scale: size of the sheets of strokes over that of the painting; 1 is to be traced.
-        target: picture that the plan is compared with, such as the target.png of the run; null = none.
+        difficulty: easy, medium or hard: how many mixtures, which brushes and how small parts there are, where
+            ``mixtures`` and ``brushes`` do not say it; null = as the painting was made.
+        target: picture that the plan is compared with in the log, such as the target.png of the run; null = none.
     """
 
     tubes: str | None = None
@@ -47,36 +74,59 @@ class PlanSheets(Exporter):
     width_cm: Annotated[float, above(0, 2000)] | None = None
     load: Annotated[float, between(1, 1000)] | None = None
     scale: Annotated[float, above(0, 10)] = 1.0
+    difficulty: Annotated[str, Rule(_check_difficulty)] | None = None
     target: Annotated[str, PICTURE] | None = None
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from brushexp_changes.tubes.pages import draw_plan  # noqa: PLC0415  (Matplotlib is slow to import)
         from brushexp_changes.tubes.recorded import recorded_plan  # noqa: PLC0415  (so is Lightning)
 
-        plan, own = recorded_plan(job, vars(self))
-        remarks = self.remarks(plan, own)
+        level = AS_PAINTED if self.difficulty is None else DIFFICULTIES[self.difficulty]
+        plan, own = recorded_plan(
+            job, level.options | {name: value for name, value in vars(self).items() if value is not None}
+        )
+        plan = plan.without_hidden(level.least_visible)
+        remarks = remarks_on(plan, own)
         log.info("to.plan: %s", "; ".join(remarks))
+        if self.target is not None:
+            log.info("to.plan: CIEDE2000 %.1f from the target (median)", difference_from(plan, self.target))
         with replacing(folder / "plan.pdf") as temporary:
-            draw_plan(plan, remarks, self.scale, temporary)
+            draw_plan(
+                plan,
+                title_of(job),
+                remarks,
+                temporary,
+                scale=self.scale,
+                smallest_mm=level.smallest_mm,
+            )
         write_text(folder / "plan.csv", table_of(plan))
         return [folder / "plan.pdf", folder / "plan.csv"]
 
-    def remarks(self, plan: Plan, own: bool) -> list[str]:
-        """Say in a few lines what there is to do, and how near the painting comes."""
-        lines = [
-            f"{len(plan.order)} strokes in {len(plan.stages)} stages, {plan.metres:.1f} m of paint, {plan.dips} dips",
-            "painted under these constraints" if own else "mixtures and brushes put on afterwards",
-        ]
-        if self.target is not None:
-            played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
-            target = load_picture(self.target, max(played.shape))
-            if target.shape != played.shape:
-                raise UserError(
-                    f"to.plan.target={self.target} has another shape than the painting; give its target.png"
-                )
-            difference = median_difference(played, target)
-            lines.append(f"played back, it differs from the target by CIEDE2000 {difference:.1f} (median)")
-        return lines
+
+def title_of(job: ExportJob) -> str:
+    """Name a plan by the picture that is painted, never by the folder of a run."""
+    image = str(recorded_settings(job.saved).get("image") or "")
+    return f"To paint: {Path(image).stem}" if image else "To paint"
+
+
+def remarks_on(plan: Plan, own: bool) -> list[str]:
+    """Say in a few lines what there is to do."""
+    used = len({stage.mixture for stage in plan.stages})
+    paint = sum(millilitres_of_tubes(plan).values())
+    return [
+        f"{len(plan.order):,} strokes in {len(plan.stages)} stages, {used} mixtures, {plan.dips:,} dips",
+        f"about {hours_of(plan):.1f} hours, and {paint:.0f} ml of paint" if plan.stages else "nothing to paint",
+        "painted with these mixtures and brushes" if own else "mixtures and brushes put on afterwards",
+    ]
+
+
+def difference_from(plan: Plan, picture: str) -> float:
+    """Measure the median CIEDE2000 between a plan that is played back and a picture of its shape."""
+    played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
+    target = load_picture(picture, max(played.shape))
+    if target.shape != played.shape:
+        raise UserError(f"to.plan.target={picture} has another shape than the painting; give its target.png")
+    return median_difference(played, target)
 
 
 def table_of(plan: Plan) -> str:

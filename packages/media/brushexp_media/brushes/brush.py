@@ -1,4 +1,4 @@
-"""Draw strokes with brushes of one's own: scanned strokes, and the brushes of GIMP."""
+"""Draw strokes with brushes of one's own: scanned strokes, and brushes of GIMP, Photoshop, Procreate and Krita."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,11 +28,13 @@ class Brush(Renderer):
 
     A picture of a stroke is read as coverage: its alpha, or else how far it is from the grey of its border, dark on
     white or bright on black. It goes from left to right, or from top to bottom. Its beginning, thin or full, and its
-    frayed end keep their shape, and a longer stroke has more of its middle. A brush of GIMP, .gbr or .gih, is a stamp,
-    and is dragged along a line with its own spacing. ``brushexp brushes stroke.png`` shows what is read.
+    frayed end keep their shape, and a longer stroke has more of its middle. A brush of GIMP, .gbr or .gih, or of a set,
+    .abr, .brushset or .bundle, is a stamp, and is dragged along a line with its own spacing.
+    ``brushexp brushes stroke.png`` shows what is read.
 
     Args:
-        files: pictures, .gbr, .gih, and folders of them, each stroke with one of their marks; none: a dry brush.
+        files: pictures, .gbr, .gih, .abr, .brushset, .bundle, and folders of them, each stroke with one of their marks;
+            none: a dry brush.
     """
 
     def __init__(self, *, files: Annotated[list[str] | None, BRUSH] = None) -> None:

@@ -1,9 +1,12 @@
 """Marks of brushes: pictures of one stroke, from left to right, as files have them, and textures made of them."""
 
+import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
@@ -14,12 +17,17 @@ from brushexp.contracts import UserError
 from brushexp.contracts.layers import SPREAD, TEXEL_ASPECT, Loop
 from brushexp.contracts.members import close_loop
 from brushexp.contracts.pictures import BRIGHTNESS, load_cutout, nearest_files, picture_suffixes
+from brushexp_media.brushes.archives import SHAPES, brushes_in
 from brushexp_media.brushes.gimp import Stamp, read_stamps
+from brushexp_media.brushes.photoshop import SPACING, read_abr
 
-STAMPS = (".gbr", ".gih")
+log = logging.getLogger(__name__)
+
+PIPES = (".gbr", ".gih")  # files of GIMP: the stamps of one file take turns
+SETS = (".abr",)  # files of Photoshop: each stamp is a brush
+BRUSHES = (*PIPES, *SETS, *SHAPES)
 ELSEWHERE = {  # files of other programs, and how they become what is read here
-    ".abr": "a set of brushes of Photoshop; open it in GIMP or Krita and save them as .gbr or PNG",
-    ".kpp": "a preset of Krita, whose brush is another file; give that one, a .gbr, .gih or PNG",
+    ".kpp": "a preset of Krita, whose brush is another file; give that one, a .gbr, .gih or PNG, or a .bundle",
     ".myb": "a brush of MyPaint, a recipe without a picture; paint a stroke with it and save that as PNG",
     ".vbr": "a brush of GIMP that is a formula; paint a stroke with it and save that as PNG",
 }
@@ -58,13 +66,13 @@ def _files_of(path: str) -> list[str]:
     if not os.path.exists(path):
         near = [f"did you mean {name}? " for name in nearest_files(path)[:1]]
         raise UserError(
-            f"brush={path} is not there; {''.join(near)}give a picture of a stroke, or a .gbr or .gih of GIMP"
+            f"brush={path} is not there; {''.join(near)}give a picture of a stroke, a .gbr or .gih of GIMP, or an .abr"
         )
     if not os.path.isdir(path):
         return [path]
-    files = [str(file) for file in sorted(Path(path).iterdir()) if _ending(file) in {*STAMPS, *picture_suffixes()}]
+    files = [str(file) for file in sorted(Path(path).iterdir()) if _ending(file) in {*BRUSHES, *picture_suffixes()}]
     if not files:
-        raise UserError(f"brush={path} has no brush in it; put strokes as PNG there, or .gbr and .gih of GIMP")
+        raise UserError(f"brush={path} has no brush in it; put strokes as PNG there, .gbr and .gih of GIMP, or .abr")
     return files
 
 
@@ -73,20 +81,55 @@ def _ending(path: str | Path) -> str:
 
 
 def _marks_of(file: str) -> list[Mark]:
-    if (kind := ELSEWHERE.get(_ending(file))) is not None:
+    """Read the marks of a file; of a set of more than ``MOST_MARKS`` brushes the first ones, which is told."""
+    name, ending = Path(file).name, _ending(file)
+    if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")
     try:
-        if _ending(file) not in STAMPS:
-            color, alpha = load_cutout(file, None, "brush")
-            return [Mark(Path(file).name, lying(cropped(shrunk(coverage_of(color, alpha)))))]
+        if ending not in BRUSHES:
+            return [_mark_of_picture(name, file)]
         try:
-            stamps = read_stamps(Path(file).read_bytes())
+            data = Path(file).read_bytes()
         except OSError as error:
             raise UserError(f"cannot be read ({error.strerror}); give the path of a brush") from error
-        names = [Path(file).name + f" {k + 1}" * (len(stamps) > 1) for k in range(len(stamps))]
-        return [Mark(name, cropped(dragged(stamps[k:] + stamps[:k]))) for k, name in enumerate(names)]
+        marks = [*islice(_marks_in(name, ending, data), MOST_MARKS + 1)]
     except UserError as error:
         raise UserError(str(error) if str(error).startswith("brush=") else f"brush={file} {error}") from error
+    if len(marks) > MOST_MARKS and ending not in PIPES:
+        log.warning("%s has more than %d brushes; the first %d are used", name, MOST_MARKS, MOST_MARKS)
+        return marks[:MOST_MARKS]
+    return marks
+
+
+def _mark_of_picture(name: str, file: str) -> Mark:
+    color, alpha = load_cutout(file, None, "brush")
+    return Mark(name, lying(cropped(shrunk(coverage_of(color, alpha)))))
+
+
+def _marks_in(name: str, ending: str, data: bytes) -> Iterator[Mark]:
+    """Yield the marks of a file of stamps, or of an archive of such files."""
+    if ending in SHAPES:
+        for inner, content in brushes_in(data, ending):
+            yield from _marks_in(f"{name}: {inner}", _ending(inner), content)
+        return
+    if ending in PIPES:
+        stamps = read_stamps(data)
+        turns = [stamps[k:] + stamps[:k] for k in range(len(stamps))]
+    elif ending in SETS:
+        turns = [[stamp] for stamp in read_abr(data)]
+    else:
+        turns = [[Stamp(_coverage_of_bytes(data), SPACING)]]
+    for k, turn in enumerate(turns):
+        yield Mark(name + f" {k + 1}" * (len(turns) > 1), cropped(dragged(turn)))
+
+
+def _coverage_of_bytes(data: bytes) -> np.ndarray:
+    """Compute the coverage (H, W) of a picture in an archive."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "brush.png")
+        path.write_bytes(data)
+        color, alpha = load_cutout(str(path), None, "brush")
+    return cropped(shrunk(coverage_of(color, alpha)))
 
 
 def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:

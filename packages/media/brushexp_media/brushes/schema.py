@@ -12,4 +12,6 @@ class BrushesTask(Task):
 
     module = "brushexp_media.brushes.task"
     alone = "brushes"
-    brushes: list[str] = key([], "pictures of strokes, .gbr and .gih of GIMP, folders; none = the dry brush", BRUSH)
+    brushes: list[str] = key(
+        [], "pictures of strokes, .gbr, .gih, .abr, .brushset, .bundle, folders; none = the dry brush", BRUSH
+    )

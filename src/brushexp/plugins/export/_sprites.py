@@ -28,12 +28,14 @@ class Sprites:
     places: Array  # (N, 2) left and top on the canvas, in pixels of the sheet
     zoom: float  # pixels of the sheet for each of the canvas
 
-    def bitmaps(self) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield number, place and pixels (h, w, 4) of each stroke."""
-        for number, (left, top, width, height), (x, y) in zip(
-            self.number.tolist(), self.boxes.tolist(), self.places.tolist(), strict=True
-        ):
-            yield number, (x, y), self.sheet[top : top + height, left : left + width]
+    def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
+        """Yield number, place and pixels (h, w, 4) of each stroke, or of those (n,) that can be seen, in order."""
+        row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
+        for stroke in row if number is None else number.tolist():
+            if stroke in row:
+                left, top, width, height = self.boxes[row[stroke]].tolist()
+                x, y = self.places[row[stroke]].tolist()
+                yield stroke, (x, y), self.sheet[top : top + height, left : left + width]
 
 
 def has_sprites(job: ExportJob) -> bool:

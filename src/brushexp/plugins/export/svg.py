@@ -1,6 +1,7 @@
 """Write strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps where there is a texture."""
 
 import base64
+import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
+from brushexp.plugins.export._svg_groups import groups_of
 from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, rounded
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
@@ -24,10 +26,15 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
+log = logging.getLogger(__name__)
 CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
 PIXEL = 1 / 12  # square pixels of variance of an edge that programs draw by the covered share of each pixel
 BISECTIONS = 40  # halvings of the interval in which the width of an outline is searched
 LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
+SAMPLED = 100  # bitmaps of which the size of all is estimated
+BASE64 = 4 / 3  # letters for a byte
+TAG = 130  # bytes of a bitmap's place and number
+INKSCAPE = ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
 EVEN = 0.02  # widening up to which a stroke is drawn as if it were as thick all along
@@ -56,25 +63,51 @@ class Svg(Exporter):
         digits: decimals of coordinates and widths.
         outlines: how many paths, one on another, make the soft edge of a stroke; more where it is wider than 3 pixels.
         paths: nothing but paths, without textures and light, for programs that edit them.
+        layers: groups of as many strokes each, the lowest first, which Inkscape shows as layers; 0 = none.
+        colors: groups of so many colours in each layer, dark to light: strokes of a layer then lie in another order
+            than in the painting; 0 = none.
+        width_mm: width of the drawing in millimetres, in which it is then measured; null = pixels.
     """
 
     digits: Annotated[int, between(0, 6)] = 2
     outlines: Annotated[int, between(1, 8)] = 1
     paths: bool = False
+    layers: Annotated[int, between(0, 100)] = 0
+    colors: Annotated[int, between(0, 100)] = 0
+    width_mm: Annotated[float, between(1, 100_000)] | None = None
+
+    @property
+    def is_grouped(self) -> bool:
+        return bool(self.layers or self.colors)
 
     def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
         """Write the file; ``pictures`` are those of the job without and under its lamp, if they exist already."""
         path = folder / "strokes.svg"
-        write_text(path, self._lines(job, pictures))
+        has_bitmaps = not self.paths and has_sprites(job)
+        sprites = draw_sprites(job) if has_bitmaps else None
+        if sprites is not None and pictures is None:  # in a painting's own folder nobody has asked for it
+            size = megabytes_of(sprites)
+            log.info(
+                "strokes.svg: about %.1f MB of %s bitmaps; %s.paths=true writes paths",
+                size,
+                len(sprites.number),
+                self.key,
+            )
+        write_text(path, self._lines(job, sprites, pictures))
         return [path]
 
-    def _lines(self, job: ExportJob, pictures: tuple[np.ndarray, np.ndarray] | None) -> Iterator[str]:
+    def _lines(
+        self,
+        job: ExportJob,
+        sprites: Sprites | None,
+        pictures: tuple[np.ndarray, np.ndarray] | None,
+    ) -> Iterator[str]:
         (height, width), count = job.size, len(job.strokes)
         profile, is_profile = profile_of(job)
-        has_bitmaps, is_lit = not self.paths and has_sprites(job), not self.paths and not job.is_bare
+        is_lit = not self.paths and not job.is_bare
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
-        if has_bitmaps:
+        if sprites is not None:
             about += " Each one is a bitmap with its texture."
         elif not is_profile:
             about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold."
@@ -82,8 +115,14 @@ class Svg(Exporter):
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
-        yield f'<?xml version="1.0" encoding="UTF-8"?>\n<svg version="1.1" {NAMESPACES} '
-        yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}" '
+        across, up, unit = f"{width:.12g}", f"{height:.12g}", "px"
+        if self.width_mm is not None:
+            scale = self.width_mm / width
+            across, up, unit = f"{self.width_mm:.12g}", f"{height * scale:.6g}", "mm"
+            stroked += f' transform="scale({scale:.9g})"'
+        namespaces = NAMESPACES + INKSCAPE * self.is_grouped
+        yield f'<?xml version="1.0" encoding="UTF-8"?>\n<svg version="1.1" {namespaces} '
+        yield f'width="{across}{unit}" height="{up}{unit}" viewBox="0 0 {across} {up}" '
         yield 'style="max-width:100%;max-height:100vh">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n'
@@ -95,11 +134,7 @@ class Svg(Exporter):
             stroked += ' mask="url(#alpha)"'
         yield f'<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.saved.background[None])[0]}"/>\n'
-        if has_bitmaps:
-            yield from self._bitmaps(draw_sprites(job))
-        else:
-            for number in job.bottom_up.cpu().split(AT_ONCE):
-                yield LEADING_ZERO.sub(".", "".join(self._paths(profile, number))).replace(" -", "-")
+        yield from self._strokes(job, profile, sprites)
         if is_lit:
             if pictures is None or max(pictures[0].shape) > LIGHT_SIDE:
                 job = job.at_most(LIGHT_SIDE)
@@ -108,8 +143,33 @@ class Svg(Exporter):
             yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {light}/>\n'
         yield "</g>\n</svg>\n"
 
-    def _bitmaps(self, sprites: Sprites) -> Iterator[str]:
-        for stroke, place, pixels in sprites.bitmaps():
+    def _strokes(self, job: ExportJob, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
+        """Draw all strokes, bottom first, in their groups."""
+        if not self.is_grouped:
+            yield from self._drawn_strokes(job.bottom_up.cpu(), profile, sprites)
+            return
+        layer = 0
+        for group in groups_of(job, self.layers, self.colors):
+            if group.layer != layer:
+                yield "</g>\n" * bool(layer)
+                yield _opening(f"layer-{group.layer}", f"layer {group.layer}")
+                layer = group.layer
+            if group.color is not None:
+                yield _opening(f"layer-{layer}-{group.color[1:]}", group.color)
+            yield from self._drawn_strokes(group.number, profile, sprites)
+            yield "</g>\n" * (group.color is not None)
+        yield "</g>\n" * bool(layer)
+
+    def _drawn_strokes(self, number: Tensor, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
+        """Draw strokes (n,) in this order."""
+        if sprites is not None:
+            yield from self._bitmaps(sprites, number)
+            return
+        for some in number.split(AT_ONCE):
+            yield LEADING_ZERO.sub(".", "".join(self._paths(profile, some))).replace(" -", "-")
+
+    def _bitmaps(self, sprites: Sprites, number: Tensor) -> Iterator[str]:
+        for stroke, place, pixels in sprites.bitmaps(number.numpy()):
             numbers = (*place, pixels.shape[1], pixels.shape[0])
             x, y, width, height = (f"{round(value / sprites.zoom, self.digits):.12g}" for value in numbers)
             shape = f'x="{x}" y="{y}" width="{width}" height="{height}"'
@@ -152,6 +212,22 @@ class Svg(Exporter):
                     more += "" if opaque == 1 else f' {kind}-opacity="{opaque:.12g}"'
                     text += f'<path d="{d}" {kind}="{paint}"{more}/>\n'
             yield gradient + text if text else ""
+
+
+def _opening(name: str, label: str) -> str:
+    """Open a group, which Inkscape shows as a layer with this label."""
+    return f'<g id="{name}" inkscape:groupmode="layer" inkscape:label="{label}">\n'
+
+
+def megabytes_of(sprites: Sprites) -> float:
+    """Estimate the size of bitmaps in an SVG from some of them, by their pixels."""
+    areas = sprites.boxes[:, 2:].prod(1)
+    some = sprites.number[:: max(1, len(sprites.number) // SAMPLED)]
+    packed = pixels = 0
+    for _, _, one in sprites.bitmaps(some):
+        packed += len(bitmap(one))
+        pixels += one.shape[0] * one.shape[1]
+    return (BASE64 * packed / max(pixels, 1) * float(areas.sum()) + TAG * len(areas)) / 1e6
 
 
 def _href(pixels: np.ndarray) -> str:

@@ -1,0 +1,129 @@
+"""Read sets of brushes of Photoshop, .abr of versions 1, 2, and 6 and up.
+
+Adobe has published no description of brushes; the layout here is that which GIMP (app/core/gimpbrush-load.c) and Krita
+(libs/brush/kis_abr_brush_collection.cpp) read. Numbers are big-endian. Brushes that are formulas (*computed* ones)
+have no picture and are passed over.
+"""
+
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+
+from brushexp.contracts import UserError
+from brushexp_media.brushes.gimp import LARGEST_SIDE, Stamp
+
+OLD_VERSIONS = (1, 2)
+FIRST_IN_SECTIONS = 6  # version from which a file consists of sections, as those of a .psd
+SAMPLED = 2  # kind of a brush that has a picture, in old versions
+UNNAMED, NAMED = 1, 2  # versions of old files whose brushes have no name, and a name
+KEY = 37  # bytes of the key of a brush in a section
+BEFORE_BOUNDS = {1: KEY + 10, 2: KEY + 264}  # bytes of a brush before its bounds, by the minor version
+SPACING = 0.25  # where a file does not tell it beside the brush
+DEPTHS = {8: (np.dtype("u1"), 255), 16: (np.dtype(">u2"), 65535)}  # bits of a pixel -> its type, and full coverage
+CURE = "save the set anew from Photoshop, or its brushes from GIMP or Krita as .gbr or PNG"
+
+
+class _Damage(Exception):
+    """A brush that ends too early, or says what cannot be."""
+
+
+class _Bytes:
+    """Reads numbers from bytes, one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 0
+
+    def take(self, count: int) -> bytes:
+        if count < 0 or self.at + count > len(self.data):
+            raise _Damage("it ends too early")
+        part = self.data[self.at : self.at + count]
+        self.at += count
+        return part
+
+    def number(self, kind: str) -> int:
+        """Read a number: ``b`` of 1 byte, ``h`` of 2 or ``i`` of 4, with a sign; capitals have none."""
+        return int(struct.unpack(f">{kind}", self.take(struct.calcsize(f">{kind}")))[0])
+
+    @property
+    def left(self) -> int:
+        return len(self.data) - self.at
+
+
+def read_abr(data: bytes) -> list[Stamp]:
+    """Read all sampled brushes of an .abr file; a UserError says what is wrong with it."""
+    file = _Bytes(data)
+    try:
+        version, minor = file.number("H"), file.number("H")
+        if version in OLD_VERSIONS:
+            stamps = list(_old_brushes(file, version, minor))
+        elif version >= FIRST_IN_SECTIONS and minor in BEFORE_BOUNDS:
+            stamps = [_picture(brush, BEFORE_BOUNDS[minor], SPACING) for brush in _brushes_of_sections(file)]
+        else:
+            raise UserError(f"is no set of brushes of Photoshop that can be read (version {version}.{minor}); {CURE}")
+    except _Damage as damage:
+        raise UserError(f"is damaged: {damage}; {CURE}") from damage
+    if not stamps:
+        raise UserError("has no brush with a picture; paint a stroke with it and save that as PNG")
+    return stamps
+
+
+def _old_brushes(file: _Bytes, version: int, count: int) -> Iterator[Stamp]:
+    """Yield the sampled brushes of a file of version 1 or 2, which counts them."""
+    for _ in range(count):
+        kind = file.number("H")
+        brush = _Bytes(file.take(file.number("I")))
+        if kind != SAMPLED:
+            continue
+        brush.take(4)  # unused
+        percent = brush.number("H")
+        if version == NAMED:
+            brush.take(2 * brush.number("I"))  # its name, of two bytes a letter
+        brush.take(1 + 8)  # antialiasing, and bounds in short numbers
+        yield _picture(brush, 0, min(max(percent, 1), 1000) / 100)
+
+
+def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
+    """Yield the brushes of all sections ``samp``; each brush begins at a multiple of four bytes of its section."""
+    while file.left >= 12:
+        if file.take(4) != b"8BIM":
+            raise _Damage("a section does not begin where it should")
+        name, section = file.take(4), _Bytes(file.take(file.number("I")))
+        while name == b"samp" and section.left >= 4:
+            size = section.number("I")
+            yield _Bytes(section.take(size))
+            section.take(min(-size % 4, section.left))
+
+
+def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
+    """Read the picture of a brush, whose bounds come after so many bytes."""
+    brush.take(before)
+    top, left, bottom, right = (brush.number("i") for _ in range(4))
+    height, width, depth, is_packed = bottom - top, right - left, brush.number("H"), brush.number("B")
+    if not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
+        raise _Damage(f"a brush has {width} x {height} pixels, and those of 1 to {LARGEST_SIDE} a side are read")
+    if depth not in DEPTHS or is_packed not in (0, 1):
+        raise _Damage(f"a brush has {depth} bits a pixel, packed as {is_packed}")
+    kind, full = DEPTHS[depth]
+    row = width * kind.itemsize
+    if is_packed:
+        sizes = [brush.number("H") for _ in range(height)]
+        pixels = b"".join(_unpacked(brush.take(size), row) for size in sizes)
+    else:
+        pixels = brush.take(height * row)
+    return Stamp(np.frombuffer(pixels, kind).reshape(height, width).astype(np.float32) / full, spacing)
+
+
+def _unpacked(packed: bytes, length: int) -> bytes:
+    """Unpack a row of so many bytes by PackBits: n + 1 bytes follow n >= 0, one that is repeated 1 - n times n < 0."""
+    source, row = _Bytes(packed), b""
+    while source.left and len(row) < length:
+        count = source.number("b")
+        if count >= 0:
+            row += source.take(count + 1)
+        elif count > -128:
+            row += source.take(1) * (1 - count)
+    if len(row) != length:
+        raise _Damage("a row of a brush has not as many pixels as it should")
+    return row

@@ -1,0 +1,52 @@
+"""Divide the strokes of an SVG into layers, and each layer into colours, as programs for design list them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.pictures.load import BRIGHTNESS
+from brushexp.plugins.export.base import ExportJob
+
+ITERATIONS = 20  # of k-means
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Strokes that lie together: ``number`` (n,) in the catalogue, the bottom one first."""
+
+    layer: int  # from 1, the lowest
+    color: str | None  # '#rrggbb', the mean of the strokes; None where layers are not divided
+    number: Tensor
+
+
+def groups_of(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
+    """Yield the groups of all strokes, bottom first: layers of as many strokes each, in them colours, dark to light.
+
+    ``colors`` are the clusters of k-means in sRGB, over all strokes; 0 leaves layers whole, and the order of the
+    strokes as it is.
+    """
+    order = job.bottom_up.cpu()
+    parts = order.tensor_split(max(1, min(layers, len(order))))
+    if not colors or not len(order):
+        yield from (Group(k, None, part) for k, part in enumerate(parts, start=1))
+        return
+    color = job.strokes.color.detach().cpu().numpy().astype(np.float64)
+    means, cluster = _clusters(color, min(colors, len(np.unique(color, axis=0))))
+    dark_to_light = np.argsort(means @ np.array(BRIGHTNESS), kind="stable")
+    for k, part in enumerate(parts, start=1):
+        for one in dark_to_light:
+            number = part[torch.from_numpy(cluster[part.numpy()] == one)]
+            if len(number):
+                name = "#" + bytes((255 * means[one] + 0.5).clip(0, 255).astype(np.uint8).tolist()).hex()
+                yield Group(k, name, number)
+
+
+def _clusters(color: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cluster colours (N, 3) by k-means: means (count, 3), and the cluster (N,) of each."""
+    from scipy.cluster.vq import kmeans2  # noqa: PLC0415  (slow to import)
+
+    means, cluster = kmeans2(color, count, iter=ITERATIONS, minit="++", seed=0, missing="warn")
+    return means, cluster
