@@ -5,11 +5,12 @@ import os
 import re
 import subprocess
 import sys
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import lightning as L
 import pytest
 import torch
+from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from painters import QUIET, fit, painter_of
 from program import ROOT, publish, run
@@ -17,6 +18,7 @@ from refusals import refuses
 from scenes import random_strokes
 
 from brushexp.errors import UserError
+from brushexp.painting.components import build_components
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.paper.base import Rows
@@ -289,3 +291,83 @@ def test_a_plugin_that_fails_is_told_in_a_painting_and_where_one_goes_on_with_th
         logging.getLogger().removeHandler(handler)
         handler.close()
     assert "in weighted_sum" in (tmp_path / "run.log").read_text()
+
+
+SEVERAL = """
+import lightning as L
+from brushexp.contracts import register
+from brushexp.contracts.families import Callback, Palette
+from brushexp.contracts.members import TorchOptim
+
+@register("palette", "{name}")
+class Plain(Palette):
+    def __call__(self, picture):
+        return picture
+
+class Hook(L.Callback):
+    def on_train_batch_end(self, *_, **__):
+        half(0)
+
+def half(number):
+    return 1 / number
+
+@register("callbacks", "{name}")
+class Hooked(Callback):
+    def open(self, folder):
+        return Hook()
+
+@register("optimizer", "{name}")
+class Stuck(TorchOptim):
+    @property
+    def units(self):
+        return {{"nonsense": 1.0}}
+"""
+
+
+def test_of_several_plugins_in_a_file_the_one_is_blamed_whose_class_names_what_failed(loaded):
+    loaded(SEVERAL.format(name="several"), "several")
+    hook = build_named("callbacks", "several", {}).open(None)
+    with (
+        pytest.raises(UserError, match=r"^callbacks=several \(.*several\.py, line 17\): ZeroDivisionError"),
+        naming_plugins(),
+    ):
+        hook.on_train_batch_end()
+    with (
+        pytest.raises(UserError, match=r"^optimizer=several \(.*several\.py\): AttributeError: .* has no setter"),
+        naming_plugins(),
+    ):
+        build_named("optimizer", "several", {})
+
+
+def test_units_of_no_field_are_refused_with_the_name_of_the_optimizer(config):
+    words = ("+optimizer.units.nonsense=1",)
+    refuses("^optimizer=torch: no stroke field is called 'nonsense'", build_components, config(*words))
+
+
+def test_a_loss_on_another_device_is_named(loaded):
+    text = HEAD.format("loss") + CLASS.format(
+        family="loss", contract="Loss", method="forward", name="far", number=0,
+        body="return _[0].image.mean().to('meta')",
+    )  # fmt: skip
+    loaded(text, "far")
+    view = PaintedView(TARGET, TARGET, STROKES)
+    refuses(
+        r"^loss=far \(.*far\.py\): forward returns a tensor on meta, not on cpu", build_named("loss", "far", {}), view
+    )
+
+
+def test_a_file_that_fails_half_way_leaves_no_plugin_behind(loaded, caplog):
+    loaded(PLUGIN.format(name="early") + "\n1 / 0\n", "early")
+    assert "cannot be loaded: ZeroDivisionError" in caplog.text
+    assert "early" not in [plugin.name for plugin in plugins("order")]
+    assert "early.yaml" not in ConfigStore.instance().repo["order"]
+
+
+def test_a_class_of_a_notebook_is_named_by_its_module(clean, monkeypatch):
+    cells = ModuleType("cells")  # has no file
+    monkeypatch.setitem(sys.modules, "cells", cells)
+    exec(PLUGIN.format(name="cell"), vars(cells))
+    assert "cell" in [plugin.name for plugin in plugins("order")]
+    wrong = PLUGIN.format(name="cell_2").replace("-strokes.opacity", "1.5")
+    exec(wrong, vars(cells))
+    refuses(r"^order=cell_2 \(cells\): depth returns 1\.5", build_named("order", "cell_2", {}).depth, STROKES, None)

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
+    __version__: str
+
 __all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
     "brushexp.api.painting": ("Painting", "paint"),
@@ -28,6 +30,8 @@ def __getattr__(name: str) -> Any:
     for module, names in HOMES.items():
         if name in names:
             return getattr(import_module(module), name)
+    if name == "__version__":
+        return import_module("importlib.metadata").version("brushexp")
     if not name.startswith("_") and (point := _published().get(name)) is not None:
         return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,10 +14,12 @@ from brushexp.contracts.results import (
     LEAD,
     Curve,
     curves_by_image,
+    escape_markdown,
     leaders,
     markdown_table,
     mean_curve,
     mean_curves,
+    remark_on_provenance,
     run_count,
 )
 from brushexp_studies import plotting
@@ -53,6 +55,8 @@ def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
             lines += ["", f"## {image}", "", *_comparison(means)]
     if len(lines) == 1:
         return None
+    if remark := remark_on_provenance(frame):
+        lines[1:1] = ["", escape_markdown(remark)]
     write_text(folder / "anytime.md", "\n".join([*lines, ""]))
     return folder / "anytime.md"
 

@@ -15,7 +15,16 @@ from matplotlib.axes import Axes
 from pandas import DataFrame
 
 from brushexp.contracts.files import write_text
-from brushexp.contracts.results import Quantity, csv_table, differences, markdown_table, numbers, quantities
+from brushexp.contracts.results import (
+    Quantity,
+    csv_table,
+    differences,
+    escape_markdown,
+    markdown_table,
+    numbers,
+    quantities,
+    remark_on_provenance,
+)
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
 
@@ -219,7 +228,8 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
     if not differences:
         return []
     table = markdown_table(difference_rows(differences), align="llrlrl")
-    write_text(folder / "differences.md", f"{explain_pairing(differences)}\n\n{table}\n")
+    parts = [explain_pairing(differences), escape_markdown(remark_on_provenance(frame)), table]
+    write_text(folder / "differences.md", "\n\n".join(filter(None, parts)) + "\n")
     every = [
         {"setting": one.option, "against": one.reference, "metric": one.metric, one.unit: name, "gain": gain}
         for one in differences

@@ -10,7 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from brushexp.contracts.files import write_text
-from brushexp.contracts.results import csv_table, markdown_table, over_seeds, quantities
+from brushexp.contracts.results import (
+    csv_table,
+    escape_markdown,
+    markdown_table,
+    over_seeds,
+    quantities,
+    remark_on_provenance,
+)
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK
 
@@ -55,6 +62,8 @@ def write_front(folder: Path, frame: pd.DataFrame) -> Path | None:
     if table.empty:
         return None
     lines = ["Seconds of optimisation, means over seeds. On a front: nothing else is as fast and as good."]
+    if remark := remark_on_provenance(frame):
+        lines += ["", escape_markdown(remark)]
     for image, points in table.groupby("picture", sort=False):
         rows = points[["number", "seconds", *FRONTS, "runs"]].rename(columns={"number": ""})
         rows["front"] = [", ".join(np.compress(flags, FRONTS)) for flags in points[FLAGS].to_numpy(bool)]

@@ -24,14 +24,15 @@ from brushexp_training.evaluation.evaluation import (
     premultiply,
     squared_error,
 )
-from brushexp_training.stroke_sets.dataset import origin_of
-from brushexp_training.stroke_sets.stroke_data import stroke_data
+from brushexp_training.stroke_sets.dataset import Split, origin_of
+from brushexp_training.stroke_sets.stroke_data import measured_count, stroke_data
 from brushexp_training.stroke_sets.writer import simulate_set
 from brushexp_training.tasks import evaluate
 from hydra.core.hydra_config import HydraConfig
 from PIL import Image
 from refusals import refuses
 from sweeps import read_csv
+from test_dataset import write
 from torch.nn import functional
 
 from brushexp.config.check import check
@@ -274,3 +275,12 @@ def test_errors_are_those_of_the_formulas_and_a_colour_without_paint_counts_noth
     assert psnr_of(0.01) == pytest.approx(20)
     truth[:, 3] = 0
     assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"
+
+
+def test_a_set_with_fewer_strokes_than_asked_for_is_told(config, tmp_path, caplog):
+    data = stroke_data(config("task=evaluate", f"data=[{write(tmp_path / 'strokes', n=96, window=64)}]"))
+    size = data.size(Split.TEST)
+    assert [measured_count(data, Split.TEST, n) for n in (None, size)] == [size, size]
+    assert not caplog.records
+    assert measured_count(data, Split.TEST, size + 1) == size
+    assert f"n={size + 1}: the strokes have only {size} for split=test, and figures are of these" in caplog.text

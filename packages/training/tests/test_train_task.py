@@ -65,8 +65,18 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert written["fid_effl0"] > 0
     assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
     assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
+    assert recipe["training"]["provenance"] == written["provenance"]
+    assert written["provenance"]["torch"] == torch.__version__
     loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
     assert weights_hash(loaded) == metrics["renderer_hash"]
+
+
+def test_the_recipe_has_all_options_of_the_trainer(trained, config, tmp_path):
+    words = ["trainer.max_epochs=2", "trainer.accumulate_grad_batches=2"]
+    assert trained(*words, "fid=0", *TINY)["steps"] == 2
+    options = RENDERERS.read_recipe(tmp_path / "neural.safetensors")["training"]["trainer"]
+    assert (options["max_epochs"], options["accumulate_grad_batches"]) == (2, 2)
+    assert options.keys() == config("task=train").trainer.keys()
 
 
 def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog, monkeypatch):

@@ -103,6 +103,11 @@ def move_choice(group: str, name: str, to: str, by: str) -> bool:
     return True
 
 
+def remove_choice(group: str, name: str) -> None:
+    """Take back a choice of a group, if there is one."""
+    _group(group).pop(f"{name}.yaml", None)
+
+
 def _group(path: str) -> dict[str, Any]:
     """Return the choices of a group in Hydra's store."""
     choices: dict[str, Any] = ConfigStore.instance().repo

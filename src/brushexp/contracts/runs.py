@@ -5,6 +5,7 @@ from brushexp.api.parts import create, render
 from brushexp.api.settings import settings_of, undisturbed
 from brushexp.registry.loading import load_plugins
 from brushexp.runs.closing import how_to_go_on
+from brushexp.runs.provenance import provenance_of
 from brushexp.runs.resume import RECORD_KEY, RunRecord, record_of, restore_run
 from brushexp.runs.run_folder import note_words, release_folder, take_folder
 from brushexp.runs.runner import perform
@@ -31,6 +32,7 @@ __all__ = [
     "make_trainer",
     "note_words",
     "perform",
+    "provenance_of",
     "record_of",
     "release_folder",
     "render",

@@ -14,6 +14,7 @@ from brushexp.reporting.tables import as_text
 from brushexp.results import tables
 from brushexp.results.anytime_curves import curve_from, curves_by_image, leaders, mean_curves
 from brushexp.results.comparisons import comparisons
+from brushexp.results.provenance import remark_on_provenance
 from brushexp.results.quantities import digits, quantities
 from brushexp.results.runs import differences, shorten
 from brushexp.system.files import write_text
@@ -43,6 +44,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         "sweep.html.j2",
         title=folder.resolve().name,
         summary=_summary(frame),
+        remark=remark_on_provenance(frame),
         shown=data,
         metrics=quantities(),
         means=_means(frame),

@@ -33,7 +33,8 @@ from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build, build_named, keep_built, plugin_of, take_built
-from brushexp.strokes.catalogue import Strokes
+from brushexp.registry.blame import name_member
+from brushexp.strokes.catalogue import Strokes, check_units
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.runtime import check_memory
 
@@ -83,6 +84,10 @@ def standard_components(
 def build_components(cfg: DictConfig) -> Components:
     """Build the components that a config names."""
     others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
+    try:
+        check_units(others["optimizer"].units)
+    except UserError as error:
+        raise UserError(f"{name_member('optimizer', others['optimizer'])}: {error}") from error
     blend = Compositor(take_built(cfg.blend), take_built(cfg.color))
     return Components(stages=build_stages(cfg), blend=blend, losses=build_losses(cfg), **others)
 

@@ -1,6 +1,5 @@
 """Find the plugin that produced the first NaN or Inf, after a step without a finite result."""
 
-import inspect
 from typing import Any
 
 import torch
@@ -8,7 +7,7 @@ from torch import Tensor
 
 from brushexp.compositing.layers import Layers
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.registry import plugin_of_class
+from brushexp.registry.blame import name_member
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -38,14 +37,6 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
         if not has_finite_gradient(image.sum(), inputs):
             return f"the gradient of {who} is not finite"
     return "the gradient is not finite"
-
-
-def name_member(family: str, member: object, name: str = "") -> str:
-    """Name a member of a family as messages do: ``loss=mse``, and a user's plugin with its file."""
-    plugin = plugin_of_class(type(member))
-    is_ours = plugin is None or plugin.is_ours
-    source = "" if is_ours else f" ({inspect.getsourcefile(type(member))})"
-    return f"{family}={name or (plugin.name if plugin else type(member).__name__)}{source}"
 
 
 def broken_layer(layers: Layers, count: int) -> int | None:

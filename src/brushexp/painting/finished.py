@@ -98,11 +98,12 @@ class Finished:
 
 def finish(
     painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
-    start: float | None = None,
+    provenance: Mapping[str, Any], start: float | None = None,
 ) -> Finished:  # fmt: skip
     """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
 
-    ``start`` is `time.monotonic` when the program began; None for a run that was continued.
+    ``provenance`` goes into the metrics. ``start`` is `time.monotonic` when the program began; None for a run that was
+    continued.
     """
     painter.schedule.pause()
     painter.hand_over()
@@ -130,7 +131,7 @@ def finish(
     def compute_metrics() -> dict[str, object]:
         results = measure(metrics, flat, target, focus=canvas.focus, strokes=strokes) | numbers
         total = None if start is None else time.monotonic() - start
-        return results | {"seconds_total": total, "peak_memory_mb": peak_memory()}
+        return results | {"seconds_total": total, "peak_memory_mb": peak_memory(), "provenance": dict(provenance)}
 
     return Finished(job.at_size(sizes_of(cfg).painting), sources | results, compute_metrics, timelapse)
 

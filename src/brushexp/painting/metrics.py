@@ -1,5 +1,7 @@
 """Measure a finished painting by the chosen metrics."""
 
+import logging
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,7 +11,10 @@ from torch import Tensor
 
 from brushexp.plugins.metric.base import STANDARD, Comparison, Metric
 from brushexp.registry import build_named, take_built
+from brushexp.registry.blame import name_member
 from brushexp.strokes.catalogue import Strokes
+
+log = logging.getLogger(__name__)
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
@@ -28,11 +33,18 @@ def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,
     *, focus: Tensor | None = None, strokes: Strokes | None = None,
 ) -> dict[str, float | str | None]:  # fmt: skip
-    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by their names in metrics.json."""
+    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by their names in metrics.json.
+
+    A warning names a metric that is not a number.
+    """
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
     comparison = Comparison(image, goal, focus, strokes)
     numbers: dict[str, float | str | None] = {}
     for name, metric in metrics.items():
         if all(getattr(comparison, field) is not None for field in metric.needs):
-            numbers |= {metric.label or name: metric(comparison), **metric.remarks}
+            value = metric(comparison)
+            if value is not None and math.isnan(value):
+                who = name_member("metric", metric, name)
+                log.warning("%s: it is not a number (NaN) for this painting; metrics.json has null", who)
+            numbers |= {metric.label or name: value, **metric.remarks}
     return numbers

@@ -11,12 +11,12 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.painting.components import Components
-from brushexp.painting.divergence import name_member
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.change.base import Change
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
+from brushexp.registry.blame import name_member
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes, check_strokes
 

@@ -15,6 +15,7 @@ from torch.optim.lr_scheduler import LambdaLR
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
 from brushexp.painting.divergence import first_broken
+from brushexp.painting.gradient_check import check_dependence, check_slope
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
@@ -30,6 +31,7 @@ from brushexp.system.earlier import todays_loops
 from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
+SHAPE = ("start", "control", "end", "width")  # fields that losses of strokes alone look at
 CHANGE_PIXELS = 0.01  # largest change of a stroke by a renderer that the log does not count
 
 
@@ -215,6 +217,12 @@ class StrokeOptimizer(PaintingModule):
 
         These are rows of the catalogue unless they are given.
         """
+        loss, terms = self._evaluate(view, active)
+        self.terms = {name: term.detach() for name, term in terms.items()}
+        return loss if loss.requires_grad else loss.requires_grad_()  # of no strokes
+
+    def _evaluate(self, view: View, active: Strokes | None = None) -> tuple[Tensor, dict[str, Tensor]]:
+        """Compute the objective, and each loss unweighted."""
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
         if active is None:
@@ -222,9 +230,7 @@ class StrokeOptimizer(PaintingModule):
         strokes = active if view.active is None else self.strokes()
         canvas, painting = self.picture.see(active, strokes, view, self.front_to_back, accuracy=accuracy)
         self.depth.note_accuracy(canvas.accuracy, view.active, len(self.catalogue))
-        loss, terms = weighted_sum(self.components.losses, painting)
-        self.terms = {name: term.detach() for name, term in terms.items()}
-        return loss if loss.requires_grad else loss.requires_grad_()
+        return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
         """Say what is not finite after a step of strokes that were ``before``; nothing if all is well."""
@@ -253,10 +259,20 @@ class StrokeOptimizer(PaintingModule):
         self.visits = torch.cat([self.visits[keep], visits])
 
     def prepare(self) -> None:
-        """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation."""
+        """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation.
+
+        Losses whose gradient reaches no stroke are told, or refused (UserError).
+        """
         check_strokes(self.strokes())  # a checkpoint may have given them
-        state = deepcopy(self.state())
-        self.loss(self._sample_at_full_size()).backward()
+        state, losses = deepcopy(self.state()), self.components.losses
+        view = self._sample_at_full_size()
+        loss, terms = self._evaluate(view)
+        moving = [*self.catalogue.parameters()] if view.active is None or len(view.active) else []
+        if any(len(parameter) for parameter in moving):
+            check_dependence(losses, terms, shapes_move=all(map(self.catalogue.units.get, SHAPE)))
+        if loss.requires_grad:
+            loss.backward()
+            check_slope(losses, loss, moving)
         if self.components.density.uses_importance:
             one = self.strokes()[:1]  # enough to compile it
             importance(one, torch.arange(len(one), device=self.device), self.picture, self.generator)

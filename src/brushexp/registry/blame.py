@@ -6,12 +6,13 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from types import FrameType
+from types import CodeType, FrameType, FunctionType
 
 import torch
 
 from brushexp.errors import UserError
-from brushexp.registry.plugin import Plugin, loaded_plugins
+from brushexp.registry.plugin import Plugin, loaded_plugins, plugin_of_class
+from brushexp.registry.sources import place_of
 
 EXPLAINED_ERRORS = (UserError, MemoryError, torch.OutOfMemoryError)  # errors that are told in other words
 
@@ -37,15 +38,17 @@ def naming_plugins() -> Iterator[None]:
 
 
 def mistake_of(error: BaseException) -> str | None:
-    """Describe the innermost line of a user's plugin that an error came through; None if it came through none."""
-    users = [(inspect.getsourcefile(one.cls), one) for one in loaded_plugins() if not one.is_ours]
+    """Describe the innermost line of a user's plugin that an error came through; None if it came through none.
+
+    Without such a line, a method of ours that runs on an object of a user's class is the class's.
+    """
+    users = [(place_of(one.cls), one) for one in loaded_plugins() if not one.is_ours]
     frames = [*traceback.walk_tb(error.__traceback__)]
     for number, (frame, line) in reversed([*enumerate(frames)]):
         file = frame.f_code.co_filename
         owners = [one for source, one in users if source == file]
         if owners:
-            what = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-            what = f"ends the program (exit code {error.code})" if isinstance(error, SystemExit) else what
+            what = _in_words(error)
             callers = [other for other, _ in frames[number::-1] if other.f_code.co_filename == file]
             if (owner := _owner_of(callers, owners)) is None:
                 return f"plugins of {file}, line {line}: {what}; correct the plugin"
@@ -54,13 +57,32 @@ def mistake_of(error: BaseException) -> str | None:
     for source, owner in users:
         if isinstance(error, AttributeError) and isinstance(error.obj, owner.cls):
             return f"{owner.family}={owner.name} ({source}): it has no attribute {error.name}; correct the plugin"
+    for frame, _ in reversed(frames):
+        for source, owner in users:
+            if isinstance(frame.f_locals.get("self"), owner.cls):
+                return f"{owner.family}={owner.name} ({source}): {_in_words(error)}; correct the plugin"
     return None
+
+
+def _in_words(error: BaseException) -> str:
+    if isinstance(error, SystemExit):
+        return f"ends the program (exit code {error.code})"
+    return f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+
+
+def name_member(family: str, member: object, name: str = "") -> str:
+    """Name a member of a family as messages do: ``loss=mse``, and a user's plugin with its file."""
+    plugin = plugin_of_class(type(member))
+    is_ours = plugin is None or plugin.is_ours
+    source = "" if is_ours else f" ({place_of(type(member))})"
+    return f"{family}={name or (plugin.name if plugin else type(member).__name__)}{source}"
 
 
 def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin | None:
     """Find which of several plugins in one file a call belongs to, from the innermost of its frames outwards.
 
-    A function belongs to the class of its ``self``, or to that within which it is written: a hook of a callback, say.
+    A function belongs to the class of its ``self``, or to that within which it is written. One of another class, such
+    as a hook that a plugin hands to Lightning, or of no class, belongs to the only plugin whose methods name it.
     """
     if len(owners) == 1:
         return owners[0]
@@ -69,4 +91,19 @@ def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin |
             is_inside = frame.f_code.co_qualname.startswith(f"{owner.cls.__qualname__}.")
             if is_inside or isinstance(frame.f_locals.get("self"), owner.cls):
                 return owner
+    for frame in frames:
+        name = frame.f_code.co_qualname.partition(".")[0]
+        if len(naming := [owner for owner in owners if name in _names_in(owner.cls)]) == 1:
+            return naming[0]
     return None
+
+
+def _names_in(cls: type) -> set[str]:
+    """List the names that the methods of a class use."""
+    methods = [inspect.unwrap(value) for value in vars(cls).values() if isinstance(value, FunctionType)]
+    codes, names = [method.__code__ for method in methods], set[str]()
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return names

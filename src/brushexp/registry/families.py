@@ -31,3 +31,4 @@ MULTI_SELECT = (
 )  # families of which one run may use several members
 CORE = "brushexp."  # first letters of the modules of the program itself
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
+USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders

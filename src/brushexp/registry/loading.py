@@ -11,11 +11,9 @@ from pathlib import Path
 from types import ModuleType
 
 from brushexp.errors import UserError
-from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
-from brushexp.registry.plugin import ENTRY_POINTS, Plugin, announce, import_or_explain, is_ours
+from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH, USER_PACKAGE
+from brushexp.registry.plugin import ENTRY_POINTS, Plugin, announce, import_or_explain, is_ours, withdraw
 from brushexp.system.published import published
-
-USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
 
 log = logging.getLogger(__name__)
 _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loaded
@@ -54,9 +52,11 @@ def _import_files(files: list[Path]) -> list[str]:
     importlib.invalidate_caches()
     _broken.clear()
     for path in files:
+        module = f"{USER_PACKAGE}.{path.stem}"
         try:
-            import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
+            import_or_explain(partial(importlib.import_module, module), str(path))
         except UserError as error:
+            withdraw(module)
             _broken[str(path)] = str(error)
             log.warning("%s; it is left out", error)
     return [path.stem for path in files if str(path) not in _broken]

@@ -14,10 +14,11 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import ANY, Bounds, Rule, bounds_of
-from brushexp.compat.hydra import store_when_read
+from brushexp.compat.hydra import remove_choice, store_when_read
 from brushexp.errors import UserError
 from brushexp.registry.families import CORE, FAMILIES, FOLDERS, MULTI_SELECT
 from brushexp.registry.options import options_of, structured_config
+from brushexp.registry.sources import note_source
 from brushexp.system.published import published
 
 ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> the module that defines the class
@@ -124,6 +125,14 @@ def announce(plugin: Plugin) -> None:
         store_when_read(plugin.family, plugin.name, partial(_config_of, *key), plugin.module, package=plugin.path)
 
 
+def withdraw(module: str) -> None:
+    """Forget the plugins that a module has registered before it failed."""
+    for family, name in [key for key, plugin in _members.items() if plugin.module == module]:
+        del _members[family, name]
+        _classes.pop((family, name), None)
+        remove_choice(family, name)
+
+
 def is_ours(module: str) -> bool:
     """Tell whether a module comes with the program: it is of the core, or of one of its packages."""
     return module.startswith(CORE) or module.partition(".")[0] in _our_packages()
@@ -173,6 +182,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
             check_results(family, name, cls, f"{CORE}plugins.{FOLDERS[family]}.base")
         _classes[family, name] = cls
         if not plugin.is_ours:
+            note_source(cls)
             OmegaConf.structured(plugin.config)  # an option without a type is refused now
         return cls
 

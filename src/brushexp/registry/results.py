@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from numbers import Real
 from types import NoneType, UnionType
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.registry.families import CORE
+from brushexp.registry.sources import place_of
 from brushexp.strokes.catalogue import check_strokes
 
 
@@ -169,7 +170,7 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # what is wrong with a 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
     """Check each result of a user's class against its contract (a module); a UserError if the class lacks a part."""
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
-    source = inspect.getsourcefile(cls)
+    source = place_of(cls)
     notes = {name: kind for base in bases for name, kind in vars(base).get("__annotations__", {}).items()}
     unset = [name for name, kind in notes.items() if get_origin(kind) is ClassVar and not hasattr(cls, name)]
     if not bases or inspect.isabstract(cls) or unset:
@@ -207,7 +208,8 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
             if not _is_of(result, kind):
                 problem = f"{_describe(result)}, not {getattr(kind, '__name__', str(kind))}"
             else:
-                problem = "" if problem_of is None else problem_of(result, *args, **options)
+                problem = _problem_of_device(result, args)
+                problem = problem or ("" if problem_of is None else problem_of(result, *args, **options))
         except UserError as error:
             raise UserError(f"{who}: {function.__name__} returns strokes: {error}; correct the plugin") from error
         if problem:
@@ -215,6 +217,16 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
         return result
 
     return checked
+
+
+def _problem_of_device(result: Any, args: Sequence[object]) -> str:
+    """Say that a tensor is not where the arguments are, tensors or objects with tensors."""
+    if not isinstance(result, Tensor):
+        return ""
+    parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]
+    devices = {part.device for part in parts if isinstance(part, Tensor)}
+    places = ", ".join(sorted(map(str, devices)))
+    return f"a tensor on {result.device}, not on {places}" if devices and result.device not in devices else ""
 
 
 def _return_type(function: Any) -> Any:

@@ -50,6 +50,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
     "file_mb": Quantity("file", 2, "", unit="MB"),
     "seconds": Quantity("optimisation", 1, "lower", 0.1, ratio=True, unit="s"),
     "cpu_seconds": Quantity("CPU", 1, "lower", 0.1, ratio=True, unit="s"),
+    "n": Quantity("strokes", 0, ""),
     "n_strokes": Quantity("strokes painted", 0, ""),
 }
 

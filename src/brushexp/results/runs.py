@@ -3,9 +3,10 @@
 The frame has a row per run, indexed by its name, and columns in three parts:
 
 - ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file that shows it, if there is one; ``target``,
-  a fingerprint of what was painted; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``command``, which
-  repeats it; and of runs that are compared ``image``, the name of what was painted ("" of other tasks), and ``label``,
-  the overrides by which it differs from the others of this image, without seeds.
+  a fingerprint of what was painted; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
+  with what it was made, None of old runs; ``command``, which repeats it; and of runs that are compared ``image``, the
+  name of what was painted ("" of other tasks), and ``label``, the overrides by which it differs from the others of this
+  image, without seeds.
 - ``frame["setting"]``: a column per key that was typed, missing where it was not set; ``loss`` as names of losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
 """
@@ -151,7 +152,7 @@ def _run_columns(folder: Path, result: Result) -> dict[str, Any]:
     overrides = {key: value for key, value in result["overrides"].items() if key != "output"}
     picture, target = folder / Path(str(result.get("picture", "painting.png"))).name, folder / "target.png"
     typed = overrides.get("image"), overrides.get("resolution")
-    return {key: result.get(key) for key in ("status", "error", "anytime")} | {
+    return {key: result.get(key) for key in ("status", "error", "anytime", "provenance")} | {
         "folder": folder,
         "picture": picture if picture.is_file() else None,
         "target": digest_of(target) if target.is_file() else str(typed),
@@ -226,7 +227,8 @@ def read_result(folder: Path) -> Result:
         return {"status": Status.FAILED, "error": f"its {METRICS_FILE} cannot be read", "overrides": overrides}
     plain = {key: _value(value) for key, value in data.items() if not isinstance(value, list | dict)}
     texts = {key: str(data[key]) for key in TEXTS if data.get(key) is not None}
-    return {"status": Status.COMPLETED, **plain, **texts, "overrides": overrides, "anytime": data.get("anytime")}
+    nested = {key: data.get(key) for key in ("anytime", "provenance")}
+    return {"status": Status.COMPLETED, **plain, **texts, **nested, "overrides": overrides}
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:

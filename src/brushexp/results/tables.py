@@ -8,7 +8,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp.reporting.tables import as_text, csv_table, latex_table, markdown_table
+from brushexp.reporting.tables import as_text, csv_table, escape_markdown, latex_table, markdown_table
+from brushexp.results.provenance import remark_on_provenance
 from brushexp.results.quantities import digits, quantities
 from brushexp.system.files import write_text
 from brushexp.system.status import Status
@@ -27,7 +28,10 @@ def write_run_tables(folder: Path, frame: DataFrame) -> None:
     write_text(folder / "table.csv", csv_table(every))
     runs, means = runs_table(frame), means_table(frame)
     lines = [] if means is None else ["Mean ± standard deviation over seeds.", "", markdown_table(means), ""]
-    write_text(folder / "table.md", "\n".join([*lines, f"{run_count(frame)}.", "", markdown_table(runs, digits()), ""]))
+    lines += [f"{run_count(frame)}.", ""]
+    if remark := remark_on_provenance(frame):
+        lines += [escape_markdown(remark), ""]
+    write_text(folder / "table.md", "\n".join([*lines, markdown_table(runs, digits()), ""]))
     short = runs.drop(columns=["run", "status"]) if means is None else means
     write_text(folder / "table.tex", latex_table(short, digits()))
 

@@ -24,6 +24,7 @@ from brushexp.errors import UserError
 from brushexp.registry.blame import naming_plugins
 from brushexp.results.runs import objective_in
 from brushexp.runs.closing import how_to_go_on
+from brushexp.runs.provenance import provenance_of
 from brushexp.runs.run_folder import lock, release_folder, take_job
 from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
@@ -111,10 +112,11 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Run a task in its folder, and write its figures as ``metrics.json`` unless it has done that itself."""
     with explaining_to_users(cfg):
+        provenance = provenance_of(cfg)
         result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
-            result |= {**spent, "status": Status.COMPLETED}
+            result |= {**spent, "status": Status.COMPLETED, "provenance": provenance}
             write_json(folder / METRICS_FILE, result)
         return result
 

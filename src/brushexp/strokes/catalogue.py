@@ -185,6 +185,14 @@ def drawable(strokes: Strokes) -> Strokes:
     return strokes.map(Tensor.float)
 
 
+def check_units(units: Mapping[str, float]) -> None:
+    """Refuse (UserError) units of an unknown field, and of two fields of which only one can move."""
+    if unknown := sorted(set(units) - set(FIELDS)):
+        raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
+    if units.get("scale") and units.get("position"):
+        raise UserError("scale is the unit of position, so only one of them can move; set the rate of scale to 0")
+
+
 class Catalogue(nn.Module):
     """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
 
@@ -201,11 +209,8 @@ class Catalogue(nn.Module):
         if strokes.position.dtype not in PRECISE:
             cure = "optimise them as strokes.map(lambda value: value.float())"
             raise UserError(f"strokes are {strokes.position.dtype}, in which small steps are lost; {cure}")
-        if unknown := sorted(set(units) - set(FIELDS)):
-            raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
+        check_units(units)
         self.units = {name: float(units.get(name, 0.0)) for name in FIELDS}
-        if self.units["scale"] and self.units["position"]:
-            raise UserError("scale is the unit of position, so only one of them can move; set the rate of scale to 0")
         self._store(strokes)
 
     def forward(self) -> Strokes:

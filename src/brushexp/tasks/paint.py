@@ -23,6 +23,7 @@ from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.working_size import tell_of_sizes
 from brushexp.plugins.metric.base import Metric
 from brushexp.runs.closing import is_job, say_where
+from brushexp.runs.provenance import Provenance, provenance_of
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
@@ -45,10 +46,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def paint_picture(cfg: DictConfig, callbacks: Sequence[L.Callback] = ()) -> Finished:
     """Paint from a checked config, in memory."""
     cfg = changed_settings(cfg)
-    metrics = metrics_of(cfg)
+    metrics, provenance = metrics_of(cfg), provenance_of(cfg)
     fitted = optimise(cfg, callbacks=callbacks)
     conclude(fitted.painter, None, cfg, fitted.failure, fitted.painter.schedule.step)
-    return finish(fitted.painter, cfg, fitted.timelapse, metrics)
+    return finish(fitted.painter, cfg, fitted.timelapse, metrics, provenance=provenance)
 
 
 def paint_into(
@@ -66,12 +67,12 @@ def paint_into(
     if not is_job():
         tell_of_sizes(cfg)
     trackers = make_trackers(cfg, folder)
-    metrics = metrics_of(cfg)
+    metrics, provenance = metrics_of(cfg), provenance_of(cfg)
     opening = Opening(cfg, folder)
     with trackers:
         fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint)
         opening.write(fitted.painter)  # where there were no steps
-        finished = write(fitted, cfg, folder, metrics, start)
+        finished = write(fitted, cfg, folder, metrics, provenance, start)
         report_painting(trackers, folder, finished)
     write_page_and_film(folder, finished, page=cfg.report)
     finished.conclude(folder)  # until then the run counts as one at work
@@ -135,14 +136,19 @@ class Opening(L.Callback):
 
 
 def write(
-    fitted: Fitted, cfg: DictConfig, folder: Path, metrics: Mapping[str, Metric], start: float | None
+    fitted: Fitted,
+    cfg: DictConfig,
+    folder: Path,
+    metrics: Mapping[str, Metric],
+    provenance: Provenance,
+    start: float | None,
 ) -> Finished:
     """Finish a painting and write its files; an interruption waits until they are there."""
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
     heartbeat.say("writing")
     with held_back("stopping when painting and catalogue are written"):
-        finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, start=start)
+        finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, provenance=provenance, start=start)
         finished.write(folder)
     return finished
 

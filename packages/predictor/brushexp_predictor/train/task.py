@@ -6,6 +6,7 @@ import torch
 from brushexp_training.fitting.network_fitting import NetworkJob, train_network, training_recipe
 from omegaconf import DictConfig
 
+from brushexp.contracts.runs import provenance_of
 from brushexp_predictor.lay.decoding import FORMS
 from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, StrokePredictor, load_predictor
 from brushexp_predictor.train.subjects import Subjects, load_subjects
@@ -25,6 +26,7 @@ class PredictorJob(NetworkJob):
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.subjects = cfg, load_subjects(cfg.data)
+        self.provenance = provenance_of(cfg)
         self.data = PredictorData(Subjects(list(self.subjects.values()), cfg.seed), cfg.batch_size)
         network = StrokePredictor(cfg.form) if cfg.start is None else load_predictor(cfg.start).requires_grad_()
         network.form = FORMS[cfg.form]
@@ -37,7 +39,7 @@ class PredictorJob(NetworkJob):
         recipe = {
             "options": {"form": self.cfg.form},
             "data": {"pictures": list(self.subjects), "seed": self.cfg.seed},
-            "training": training_recipe(self.module, self.cfg) | {"started_from": self.cfg.start},
+            "training": training_recipe(self.module, self.cfg, self.provenance) | {"started_from": self.cfg.start},
             "figures": figures,
         }
         return {

@@ -8,6 +8,7 @@ from omegaconf import DictConfig
 
 from brushexp.contracts.files import showing
 from brushexp.contracts.pictures import pictures_of
+from brushexp.contracts.runs import provenance_of
 from brushexp_recovery.model.recovery_model import CHECKPOINTS, SHIPPED_WEIGHTS, RecoveryModel, load_model
 from brushexp_recovery.model.unet import StrokeNetwork
 from brushexp_recovery.synthesis.paintings import PICTURES
@@ -31,7 +32,7 @@ class RecoveryJob(NetworkJob):
     data: RecoveryData
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
-        self.cfg = cfg
+        self.cfg, self.provenance = cfg, provenance_of(cfg)
         self.subjects = pictures_of(PICTURES if cfg.subjects is None else cfg.subjects)
         self.data = RecoveryData(Path(cfg.sets), self.subjects, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters)
         self.started_from = None if cfg.start is None else recipe_of(cfg.start)
@@ -64,7 +65,7 @@ class RecoveryJob(NetworkJob):
         recipe = {
             "options": {},
             "data": {"subjects": [Path(name).name for name in self.subjects], "seed": self.cfg.seed},
-            "training": training_recipe(self.module, self.cfg) | {"started_from": self.started_from},
+            "training": training_recipe(self.module, self.cfg, self.provenance) | {"started_from": self.started_from},
             "figures": figures,
         }
         return CHECKPOINTS.save(self.weights, SHIPPED_WEIGHTS, model, recipe)

@@ -13,6 +13,7 @@ from scipy.stats import mannwhitneyu
 from torch import Tensor, optim
 from torch.nn import functional
 
+from brushexp.contracts.runs import provenance_of
 from brushexp.contracts.strokes import sample_prior
 from brushexp_training.discriminator.corruption import CORRUPTIONS, corrupt
 from brushexp_training.discriminator.discriminator import DISCRIMINATOR, DISCRIMINATORS, Discriminator, shapes_of
@@ -151,12 +152,12 @@ class DiscriminatorJob(NetworkJob):
     module: DiscriminatorModule
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
-        self.cfg = cfg
+        self.cfg, self.provenance = cfg, provenance_of(cfg)
         self.data = ShapeData(batch_size=cfg.batch_size, seed=cfg.seed)
         self.module = DiscriminatorModule(Discriminator(), cfg.lr)
         self.weights = folder / f"{DISCRIMINATOR}.safetensors"
         self.use = f"brushexp 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
-        training = training_recipe(self.module, self.cfg)
+        training = training_recipe(self.module, self.cfg, self.provenance)
         return save_discriminator(self.module.network, self.weights, self.cfg.seed, training)

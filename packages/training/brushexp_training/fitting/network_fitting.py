@@ -40,6 +40,7 @@ class NetworkJob(ABC):
     pictures: Mapping[str, Path] = MappingProxyType({})  # for the trackers, by name
     weights: Path  # the file that `finish` writes
     use: str  # the command that paints with these weights
+    provenance: Mapping[str, Any]  # with what it is trained: `provenance_of` its settings
     blank = False  # whether the network has learned nothing, set by `finish`
 
     @abstractmethod
@@ -70,6 +71,7 @@ def train_network(
             "seconds_total": None if checkpoint else time.monotonic() - start,  # a resumed run has several starts
             "peak_memory_mb": peak_memory(),
             "device": str(device),
+            "provenance": job.provenance,
             "status": module.stop or Status.COMPLETED,
         }
         write_json(folder / "metrics.json", metrics)
@@ -165,10 +167,12 @@ def renderer_settings(cfg: DictConfig) -> RendererSettings:
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
-def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]:
-    """Describe how a network was trained, for its recipe."""
+def training_recipe(module: NetworkModule, cfg: DictConfig, provenance: Mapping[str, Any]) -> dict[str, object]:
+    """Describe how a network was trained, for its recipe: settings, all of ``trainer.*``, and with what."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
+    trainer = OmegaConf.to_container(cfg.trainer, resolve=True, enum_to_str=True)
+    recipe |= {"trainer": trainer, "provenance": provenance}
     if "detail" in cfg:
         recipe |= {"detail": cfg.detail, "tone": cfg.tone}
     if cfg.get("critic"):
@@ -177,8 +181,8 @@ def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]
 
 
 def save_renderer(
-    path: Path, module: RendererModule, data: StrokeData, cfg: DictConfig, figures: dict[str, Any],
-    options: dict[str, Any] | None = None, training: dict[str, Any] | None = None,
+    path: Path, module: RendererModule, data: StrokeData, cfg: DictConfig, provenance: Mapping[str, Any],
+    figures: dict[str, Any], options: dict[str, Any] | None = None, training: dict[str, Any] | None = None,
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
@@ -192,7 +196,7 @@ def save_renderer(
     recipe = {
         "options": completed | (options or {}),
         "data": data_recipe(data, cfg),
-        "training": training_recipe(module, cfg) | {"started_from": checkpoint} | (training or {}),
+        "training": training_recipe(module, cfg, provenance) | {"started_from": checkpoint} | (training or {}),
         "figures": figures,
     }
     return RENDERERS.save(path, plugin_of(cfg.renderer).name, module.renderer, recipe)

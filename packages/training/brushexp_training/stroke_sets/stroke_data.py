@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.contracts import UserError, build, plugin_of
 from brushexp.contracts.families import RENDERERS, Engine
 from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData, StrokeData
-from brushexp_training.stroke_sets.dataset import Origin, first_difference, origin_of
+from brushexp_training.stroke_sets.dataset import Origin, Split, first_difference, origin_of
 from brushexp_training.stroke_sets.writer import simulate_set
 
 BATCH_STROKES = 64  # where the task has no batch_size
@@ -37,6 +37,17 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
         simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same one
         paths = [path]
     return StoredData(paths, batch_size=batch_size, seed=cfg.seed, limit=cfg.get("limit"))
+
+
+def measured_count(data: StrokeData, split: Split, n: int | None) -> int:
+    """Count the strokes of a split to be measured, up to ``n``; a warning says where there are fewer."""
+    count = data.count(split, n)
+    if n is not None and count < n:
+        log.warning(
+            "n=%d: the strokes have only %d for split=%s, and figures are of these; give a larger set, or %s",
+            *(n, count, split.name.lower(), f"n={count}"),
+        )
+    return count
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:

@@ -17,7 +17,7 @@ from brushexp.contracts.results import csv_table
 from brushexp_training.evaluation.benchmark import draw_extremes, evaluate, speed_and_size
 from brushexp_training.evaluation.evaluation import effl0_distance, inception_distance
 from brushexp_training.stroke_sets.dataset import Split
-from brushexp_training.stroke_sets.stroke_data import stroke_data
+from brushexp_training.stroke_sets.stroke_data import measured_count, stroke_data
 from brushexp_training.stroke_sets.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 
 PICTURE_STROKES = 24  # drawn in strokes.png
@@ -41,7 +41,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     split, distances = Split[cfg.split.upper()], [effl0_distance(device)]
     if cfg.inception is not None:
         distances.append(inception_distance(Path(cfg.inception), device))
-    n = data.count(split, cfg.n)
+    n = measured_count(data, split, cfg.n)
     figures = evaluate(renderer, data.first(split, n), n, window, distances)
     write_text(folder / "distances.csv", csv_table(distances[0].by_number()))
     examples = data.first_batch(split, min(PICTURE_STROKES, n))

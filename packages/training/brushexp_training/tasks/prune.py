@@ -2,8 +2,10 @@
 
 import logging
 import time
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 import numpy as np
@@ -15,7 +17,7 @@ from brushexp.contracts.families import RENDERERS, Renderer
 from brushexp.contracts.files import as_shown, write_picture, write_text
 from brushexp.contracts.machine import device_of
 from brushexp.contracts.results import csv_table, markdown_table
-from brushexp.contracts.runs import Status, conclude, make_trackers
+from brushexp.contracts.runs import Status, conclude, make_trackers, provenance_of
 from brushexp_training.evaluation.benchmark import device_of_weights, evaluate, speed_and_size
 from brushexp_training.evaluation.evaluation import HeldOutSheet, effl0_distance
 from brushexp_training.fitting.network_fitting import fit_network, renderer_settings, save_renderer
@@ -24,7 +26,7 @@ from brushexp_training.renderers.inverse_vgg import InverseVGG
 from brushexp_training.renderers.pruning import prune
 from brushexp_training.stroke_sets.datamodule import StrokeData
 from brushexp_training.stroke_sets.dataset import Split
-from brushexp_training.stroke_sets.stroke_data import stroke_data
+from brushexp_training.stroke_sets.stroke_data import measured_count, stroke_data
 from brushexp_training.stroke_sets.stroke_sheets import COLUMNS, sheet_of_strokes
 
 RANKING_BATCHES = 4  # channels are ranked by so many batches of training strokes
@@ -43,13 +45,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Prune by every ratio, fine-tune, measure; the table is renewed after each."""
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
+    provenance = provenance_of(cfg)
     trained = build(cfg.renderer).to(device)
     data = stroke_data(cfg)
-    begun, n = time.monotonic(), data.count(Split.TEST, cfg.n)
+    begun, n = time.monotonic(), measured_count(data, Split.TEST, cfg.n)
     rows: list[Row] = []
     renderers: dict[str, Renderer] = {}
     for ratio in cfg.ratios:
-        row, renderers[f"{100 * ratio:g} % pruned"] = carry_out(cfg, folder, data, n, trained, ratio)
+        row, renderers[f"{100 * ratio:g} % pruned"] = carry_out(cfg, provenance, folder, data, n, trained, ratio)
         rows.append(row)
         write_text(folder / "pruning.csv", csv_table(rows))
         columns = [{key: row[key] for key in DIGITS} for row in rows]
@@ -69,7 +72,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def carry_out(
-    cfg: DictConfig, whole: Path, data: StrokeData, n: int, trained: InverseVGG, ratio: float
+    cfg: DictConfig,
+    provenance: Mapping[str, Any],
+    whole: Path,
+    data: StrokeData,
+    n: int,
+    trained: InverseVGG,
+    ratio: float,
 ) -> tuple[Row, Renderer]:
     """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write the checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"
@@ -87,7 +96,7 @@ def carry_out(
         failure = fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
         started = RENDERERS.read_recipe(RENDERERS.path_of(cfg.renderer.checkpoint)).get("training")
         figures, more = {"validation": module.figures}, {"pruned": ratio, "before": started}
-        save_renderer(path, module, data, cfg, figures, {"channels": pruned.widths}, more)
+        save_renderer(path, module, data, cfg, provenance, figures, {"channels": pruned.widths}, more)
         numbers = {**module.figures, "steps": module.global_step, "status": module.stop or Status.COMPLETED}
         trackers.report(numbers, pictures={"validation": folder / "validation.png"})
     conclude(module, folder, cfg, failure, module.global_step)

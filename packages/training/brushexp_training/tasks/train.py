@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.contracts import Bounds, build, build_named, plugin_of, plugins
 from brushexp.contracts.families import Engine, Renderer
+from brushexp.contracts.runs import provenance_of
 from brushexp_training.evaluation.benchmark import draw_batch, evaluate
 from brushexp_training.evaluation.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp_training.fitting.network_fitting import NetworkJob, renderer_settings, save_renderer, train_network
@@ -37,6 +38,7 @@ class RendererJob(NetworkJob):
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.device, self.name = cfg, device, plugin_of(cfg.renderer).name
+        self.provenance = provenance_of(cfg)
         self.data = stroke_data(cfg)
         self.module = RendererModule(first_renderer(cfg, self.data), self.data.origin.window, renderer_settings(cfg))
         self.callbacks: list[L.Callback] = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
@@ -49,7 +51,7 @@ class RendererJob(NetworkJob):
     def finish(self) -> dict[str, object]:
         module, n = self.module, self.data.count(Split.TEST, TEST_STROKES)
         figures: dict[str, object] = {"validation": module.figures}
-        save_renderer(self.weights, module, self.data, self.cfg, figures)  # whatever may fail below
+        self._save(figures)  # whatever may fail below
         renderer = module.renderer.eval().to(self.device)  # at the end of a fit it is on the processor
         tested = evaluate(renderer, self.data.first(Split.TEST, n), n, module.window, [effl0_distance(self.device)])
         figures["test"] = tested
@@ -58,11 +60,14 @@ class RendererJob(NetworkJob):
         return {
             **tested,
             "renderer": self.name,
-            "renderer_hash": save_renderer(self.weights, module, self.data, self.cfg, figures),
+            "renderer_hash": self._save(figures),
             "parameters": sum(parameter.numel() for parameter in renderer.parameters()),
             "bytes": self.weights.stat().st_size,
             "picture": "validation.png",
         }
+
+    def _save(self, figures: dict[str, object]) -> str:
+        return save_renderer(self.weights, self.module, self.data, self.cfg, self.provenance, figures)
 
 
 def renderer_words(node: DictConfig, weights: Path) -> str:

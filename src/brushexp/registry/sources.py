@@ -1,0 +1,50 @@
+"""Keep the SHA-256 of the files that define users' plugins, as they were when they were imported."""
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from brushexp.registry.families import USER_PACKAGE
+from brushexp.system.reading import digest_of
+
+_digests: dict[str, str] = {}  # module -> SHA-256 of its file when a plugin of it was registered
+
+
+def note_source(cls: type) -> None:
+    """Compute the SHA-256 of the files behind a class that is being registered."""
+    for module in modules_behind(cls):
+        path = file_of(module)
+        if path is not None and path.is_file():
+            _digests[module] = digest_of(path)
+
+
+def file_of(module: str) -> Path | None:
+    """Return the file of an imported module; None for the cells of a notebook."""
+    path = getattr(sys.modules.get(module), "__file__", None)
+    return None if path is None else Path(path)
+
+
+def place_of(cls: type) -> str:
+    """Say where a class is defined, for messages: its file, or the module that is no file."""
+    return str(file_of(cls.__module__) or cls.__module__)
+
+
+def modules_behind(cls: type) -> list[str]:
+    """List the module of a class, those of its bases in the same package, and that package's loaded ``_modules``."""
+    package = cls.__module__.partition(".")[0]
+    bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
+    begin = f"{package}."
+    helpers = [name for name in sys.modules if name.startswith(begin) and name.rpartition(".")[2][:1] == "_"]
+    return list(dict.fromkeys([*bases, *sorted(helpers)]))
+
+
+def digests_of(classes: Iterable[type]) -> dict[str, str]:
+    """Map the files behind registered classes to their SHA-256: ``sobel.py``, or ``package/module.py`` if installed."""
+    modules = [module for cls in classes for module in modules_behind(cls)]
+    return {_file_name(module): _digests[module] for module in modules if module in _digests}
+
+
+def _file_name(module: str) -> str:
+    """Name the file of a module without the folder that it lies in on this machine."""
+    name = module.removeprefix(f"{USER_PACKAGE}.").replace(".", "/")
+    return f"{name}.py" if module != "__main__" else Path(str(file_of(module))).name

@@ -1,0 +1,67 @@
+"""Say in one line in which versions, commits, machines and plugin files the runs of a table differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from brushexp.system.reading import in_short
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+COMMIT_LETTERS = 7  # of a commit that a line shows
+SHOWN = {  # part of a provenance -> how a line names it, and how many letters of its values it shows; None for all
+    ("brushexp", "version"): ("brushexp", None),
+    ("brushexp", "commit"): ("commit of brushexp", COMMIT_LETTERS),
+    ("brushexp", "changes"): ("uncommitted changes of brushexp", 0),
+    ("project", "commit"): ("commit of the project", COMMIT_LETTERS),
+    ("project", "changes"): ("uncommitted changes of the project", 0),
+    ("python",): ("Python", None),
+    ("torch",): ("PyTorch", None),
+    ("numba",): ("Numba", None),
+    ("processor",): ("processor", None),
+    ("gpu",): ("GPU", None),
+}
+
+
+def remark_on_provenance(frame: DataFrame) -> str:
+    """Say in which parts of their provenance the runs of a frame differ; "" if in none, or if no run has one.
+
+    A plugin file counts where two runs use it in different versions.
+    """
+    records = [one if isinstance(one, dict) else None for one in frame["run", "provenance"]]
+    known = [one for one in records if one is not None]
+    if not known:
+        return ""
+    parts = [part for path, shown in SHOWN.items() if (part := _difference([_at(one, path) for one in known], *shown))]
+    parts += [f"plugin file {name}" for name in _changed_plugins(known)]
+    remarks = [f"These runs differ in {'; '.join(parts)}."] if parts else []
+    if silent := len(records) - len(known):
+        remarks.append(f"{silent} of {len(records)} runs have no record of the versions that made them.")
+    return " ".join(remarks)
+
+
+def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
+    """Name a part with its values, if these differ."""
+    texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
+    if len(set(map(str, values))) < 2:
+        return ""
+    return name if letters == 0 else f"{name} ({', '.join(texts)})"
+
+
+def _at(record: Mapping[str, Any], path: Sequence[str]) -> object:
+    value: Any = record
+    for key in path:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
+def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """List the plugin files that runs use in different versions."""
+    digests: dict[str, set[str]] = {}
+    for record in records:
+        plugins = record.get("plugins")
+        for name, digest in plugins.items() if isinstance(plugins, dict) else ():
+            digests.setdefault(in_short(name), set()).add(str(digest))
+    return [name for name, versions in digests.items() if len(versions) > 1]

@@ -1,0 +1,50 @@
+"""Record with what a run was made: versions, commits, machine, and the files of users' plugins."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.registry import Plugin, family_of_key, plugin_of
+from brushexp.registry.sources import digests_of
+from brushexp.system.device import device_of
+from brushexp.system.environment import code_state, processor, project_state, versions
+
+Provenance = dict[str, Any]
+
+
+def provenance_of(cfg: DictConfig) -> Provenance:
+    """Record with what a run of these settings is made, as docs/formats.md lists it; call it when the run begins.
+
+    Of plugins it has those that the settings name and that do not come with brushexp, as they were imported.
+    """
+    chosen = [plugin.cls for plugin in plugins_in(cfg) if not plugin.is_ours]
+    return {
+        "brushexp": code_state(),
+        "project": project_state(Path()),
+        **versions(),
+        "processor": processor(),
+        "gpu": gpu_of(cfg),
+        "plugins": digests_of(chosen),
+    }
+
+
+def plugins_in(cfg: DictConfig) -> Iterator[Plugin]:
+    """Yield the plugins that the settings of a run name."""
+    yield from _plugins_in(OmegaConf.to_container(cfg, resolve=False), "")
+
+
+def _plugins_in(value: Any, key: str) -> Iterator[Plugin]:
+    if isinstance(value, dict):
+        if (target := value.get("_target_")) is not None:
+            yield plugin_of(OmegaConf.create({"_target_": target}), family_of_key(key))
+        for name, child in value.items():
+            yield from _plugins_in(child, f"{key}.{name}" if key else str(name))
+
+
+def gpu_of(cfg: DictConfig) -> str | None:
+    """Name the GPU that a run uses; None if it uses none."""
+    device = device_of(cfg.device) if cfg.get("device") is not None else torch.device("cpu")
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else None

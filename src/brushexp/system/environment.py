@@ -1,0 +1,90 @@
+"""Describe the software and the hardware that a run uses, without any path of the machine."""
+
+import hashlib
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+LONGEST_GIT = 5.0  # seconds after which a call of git is given up
+PACKAGE = Path(__file__).parents[1]  # the folder of brushexp
+LIBRARIES = ("torch", "numba")  # whose versions change the bits of a painting
+QUIET = {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
+
+
+def versions() -> dict[str, str | None]:
+    """List the versions of Python and of the libraries that compute; None for one that is not installed."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+@cache
+def processor() -> str:
+    """Name the processor, such as "Intel(R) Xeon(R) Processor"; only its architecture where no name is known."""
+    if sys.platform == "linux":
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+        return next(names, "") or platform.machine()
+    if sys.platform == "darwin":
+        return _output("sysctl", "-n", "machdep.cpu.brand_string") or platform.machine()
+    return platform.processor() or platform.machine()
+
+
+@cache
+def code_state() -> dict[str, Any]:
+    """Describe this brushexp: its ``version``, and as `git_state` does the checkout that it was imported from."""
+    is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # else it lies in an environment in some repository
+    return {"version": version("brushexp"), **((git_state(PACKAGE) or {}) if is_tracked else {})}
+
+
+def project_state(folder: Path) -> dict[str, Any] | None:
+    """Describe the repository of a folder as `git_state` does; None if there is none, or if it is that of brushexp."""
+    top = _git(folder, "rev-parse", "--show-toplevel")
+    if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
+        return None
+    return git_state(folder)
+
+
+def git_state(folder: Path) -> dict[str, Any] | None:
+    """Describe what is checked out: ``commit``, whether it is ``dirty``, and ``changes``; None without a repository.
+
+    It is dirty if a file that git tracks differs from the commit; ``changes`` is the SHA-256 of ``git diff HEAD`` then,
+    so that two states of one commit are told apart. Files that git does not track do not count.
+    """
+    commit = _git(folder, "rev-parse", "HEAD")
+    if commit is None:
+        return None
+    difference = _git(folder, "diff", "HEAD", "--no-ext-diff", "--no-textconv", "--no-color")
+    if difference is None:  # git took too long
+        return {"commit": commit, "dirty": None, "changes": None}
+    changes = hashlib.sha256(difference.encode(errors="surrogateescape")).hexdigest() if difference else None
+    return {"commit": commit, "dirty": bool(difference), "changes": changes}
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """Return what git says about a folder; None if it says nothing, is not installed, or takes too long.
+
+    Nothing that a repository configures is run, and variables that name another repository are left out.
+    """
+    others = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
+    return _output("git", "-C", str(folder), "-c", "core.fsmonitor=false", *words, environment=others | QUIET)
+
+
+def _output(*words: str, environment: Mapping[str, str] | None = None) -> str | None:
+    """Return what a program prints; None if it fails."""
+    try:
+        done = subprocess.run(words, capture_output=True, check=True, timeout=LONGEST_GIT, env=environment)
+        return done.stdout.decode(errors="surrogateescape").strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
