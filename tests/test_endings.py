@@ -126,6 +126,23 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
     refuses(r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew", resumed)
 
 
+@pytest.mark.parametrize(("version", "words"), [
+    (resume.VERSION + 1, "and this brushexp reads 1; update brushexp"),
+    (0, "which there is not"),
+    (True, "which there is not"),
+])  # fmt: skip
+def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions_goes_on(
+    resumed, tmp_path, version, words
+):
+    resumed(begun=["steps=9"])
+    path = tmp_path / CHECKPOINT
+    record = torch.load(path)[RECORD_KEY]
+    torch.save({RECORD_KEY: record | {"format_version": version}}, path)
+    refuses(f"resume=.*has format_version {version}, {words}", resumed)
+    torch.save({RECORD_KEY: {key: value for key, value in record.items() if key != "format_version"}}, path)
+    assert resumed().steps == 9
+
+
 class Breaking(Loss):
     """The mean squared error, which breaks at its third step."""
 
@@ -328,6 +345,25 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     (folder / "metrics.json").unlink()
     take_folder(folder, config())  # over a run that came to nothing
     assert files_in(folder) == mine
+
+
+def test_what_a_kill_leaves_half_written_goes_wherever_the_run_has_written_and_where_it_is_resumed_from(
+    tmp_path, config
+):
+    half = f"{TEMPORARY[:-1]}0123"
+    run, other = tmp_path / "run", tmp_path / "other"
+    leave(run, CHECKPOINT, "frames/deep/000000.h5", f"frames/deep/{half}.h5", f"frames/{half}.h5", f"{half}.png")
+    (run / MANIFEST).write_text("frames/deep/000000.h5\n")
+    (run / f"{half}_folder" / "tiles").mkdir(parents=True)  # of a pyramid
+    (run / "mine" / "deep").mkdir(parents=True)
+    (run / "mine" / "deep" / f"{half}.png").write_text("where no run has written")
+    take_folder(other, config(f"resume={run}", f"output={other}"))
+    assert files_in(run) == {CHECKPOINT, "frames/deep/000000.h5", f"mine/deep/{half}.png"}
+    assert not (run / f"{half}_folder").exists()
+    leave(run, f"frames/deep/{half}.h5")
+    (run / MANIFEST).write_text("frames/deep/000000.h5\n")
+    take_folder(run, config(f"resume={run}"))
+    assert files_in(run) == {CHECKPOINT, "frames/deep/000000.h5", f"mine/deep/{half}.png"}
 
 
 def test_a_manifest_of_a_stranger_names_nothing_outside_of_its_folder(tmp_path, config):

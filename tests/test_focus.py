@@ -13,13 +13,15 @@ from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
+import brushexp
+from brushexp.config.looks import look_names
 from brushexp.errors import UserError
 from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.faces.detection import find_faces
 from brushexp.pictures.focus import attention, focus_map, focus_weights, resized
-from brushexp.pictures.load import load_picture
+from brushexp.pictures.load import load_picture, planes_of
 from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.base import Loss, PaintedView
@@ -258,3 +260,48 @@ def test_the_keys_make_weights_and_leave_the_map_and_the_focused_psnr_weighs_err
     assert run_task(paint, *chosen)["psnr_focus"] > 5
     with Image.open(tmp_path / "focus.png") as image:
         assert image.size == (48, 32)
+
+
+def nearly_flat(level: float, size: tuple[int, int] = (64, 96)) -> Tensor:
+    generator = torch.Generator().manual_seed(3)
+    return (0.4 + level * torch.rand(3, *size, generator=generator, dtype=torch.float64)).float()
+
+
+@pytest.mark.parametrize("level", [0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+def test_a_picture_that_hardly_varies_has_no_face_and_a_map_without_a_peak_of_its_rounding(level):
+    picture = nearly_flat(level)
+    assert find_faces(picture) == []
+    attended = focus_map("auto", picture)
+    assert attended.isfinite().all()
+    if level <= 1e-7:
+        assert not attended.any()
+
+
+@pytest.mark.parametrize("color", [(248, 94, 227), (1, 1, 1), (30, 30, 30), (255, 128, 3)])
+@pytest.mark.parametrize(("size", "resolution"), [((339, 190), 300), ((120, 77), 256), ((600, 401), 97)])
+def test_the_rounding_of_a_flat_picture_that_was_resampled_is_no_face(color, size, resolution):
+    assert find_faces(planes_of(np.full((*size, 3), color, np.uint8), resolution)) == []
+
+
+FLAT = {
+    "black": np.zeros((48, 64, 3), np.uint8),
+    "white": np.full((48, 64, 3), 255, np.uint8),
+    "pink": np.full((48, 64, 3), (248, 94, 227), np.uint8),
+    "nearly": nearly_flat(1e-6, (48, 64)),
+    "hardly": nearly_flat(1e-3, (48, 64)),
+    "one pixel": np.pad(np.full((1, 1, 3), 255, np.uint8), ((20, 27), (30, 33), (0, 0))),
+    "nothing": np.zeros((48, 64, 4), np.uint8),
+    "cut-out": np.pad(np.full((20, 20, 4), (30, 30, 30, 255), np.uint8), ((14, 14), (22, 22), (0, 0))),
+    "speck": np.pad(np.full((1, 1, 4), 255, np.uint8), ((20, 27), (30, 33), (0, 0))),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("look", look_names())
+def test_every_look_paints_a_picture_of_almost_one_colour_with_any_focus(look):
+    foci = [{}, {"focus": None}, {"focus": "auto"}, {"focus": np.full((48, 64), 0.5, np.float32)}]
+    for number, picture in enumerate(FLAT.values()):
+        options = foci[number % len(foci)] | ({"background": "transparent"} if picture.shape[-1] == 4 else {})
+        painting = brushexp.paint(picture, look=look, strokes=30, steps=2, threads=1, **options)
+        assert painting.image.shape == (48, 64, 3)
+        assert math.isfinite(painting.metrics["l1"])

@@ -6,6 +6,7 @@ import math
 import os
 import random
 import sys
+import time
 import zlib
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -67,6 +68,7 @@ from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
+SLOWEST = 30  # seconds of processor time that a file may take
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
 DEEP = "[" * 40_000
 CODE = {"_target_": "os.system", "_args_": ["touch ran"]}
@@ -251,7 +253,7 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     **{name: (part(name), read_sweep) for name in OF_SWEEP},
     **{
         suffix: (picture(suffix), read_image)
-        for suffix in ("png", "jpg", "gif", "webp", "bmp", "tif", "tiff", "ppm", "tga")
+        for suffix in ("png", "jpg", "gif", "webp", "avif", "jp2", "bmp", "tif", "tiff", "ppm", "tga", "qoi")
     },
 }
 
@@ -386,11 +388,12 @@ def _composed(config, monkeypatch, tmp_path):
 def attempt(kind: str, path: Path) -> str:
     """Read a file: to its end, or to a refusal of one line, which is returned."""
     happened.clear()
-    message = ""
+    message, start = "", time.process_time()
     try:
         KINDS[kind][1](path)
     except UserError as error:
         message = str(error)
+    assert time.process_time() - start < SLOWEST, path
     assert not happened
     assert not Path("ran").exists()
     assert "\n" not in message, message[:200]

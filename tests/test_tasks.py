@@ -335,6 +335,8 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
     assert (named, more) == ('hydra.sweeper.pictures=["p"]', ["hydra.sweeper.lenient=true"])
     _, output, named, _ = as_sweep(["pictures=thesis12,p"], False)
     assert (output, named) == ("output=outputs/thesis12_p", 'hydra.sweeper.pictures=["thesis12","p"]')
+    for typed in ("[thesis12,p]", "[thesis12, 'p']", '["thesis12",p]'):
+        assert as_sweep([f"pictures={typed}"], False) == as_sweep(["pictures=thesis12,p"], False)
     pictures = [str(Path("p", name)) for name in ("second.jpg", "a b,c.png")]
     _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
     assert (look, output) == ("look=ink", "output=outputs/p")

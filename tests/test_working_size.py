@@ -10,8 +10,10 @@ from torch.testing import assert_close
 
 import brushexp
 from brushexp.api.settings import settings_of
+from brushexp.pages.run_page import page_in
 from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
 from brushexp.pictures.load import load_picture
+from brushexp.results.painting_files import read_painting
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.storage import load_catalogue
 
@@ -138,3 +140,17 @@ def test_fewer_pixels_than_strokes_are_refused(photo):
         strokes=400,
         working_resolution=12,
     )
+
+
+def test_a_large_painting_is_loaded_again_and_its_page_is_made_from_its_folder(tmp_path, photo):
+    painting = brushexp.paint(
+        photo, look="oil", strokes=40, steps=2, working_resolution=64, output=tmp_path / "run", frames=0
+    )
+    again = brushexp.load(tmp_path / "run")
+    assert (again.image == painting.image).all()
+    assert again.finished.pictures["painting"].shape == again.target.shape == (*SMALL, 3)
+    again.save(tmp_path / "copy")
+    with Image.open(tmp_path / "copy" / "painting.png") as copy:
+        assert copy.size == WIDE[::-1]
+    page = page_in(tmp_path / "run", read_painting(tmp_path / "run", again.finished.job))
+    assert "160 × 120 pixels" in page

@@ -3,25 +3,29 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from brushexp.system.caches import settle_caches
 from brushexp.system.runtime import keep_memory, let_threads_sleep
 
 if TYPE_CHECKING:
     from brushexp.api.iteration import State, iterate
+    from brushexp.api.loading import load
     from brushexp.api.painting import Painting, paint
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
     __version__: str
 
-__all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "paint", "render"]
+__all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "load", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),
     "brushexp.api.iteration": ("State", "iterate"),
+    "brushexp.api.loading": ("load",),
     "brushexp.errors": ("UserError",),
 }
 FUNCTIONS = "brushexp.functions"  # entry-point group: what installed packages add, by its name here
 
+settle_caches()
 let_threads_sleep()
 keep_memory()
 

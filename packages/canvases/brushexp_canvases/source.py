@@ -69,7 +69,7 @@ class PictureFile(Source):
         vips = _vips()
         self._explaining = partial(_explaining, path, vips.Error, "libvips", "TIFF, PNG, JPEG, WebP or HEIC file")
         with self._explaining():
-            whole = vips.Image.new_from_file(str(path), access="sequential", fail_on="truncated").autorot()
+            whole = vips.Image.new_from_file(str(path), access="sequential", fail_on="error").autorot()
             image = in_srgb(whole)
             if resolution is not None:
                 image = image.resize(resolution / max(whole.width, whole.height))

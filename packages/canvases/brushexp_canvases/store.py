@@ -15,7 +15,7 @@ from brushexp.contracts.strokes import FIELDS, Strokes
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.pyramid import slices_of
 
-FORMAT = "brushexp canvas 1"
+PROGRAMS, FORMAT = "brushexp canvas ", "brushexp canvas 1"  # what every format begins with, and this one
 NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # of a stroke in its row: fields, brush and depth
 UNPAINTED = -1  # strokes of a tile that is not painted
 PICTURES = ("target", "painting")
@@ -36,7 +36,10 @@ class CanvasStore:
 
     def __init__(self, path: Path) -> None:
         self.path, self.root = path, _open(path, "r+")
-        if self.root.attrs.get("format") != FORMAT:
+        kind = str(self.root.attrs.get("format"))
+        if kind != FORMAT and kind.startswith(PROGRAMS):
+            raise UserError(f"canvas={path} is a {kind}, and this brushexp reads {FORMAT}; update brushexp")
+        if kind != FORMAT:
             raise UserError(f"canvas={path} is no canvas of brushexp; give another path")
         self.record: dict[str, Any] = dict(self.root.attrs["record"])
         size, side, margin = (self.root.attrs[name] for name in ("size", "side", "margin"))

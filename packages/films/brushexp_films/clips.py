@@ -14,18 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import check_file, in_short
+from brushexp.contracts.files import check_file, find_path, in_short
 from brushexp.contracts.pictures import (
     FILM_SUFFIXES,
     MAX_PIXELS,
     MOVING,
     boxes,
+    declared_by,
     decode_image,
     has_end,
     open_of_any_size,
     picture_size,
 )
-from brushexp_films.frames import size_of, srgb_of
+from brushexp_films.cropping import crop_of
+from brushexp_films.frames import Shape, size_of, srgb_of
 
 log = logging.getLogger(__name__)
 USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
@@ -82,10 +84,11 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
     """Decode the pictures as `read_picture` does, with their times; decoders may raise anything."""
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
+        declared = declared_by(file)
         is_apart = "default_image" in file.info and file.info["default_image"]  # of a PNG: for those that show no film
         for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
             file.seek(number)
-            picture = decode_image(file)
+            picture = decode_image(file, declared=declared)
             stays = float(file.info.get("duration", 0) or 0)
             length = Fraction(INSTEAD if stays <= BRIEF else stays).limit_denominator(1000) / 1000
             yield picture, time, length
@@ -94,7 +97,7 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
 
 def open_clip(path: Path) -> Clip:
     """Open a film, or a picture that moves, and read its header and first picture; a UserError if there is none."""
-    path = Path(os.path.expanduser(path))
+    path = find_path(os.path.expanduser(path))
     if is_moving(path):
         lengths = [length for _, _, length in moving_pictures(path)]
         rate = (len(lengths) / sum(lengths, Fraction(0))).limit_denominator(1000)
@@ -109,7 +112,7 @@ def open_clip(path: Path) -> Clip:
         rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
         own = float((stream.duration or 0) * (stream.time_base or 0))  # sound may last longer than pictures
         seconds = own or (container.duration or 0) / 1e6
-        size = size_of(first[0], _aspect(stream))
+        size = size_of(first[0], _shape_of(path, stream))
         _check_pixels(path, *size)
         is_counted = bool(stream.frames)
         return Clip(path, size, Fraction(rate), stream.frames or round(seconds * rate), is_counted, own)
@@ -174,13 +177,13 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
         return
     count, end = 0, Fraction(0)
     with _decoding(clip.path) as (container, stream):
-        zero, aspect, base = beginning_of(container), _aspect(stream), stream.time_base
+        zero, shape, base = beginning_of(container), _shape_of(clip.path, stream), stream.time_base
         try:
             for frame in _frames(container, stream):
                 time = end if frame.pts is None else frame.pts * base - zero
                 length = (getattr(frame, "duration", 0) or 0) * base
                 length = length if length > SHORTEST_FRAME else Fraction(0)  # a tick of a recorder's clock
-                yield srgb_of(frame, aspect), max(time, Fraction(0)), length
+                yield srgb_of(frame, shape), max(time, Fraction(0)), length
                 count, end = count + 1, time + (length or 1 / clip.rate)
         except _errors() as error:
             log.warning("%s breaks off after %d pictures: %s", clip.path, count, in_short(error))
@@ -205,10 +208,10 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
             yield frame
 
 
-def _aspect(stream: Any) -> Fraction:
-    """Read width / height of a pixel."""
+def _shape_of(path: Path, stream: Any) -> Shape:
+    """Read what a film says of the shape of its pictures."""
     aspect = stream.sample_aspect_ratio
-    return Fraction(aspect) if aspect else Fraction(1)
+    return Shape(Fraction(aspect) if aspect else Fraction(1), crop_of(path, stream.height, stream.width))
 
 
 def beginning_of(container: Any) -> Fraction:

@@ -1,24 +1,43 @@
 """A decoded picture of a film becomes sRGB over white, upright, with square pixels, whatever the film says of it."""
 
+import math
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from brushexp.contracts.pictures import HIGH_RANGE, encoding_of, unless_srgb
+from brushexp.contracts.pictures import HIGH_RANGE, Crop, encoding_of, unless_srgb
 
+MATRIX = "DISPLAYMATRIX"  # FFmpeg's name of what a container says of the place of its pictures
 FULL = 2  # FFmpeg's number for numbers that use their whole range
 RED, BLUE = 0.2627, 0.0593  # weights of BT.2020 in brightness
 
 
-def size_of(frame: Any, aspect: Fraction) -> tuple[int, int]:
-    """Compute height and width of a picture as `srgb_of` makes it; ``aspect`` is width / height of a pixel."""
-    size = (frame.height, max(1, round(frame.width * aspect)))
-    return size[::-1] if _turns(frame) % 2 else size
+class Placement(NamedTuple):
+    """How a picture is laid on the screen: mirrored side to side, if at all, and then turned."""
+
+    is_mirrored: bool = False
+    turns: int = 0  # of 90 degrees, against the clock
 
 
-def srgb_of(frame: Any, aspect: Fraction) -> np.ndarray:
+@dataclass(frozen=True)
+class Shape:
+    """What a film says of the shape of all its pictures, as they are stored."""
+
+    aspect: Fraction = Fraction(1)  # width over height of a pixel
+    crop: Crop | None = None  # rows and columns that are shown; None for all
+
+
+def size_of(frame: Any, shape: Shape) -> tuple[int, int]:
+    """Compute height and width of a picture as `srgb_of` makes it."""
+    rows, columns = shape.crop or (slice(0, frame.height), slice(0, frame.width))
+    size = (rows.stop - rows.start, max(1, round((columns.stop - columns.start) * shape.aspect)))
+    return size[::-1] if placement_of(frame).turns % 2 else size
+
+
+def srgb_of(frame: Any, shape: Shape) -> np.ndarray:
     """Convert a picture of FFmpeg to (H, W, 3) uint8."""
     encoding = unless_srgb(encoding_of(int(frame.color_primaries), int(frame.color_trc)))
     if int(frame.color_trc) in HIGH_RANGE and encoding is not None:
@@ -26,10 +45,14 @@ def srgb_of(frame: Any, aspect: Fraction) -> np.ndarray:
     else:
         picture = over_white(frame)
         picture = picture if encoding is None else encoding.to_srgb(picture)
-    height, width = size_of(frame, aspect)[:: -1 if _turns(frame) % 2 else 1]
-    if width != frame.width:
+    picture = picture if shape.crop is None else picture[shape.crop]
+    height, wide = picture.shape[:2]
+    width = max(1, round(wide * shape.aspect))
+    if width != wide:
         picture = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
-    return np.ascontiguousarray(np.rot90(picture, _turns(frame)))
+    placement = placement_of(frame)
+    picture = picture[:, ::-1] if placement.is_mirrored else picture
+    return np.ascontiguousarray(np.rot90(picture, placement.turns))
 
 
 def over_white(frame: Any) -> np.ndarray:
@@ -56,5 +79,17 @@ def _deep(frame: Any) -> np.ndarray:
     return np.stack([red, green, blue], 2).clip(0, 1)
 
 
-def _turns(frame: Any) -> int:
-    return round(frame.rotation / 90) % 4
+def placement_of(frame: Any) -> Placement:
+    """Read how a decoded picture is to be shown, from the nine numbers of its matrix (ISO/IEC 14496-12, 6.2.2)."""
+    said = frame.side_data.get(MATRIX)
+    if said is None:
+        return Placement()
+    a, b, _, c, d = np.frombuffer(said, np.int32)[:5].astype(float)
+    if a * d < b * c:  # (x, y) is shown at (a x + c y, b x + d y)
+        return Placement(is_mirrored=True, turns=_turns(-a, -b))
+    return Placement(turns=_turns(a, b))
+
+
+def _turns(x: float, y: float) -> int:
+    """Count the quarter turns, against the clock, after which a row that went to the right goes to (x, y), y down."""
+    return round(-math.atan2(y, x) / (math.pi / 2)) % 4

@@ -3,7 +3,6 @@
 import logging
 from pathlib import Path
 
-import numpy as np
 from omegaconf import DictConfig
 
 from brushexp.contracts import UserError, build
@@ -11,14 +10,12 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import METRICS_FILE, as_shown, write_text
 from brushexp.contracts.pages import LARGEST_SIDE, PAGE_NAME, page_in, run_page, write_sweep_page
 from brushexp.contracts.painting import Finished, export_job, with_renderer
-from brushexp.contracts.pictures import open_picture
-from brushexp.contracts.results import gather, read_result
+from brushexp.contracts.results import gather, read_painting
 from brushexp.contracts.strokes import load_catalogue
 from brushexp_studio.serving import serve, show_until_interrupted
 
 log = logging.getLogger(__name__)
 SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder of a run
-PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -74,19 +71,6 @@ def _draw(job: ExportJob) -> Finished:
     if not job.is_bare:
         pictures["flat"] = small.bare().picture()
     return Finished(job, pictures, dict)
-
-
-def read_painting(folder: Path, job: ExportJob) -> Finished:
-    """Read the pictures and figures of a run; a damaged picture is omitted, with a warning."""
-    pictures = dict[str, np.ndarray]()
-    for name in PICTURES:
-        if (path := folder / f"{name}.png").exists():
-            try:
-                with open_picture(path) as image:
-                    pictures[name] = np.asarray(image.convert("RGB"))
-            except UserError as error:
-                log.warning("%s is left out: %s", path, error)
-    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})
 
 
 def newest_run(folder: Path = Path("outputs")) -> Path:

@@ -97,7 +97,7 @@ def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
 
 def _read_records(folders: Sequence[Path]) -> Iterator[Study]:
     for path in sorted(path for folder in folders for path in folder.glob("*.csv")):
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
             head = file.readline()
             if not head.startswith("# {"):
                 continue

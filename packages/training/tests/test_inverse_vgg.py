@@ -17,6 +17,7 @@ from refusals import refuses
 from torch.nn import functional
 
 from brushexp.compositing.windows import Windows
+from brushexp.contracts.networks import CoordConv, Noise, window_planes
 from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, PatchRenderer, window_pictures
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
@@ -190,3 +191,24 @@ def test_sixteen_bits_draw_and_pull_as_thirty_two_do(name):
     same = [tiny(precision=precision) for precision in PRECISIONS]
     same[1].load_state_dict(same[0].state_dict())
     assert torch.equal(*(renderer.train()(strokes).images for renderer in same)), "training has its own precision"
+
+
+def test_the_public_layers_are_those_of_the_network():
+    x = torch.rand(2, 8, 16, 16)
+    layer = CoordConv(8, 4, planes=2)
+    planes = window_planes(16)
+    both = torch.cat([x, planes.expand(2, -1, -1, -1)], dim=1)
+    inner = functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a convolution of 3 x 3 with one weight
+    weight = torch.cat([layer.convolution.weight, inner], dim=1)
+    expected = functional.conv2d(both, weight, layer.convolution.bias, padding=1)
+    torch.testing.assert_close(layer(x, planes), expected)
+    assert planes[0, 0, 3].tolist() == pytest.approx([(k + 0.5) / 8 - 1 for k in range(16)])
+    assert torch.equal(planes[0, 0], planes[0, 1].T)
+    noise = Noise(8, 16, strength=0.5).eval()
+    torch.testing.assert_close(noise(x), x + 0.5 * noise.grain)
+    ours = build_named("renderer", "inverse_vgg", {"noise": 0.5, "checkpoint": None}).convolving
+    grains = {layer.grain.shape[-1]: layer.grain for layer in ours}
+    assert torch.equal(grains[16], noise.grain)
+    assert not torch.equal(noise.train()(x), noise(x))
+    noise(x).sum().backward()
+    assert noise.strength.grad.abs().min() > 0

@@ -26,6 +26,8 @@ from brushexp.runs.runner import explaining_to_users
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.run_files import recorded
+from brushexp.system.spellings import find_path
+from brushexp.system.status import Status
 from brushexp.tasks.paint import paint_into, paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
@@ -75,7 +77,12 @@ class Painting:
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the picture that was painted, at the size at which strokes were optimised."""
+        """(H, W, 3) uint8: the picture that was painted, at the size at which strokes were optimised.
+
+        A UserError if a run that was loaded has none.
+        """
+        if "target" not in self.finished.pictures:
+            raise UserError("this painting was loaded without the target.png of its run; load the run's whole folder")
         return self.finished.pictures["target"]
 
     @property
@@ -107,16 +114,17 @@ class Painting:
         exporter = build_named("to", form, options)
         job = _sized(self.finished.job, size)
         exporter.check(len(job.strokes), job.size)
-        Path(folder).mkdir(parents=True, exist_ok=True)
+        into = find_path(folder)
+        into.mkdir(parents=True, exist_ok=True)
         with undisturbed():
-            return list[Path](exporter.write(job, Path(folder)))
+            return list[Path](exporter.write(job, into))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write the files of a run (painting.png, catalogue.h5, report.html, ...) over those of another painting.
 
         There is a timelapse only if ``frames`` was set, and no curves. Returns the path of the page.
         """
-        into = Path(folder)
+        into = find_path(folder)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
         check_inputs(into, self.settings.cfg)
         if into.resolve() != self.settings.folder:
@@ -126,7 +134,8 @@ class Painting:
             settings = write_pictures(self.settings, into)
             note_words(into, settings.cfg, settings.words)
             job = replace(job, saved=replace(job.saved, config=settings.yaml))
-            finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
+            figures = {"status": Status.COMPLETED, **self.metrics}  # those of a lone catalogue are none
+            finished = replace(self.finished, job=job, compute_metrics=lambda: figures)
             finished.write(into, finished.pictures)
             if finished.timelapse is not None:
                 finished.timelapse.write(into)
@@ -145,7 +154,9 @@ class Painting:
 
     def __repr__(self) -> str:
         height, width = self.finished.job.size
-        return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels, {self.metrics['psnr']:.2f} dB)"
+        psnr = self.metrics.get("psnr")
+        quality = "" if psnr is None else f", {psnr:.2f} dB"
+        return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels{quality})"
 
 
 def _sized(job: ExportJob, size: int | None) -> ExportJob:

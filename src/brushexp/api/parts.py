@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from numbers import Integral
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from brushexp.api.settings import load, undisturbed
+from brushexp.api.settings import load_choices, undisturbed
+from brushexp.compat.transforms import inside_transform
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.renderer.base import Renderer
@@ -23,7 +24,7 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
     >>> list(list_plugins("order")["order"])
     ['accuracy', 'area', 'fixed']
     """
-    load()
+    load_choices()
     if family not in (None, *FAMILIES):
         raise UserError(f"there is no family {family}; choose one of {', '.join(FAMILIES)}")
     families = FAMILIES if family is None else [family]
@@ -48,10 +49,10 @@ def create(family: str, name: str, **options: Any) -> Any:
 
 
 def render(
-    strokes: Strokes,
+    strokes: Strokes | Sequence[Strokes],
     size: int | tuple[int, int],
     *,
-    depth: Tensor | None = None,
+    depth: Tensor | Sequence[Tensor | None] | None = None,
     background: Tensor | None = None,
     renderer: str | Renderer = "analytic",
     blend: str = "tiled",
@@ -60,18 +61,25 @@ def render(
 ) -> Tensor:
     """Draw strokes on a canvas; gradients flow back into their position, curve, width, color and opacity.
 
+    First derivatives come from ``.backward()`` or `torch.autograd.grad`; second ones need ``blend="dense"``.
+
     Args:
-        strokes: N, in pixels of the canvas; ``strokes.moved(zoom=2)`` are those of one twice as large.
+        strokes: N, in pixels of the canvas; ``strokes.moved(zoom=2)`` are those of one twice as large. A list of B of
+            them, which may differ in N, is a batch.
         size: height and width of the canvas in pixels; one number is both.
-        depth: (N,) ranks, 0 for the bottom stroke; None lays them in their order.
-        background: (3,) RGB in [0, 1] of the bare canvas; None is white.
+        depth: (N,) ranks, 0 for the bottom stroke; None lays them in their order. Of a batch, a list of B of these.
+        background: (3,) RGB in [0, 1] of the bare canvas; None is white. Of a batch it may be (B, 3).
         renderer: a name, or a renderer of `create`.
         blend: name of what lays them over each other.
         color: name of the space in which they mix.
         options: options of a renderer by name, such as ``soft=1.0``.
 
     Returns:
-        (3, H, W) RGB in [0, 1].
+        (3, H, W) RGB in [0, 1]; of a batch (B, 3, H, W).
+
+    Raises:
+        UserError: what is wrong with an argument; also within ``torch.func`` (vmap, grad), which compiled code cannot
+            follow.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> strokes = sample_prior(4).moved(shift=(16, 12)).map(lambda value: value.requires_grad_())
@@ -79,23 +87,70 @@ def render(
     >>> picture.mean().backward()
     >>> picture.shape, strokes.position.grad.shape
     (torch.Size([3, 24, 32]), torch.Size([4, 2]))
+    >>> render([strokes, strokes[:2]], (24, 32)).shape
+    torch.Size([2, 3, 24, 32])
     """
-    check_strokes(strokes)
+    if inside_transform():
+        cure = "call .backward() or torch.autograd.grad, and give a list of strokes for a batch"
+        raise UserError(f"render does not work within torch.func (vmap, grad, jacrev); {cure}")
+    is_one = isinstance(strokes, Strokes)
+    canvases = [strokes] if isinstance(strokes, Strokes) else list(strokes)
+    depths = _depths(depth, canvases, is_one=is_one)
+    grounds = _grounds(background, len(canvases), is_one=is_one)
     canvas = _canvas(size)
-    if depth is not None and depth.shape != (len(strokes),):
-        raise UserError(f"depth has shape {tuple(depth.shape)}; give a rank for each of the {len(strokes)} strokes")
-    if background is not None and background.shape != (3,):
-        raise UserError(f"background has shape {tuple(background.shape)}; give red, green and blue in [0, 1]")
     if options and not isinstance(renderer, str):
         raise UserError(f"{', '.join(options)} would be options of a renderer that is made already; give its name")
     with undisturbed(gradients=False):
-        order = torch.arange(len(strokes)) if depth is None else depth
         chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
-        paper = torch.ones(3) if background is None else background
-        like = strokes.position
-        front_to_back = order.to(like.device).argsort(descending=True)
         compositor = Compositor(create("blend", blend), create("color", color))
-        return compositor(chosen.to(like.device)(strokes), front_to_back, canvas, paper.to(like)).image
+        pictures = [_draw(*each, canvas, chosen, compositor) for each in zip(canvases, depths, grounds, strict=True)]
+    return pictures[0] if is_one else torch.stack(pictures)
+
+
+def _draw(
+    strokes: Strokes,
+    depth: Tensor | None,
+    background: Tensor,
+    canvas: tuple[int, int],
+    renderer: Renderer,
+    compositor: Compositor,
+) -> Tensor:
+    """Draw the strokes of one canvas: (3, H, W)."""
+    order = torch.arange(len(strokes)) if depth is None else depth
+    like = strokes.position
+    front_to_back = order.to(like.device).argsort(descending=True)
+    return compositor(renderer.to(like.device)(strokes), front_to_back, canvas, background.to(like)).image
+
+
+def _depths(
+    depth: Tensor | Sequence[Tensor | None] | None, canvases: Sequence[Strokes], *, is_one: bool
+) -> Sequence[Tensor | None]:
+    """List the ranks of the strokes of each canvas; a UserError says where strokes or ranks are wrong."""
+    if not canvases:
+        raise UserError("strokes is an empty list; give at least one Strokes")
+    for number, strokes in enumerate(canvases):
+        if not isinstance(strokes, Strokes):
+            raise UserError(f"strokes[{number}] is {type(strokes).__name__}; give Strokes, or a list of them")
+        check_strokes(strokes)
+    depths: list[Any] = [depth] if is_one else [None] * len(canvases) if depth is None else list(depth)
+    if len(depths) != len(canvases):
+        raise UserError(f"depth has {len(depths)} entries for {len(canvases)} canvases; give ranks for each, or None")
+    for ranks, strokes in zip(depths, canvases, strict=True):
+        if ranks is not None and ranks.shape != (len(strokes),):
+            wrong = f"depth has shape {tuple(ranks.shape)}"
+            raise UserError(f"{wrong}; give a rank for each of the {len(strokes)} strokes")
+    return depths
+
+
+def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence[Tensor]:
+    """List the colours of the bare canvases (UserError)."""
+    ground = torch.ones(3) if background is None else background
+    if ground.shape == (3,):
+        return [ground] * count
+    if is_one or ground.shape != (count, 3):
+        wrong = f"background has shape {tuple(ground.shape)}"
+        raise UserError(f"{wrong}; give red, green and blue in [0, 1]" + f", or ({count}, 3) of them" * (not is_one))
+    return list(ground)
 
 
 def _canvas(size: object) -> tuple[int, int]:

@@ -19,11 +19,13 @@ from brushexp.config.compose import composed, folders_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
+from brushexp.config.vocabulary import as_found
 from brushexp.config.words import as_typed, expand_shorthand, parse_value
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
 from brushexp.registry import drop_built
 from brushexp.system.runtime import use_threads
+from brushexp.system.spellings import find_path
 from brushexp.system.words import table_of_words
 
 PICTURE = "image="
@@ -32,7 +34,7 @@ RESERVED = {"task": "call another function", "output": "set output=", "resume": 
 
 
 @cache
-def load() -> list[Path]:
+def load_choices() -> list[Path]:
     """Load plugins, those of the current folder too, at the first call, and list the folders of configs."""
     prepare(Path())
     return folders_of(Path().resolve())  # the program may go elsewhere
@@ -93,11 +95,11 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
 
     Values are numbers, texts, paths, None, and lists and mappings of them; pictures may be in memory.
     """
-    folders = load()
+    folders = load_choices()
     held: dict[str, HeldPicture] = {}
-    folder = None if output is None else Path(output).resolve()
+    folder = None if output is None else find_path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word, task=task) for word in expand_changes(words)]
+    words = [expand_shorthand(word, task=task) for word in expand_changes([as_found(word) for word in words])]
     leave_to_others(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()

@@ -20,6 +20,7 @@ from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.published import published
 from brushexp.system.reading import digest_of, read_text, yaml_of
+from brushexp.system.spellings import find_path
 
 log = logging.getLogger(__name__)
 SETS = "pictures="
@@ -65,7 +66,7 @@ def as_many_as_fit(pictures: int) -> int:
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     """Turn the words of a command line with several pictures into a sweep, which the same command continues."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
-    sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
+    sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
         return in_processes(words)
     counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # a UserError if there are none
@@ -86,6 +87,13 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
         "hydra.sweeper.lenient=true",
         *(["hydra.sweeper.resume=true"] if goes_on else []),
     ]
+
+
+def _without_brackets(text: str) -> str:
+    """Write a list as other keys have it, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``; a file of such a name stays."""
+    if not (text.startswith("[") and text.endswith("]")) or os.path.exists(text):
+        return text
+    return ",".join(part.strip().strip("\"'") for part in text[1:-1].split(","))
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
@@ -138,8 +146,8 @@ def read_set(path: Path) -> dict[str, str]:
 
 
 def _place_of(picture: str, folder: Path) -> Path:
-    beside = folder / os.path.expanduser(picture)
-    return beside if beside.is_file() or not Path(picture).is_file() else Path(picture)
+    beside, here = find_path(folder / os.path.expanduser(picture)), find_path(picture)
+    return beside if beside.is_file() or not here.is_file() else here
 
 
 def name_of(image: str) -> str:

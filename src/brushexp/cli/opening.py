@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from io import TextIOWrapper
 from pathlib import Path
 
-from brushexp.config.vocabulary import as_task, is_path, meaning_of, respelt, task_names
+from brushexp.config.vocabulary import as_found, as_task, is_path, meaning_of, respelt, task_names
 from brushexp.pictures.folders import is_several
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.words import table_of_words
@@ -28,7 +28,7 @@ def open_with(words: Sequence[str]) -> list[str]:
     open_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a name of a file may have letters it has not
-    words = [as_task(word) for word in words]
+    words = [as_task(as_found(word)) for word in words]
     if "--version" in words:
         print(f"brushexp {version('brushexp')}")
         sys.exit()

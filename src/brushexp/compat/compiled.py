@@ -22,6 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from brushexp.compat.kept_kernels import keep_compiled
+
 
 def first_of(values: Any, n: int) -> tuple[Any, ...]:
     """Return the first ``n`` numbers of an array as a tuple, which stays in registers; ``n`` is a constant."""
@@ -56,7 +58,9 @@ class Compiled:
 
         function, digest = self._linked(self.function)
         function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # names the file of machine code
-        return numba.njit(cache=True, pipeline_class=_compiler(), **OPTIONS)(function)
+        compiled = numba.njit(pipeline_class=_compiler(), **OPTIONS)(function)
+        keep_compiled(compiled)
+        return compiled
 
     def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
         """Return a copy that calls Numba's versions of what it calls, and a digest of all code in it."""

@@ -4,6 +4,8 @@ import logging
 from functools import cache
 from typing import Any
 
+from brushexp.compat.kept_kernels import is_kept
+
 log = logging.getLogger(__name__)
 
 
@@ -17,7 +19,7 @@ def tell_of_compilation() -> None:
 
         def on_start(self, event: Any) -> None:
             if not self.told:
-                log.info("compiling for this machine, this first time only: some 20 s")
+                log.info("compiling for this machine%s: some 20 s", ", this first time only" if is_kept() else "")
             self.told = True
 
         def on_end(self, event: Any) -> None:

@@ -1,6 +1,6 @@
 """Paint a picture by compiled kernels, differentiable in all that the layers hand to them."""
 
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 import torch
@@ -9,6 +9,7 @@ from torch import Tensor
 from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.passes import sum_by_stroke
 from brushexp.compositing.tile_lists import AREA, RUN, WORKERS, Array, F, tile_lists
+from brushexp.errors import UserError
 from brushexp.system.runtime import share
 
 
@@ -100,5 +101,20 @@ class Painted(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
-        assert ctx.saved_tensors
-        return None, None, *ctx.rasterizer.gradient(grad)
+        saved = ctx.saved_tensors
+        gradients = ctx.rasterizer.gradient(grad.detach())
+        if torch.is_grad_enabled():  # for second derivatives
+            gradients = DifferentiatedOnce.apply(len(gradients), *gradients, grad, *saved)
+        return None, None, *gradients
+
+
+class DifferentiatedOnce(torch.autograd.Function):
+    """First derivatives that refuse (UserError) to be differentiated again, in the gradient and the inputs behind."""
+
+    @staticmethod
+    def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:
+        return tuple(tensor.clone() for tensor in tensors[:count])
+
+    @staticmethod
+    def backward(ctx: Any, *_: Tensor) -> NoReturn:
+        raise UserError("the compiled blend tiled has first derivatives only; blend='dense' (slow) has second ones")

@@ -2,18 +2,22 @@
 
 import re
 from collections.abc import Sequence
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from hydra import compose, initialize_config_module
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.compat.hydra import isolated, parse_arguments
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, literal
+from brushexp.system.reading import decode_text
 from brushexp.system.words import conf_folders
 
 CHOSEN_GROUPS = {*FAMILIES, "look", "quality", "trainer", "task", "experiment"}  # chosen as ``group=name``
+SOURCE = "text"  # scheme of a folder of configs; `hydra_plugins.brushexp_text` reads it
 GLOBAL = "# @package _global_\n"  # first line of such a file
 
 
@@ -37,7 +41,7 @@ def own_folders(folders: Sequence[Path]) -> list[Path]:
 
 def folders_in(cfg: DictConfig) -> list[Path]:
     """List the folders of which Hydra has composed a config, those that ship first."""
-    sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
+    sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == SOURCE]
     return list(dict.fromkeys([*conf_folders(), *(Path(source.path).resolve() for source in sources)]))
 
 
@@ -48,13 +52,18 @@ def files_of(folder: Path, group: str) -> dict[str, Path]:
 
 def presets_of(folder: Path) -> dict[str, str]:
     """Map the presets in a folder to their first comment lines, after the one that Hydra reads."""
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
+    texts = {path.stem: decode_text(path.read_bytes()) for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
+
+
+def load_config(path: Path) -> Any:
+    """Read the YAML of a config, in any encoding that `decode_text` knows."""
+    return OmegaConf.load(StringIO(decode_text(path.read_bytes())))
 
 
 def search_path(folders: Sequence[Path]) -> list[str]:
     """Write the word by which Hydra finds configs of packages and the user; ``--config-dir`` would put them first."""
-    places = [quote(f"file://{folder.resolve()}") for folder in folders[1:]]
+    places = [quote(f"{SOURCE}://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
 
 

@@ -17,7 +17,7 @@ from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
 from brushexp.compat.hydra import move_choice, store_when_read
 from brushexp.config.check import unknown_option
-from brushexp.config.compose import files_of
+from brushexp.config.compose import files_of, load_config
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import task_for
 from brushexp.errors import UserError
@@ -106,7 +106,7 @@ def publish_looks(folders: list[Path], schema: type[Any]) -> set[str]:
                 tuned.add(family)
     for folder in folders:
         for name, path in files_of(folder, FAST_STARTS).items():
-            store_when_read(FAST_STARTS, name, partial(OmegaConf.load, path), str(path))
+            store_when_read(FAST_STARTS, name, partial(load_config, path), str(path))
     return tuned
 
 

@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
 from brushexp.config.compose import CHOSEN_GROUPS, composed, files_of
+from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.words import as_typed
@@ -25,6 +26,7 @@ from brushexp.registry.loading import missing_because
 LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
 EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
 NONE = ("none", "no", "off", "false")  # what others type for an empty list
+DECIMAL_COMMA = re.compile(r"([+-]?(?:\d+|\d{1,3}(?:\.\d{3})+))(,\d+(?:e[+-]?\d+)?)?")  # a number of half of Europe
 UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # and for null
 SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # what stands behind a number
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
@@ -102,8 +104,11 @@ def quoting(word: str) -> str:
 
 
 def several(word: str) -> str:
-    """Say how a word of several values, or a number with its thousands apart, is typed."""
+    """Say how a word of several values, or a number with a decimal comma or its thousands apart, is typed."""
     key, _, value = word.partition("=")
+    if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
+        thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
+        return f"{word} are several values; type {key}={meant}{thousands}, or add -m for a sweep"
     if key == "background" and re.fullmatch(r"\d{1,3}(,\d{1,3}){2}", value):
         color = bytes(min(int(part), 255) for part in value.split(",")).hex()
         return f"{word} are several values; type {key}='#{color}'"
@@ -112,6 +117,34 @@ def several(word: str) -> str:
     if key in MULTI_SELECT:
         return f"{word} are several values; type '{key}=[{value}]' for all of them, or add -m for a sweep"
     return f"{word} are several values; add -m for a sweep"
+
+
+def takes_fractions(key: str) -> bool:
+    """Test whether a key, or an option of a plugin or preset, is a number that may have a fraction.
+
+    >>> [takes_fractions(key) for key in ("psnr", "+loss.mine.weight", "optimizer.units.width", "strokes", "image")]
+    [True, True, True, False, False]
+    """
+    name = key.lstrip("+~")
+    family, _, option = name.partition(".")
+    of_presets = [f"{plugin.path}.{option.partition('.')[2]}" for plugin in plugins() if plugin.family == family]
+    kinds = [type_of_key(one)[0] for one in (name, name.rpartition(".")[0], *of_presets)]
+    return any(kind is float or float in get_args(kind) for kind in kinds)
+
+
+def with_points(value: str) -> str | None:
+    """Write numbers with a decimal comma, one or two sides such as 29,7x21, with a point; None for other values.
+
+    >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
+    ('30.5', '1000.5', '-1.5e-3', '29.7x21')
+    >>> with_points("30.5"), with_points("1,2,3"), with_points("a,5")
+    (None, None, None)
+    """
+    parts = [DECIMAL_COMMA.fullmatch(part) for part in value.split("x")]
+    sides = [part for part in parts if part]
+    if len(sides) < len(parts) or len(sides) > 2 or not any(side[2] for side in sides):
+        return None
+    return "x".join(side[1].replace(".", "") + (side[2] or "").replace(",", ".") for side in sides)
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
@@ -168,6 +201,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
     if kind not in (int, float):
         return f"[{value}]" if get_args(kind) == (str,) and value[:1] != "[" else None
     value = value.strip("'\"").lower()
+    value = (with_points(value) or value) if kind is float else value
     if value in UNSET:
         return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
     if (time := re.fullmatch(r"(\d+):(\d\d)", value)) and meaning.startswith("seconds"):

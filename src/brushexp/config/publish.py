@@ -13,7 +13,7 @@ from hydra.core.plugins import Plugins
 from omegaconf import OmegaConf
 
 from brushexp.compat.hydra import store_when_read
-from brushexp.config.compose import files_of, folders_of
+from brushexp.config.compose import files_of, folders_of, load_config
 from brushexp.config.keys import without_class
 from brushexp.config.looks import LOOK_OPTIONS, check_options, publish_looks
 from brushexp.config.own_files import check_own_files
@@ -22,6 +22,7 @@ from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.registry.loading import load_plugins
 from brushexp.system.published import published
+from brushexp.system.reading import decode_text
 from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
 
@@ -93,7 +94,7 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
             raise UserError(f"{path} has the name of the plugin {family}={name}; give the file another name")
-        values: Any = {} if path.read_text(encoding="utf-8").startswith("# @package") else OmegaConf.load(path)
+        values: Any = {} if decode_text(path.read_bytes()).startswith("# @package") else load_config(path)
         bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
         if len(bases) == 1 and bases[0] not in (name, *values):
             check_options(path, family, bases[0], values)

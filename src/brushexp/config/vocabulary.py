@@ -6,11 +6,13 @@ from functools import cache
 from pathlib import Path
 
 from brushexp.system.published import published
+from brushexp.system.spellings import find_spelling
 from brushexp.system.words import conf_folders, table_of_words
 
 PACKAGE = Path(__file__).parents[1]
 TASK_POINTS = "brushexp.tasks"  # entry-point group: name of a task -> its class
 STAND_INS = "brushexp.stand_ins"  # entry-point group: "task.other" -> the class of the other one, which may replace it
+PARTS = re.compile(r"""[^][{},:'"]+""")  # of a list or mapping of Hydra
 ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
 
 
@@ -95,6 +97,30 @@ def task_names() -> set[str]:
 def is_path(text: str) -> bool:
     """Whether a text is the path of a file or folder that exists."""
     return bool(text) and os.path.exists(os.path.expanduser(text))
+
+
+def as_found(word: str) -> str:
+    """Spell the paths of a word of a command line as the files and folders that exist are (`find_spelling`).
+
+    Of a list, ``image=a.png,b.png``, each part may be a path; only a folder to write into need not exist.
+    """
+    if word.isascii() or is_path(word):
+        return word
+    if is_path(found := _found(word)):
+        return found
+    key, equal, value = word.partition("=")
+    if not equal:
+        return word
+    if key == "output" or is_path(_found(value)):
+        return key + equal + _found(value)
+    return key + equal + PARTS.sub(lambda part: found if is_path(found := _found(part[0])) else part[0], value)
+
+
+def _found(path: str) -> str:
+    """Spell a path as it is found, with the home in full; one in which nothing is spelt otherwise stays."""
+    whole = os.path.expanduser(path)
+    found = find_spelling(whole)
+    return path if found == whole else found
 
 
 def plain_name(name: str) -> str:

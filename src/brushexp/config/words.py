@@ -41,6 +41,7 @@ from brushexp.config.vocabulary import (
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.system.caches import has_home
 from brushexp.system.words import table_of_words
 
 RESUME_SWEEP = "resume=sweep"
@@ -145,7 +146,11 @@ def at_home(word: str) -> str:
     """Write the home folder of ``output=~/x`` in full, as not every shell does; readers of pictures do it."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus") or os.path.lexists(value)
-    return word if is_other or not re.fullmatch(r"~(/.*)?", value) else f"{key}={os.path.expanduser(value)}"
+    if is_other or not re.fullmatch(r"~(/.*)?", value):
+        return word
+    if not has_home():
+        raise UserError(f"{word}: this user has no home folder; write the path in full, {key}=/...")
+    return f"{key}={os.path.expanduser(value)}"
 
 
 def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:

@@ -8,6 +8,7 @@ what every plugin needs: registration, bounds of options, and the error that use
 - `strokes`: what a stroke is: curves, catalogues, the prior, measures.
 - `pictures`: pictures from files and to files, colour, structure, feature networks.
 - `layers`: strokes composited as layers, and the light on them.
+- `networks`: layers of networks that draw strokes.
 - `kernels`: compiled code, and what a rasteriser for other hardware needs.
 - `painting`: the parts of a painting, its optimisation and its result.
 - `tasks`: keys and rules of a task.

@@ -5,8 +5,18 @@ from brushexp.system.earlier import todays_settings
 from brushexp.system.files import TEMPORARY, replacing, to_bytes, write_bytes, write_json, write_picture, write_text
 from brushexp.system.hdf5 import HDF5, check_chunk, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.progress import counting, showing, with_progress
-from brushexp.system.reading import check_file, check_plain, explaining, in_short, json_of, read_text, yaml_of
+from brushexp.system.reading import (
+    check_file,
+    check_format_version,
+    check_plain,
+    explaining,
+    in_short,
+    json_of,
+    read_text,
+    yaml_of,
+)
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, note_files
+from brushexp.system.spellings import find_path
 from brushexp.system.terminal import IN_LOG, as_shown
 from brushexp.system.words import SHIPPED
 
@@ -21,10 +31,12 @@ __all__ = [
     "as_shown",
     "check_chunk",
     "check_file",
+    "check_format_version",
     "check_plain",
     "counting",
     "dataset_of",
     "explaining",
+    "find_path",
     "fixed",
     "in_short",
     "json_of",

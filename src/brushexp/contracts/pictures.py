@@ -4,10 +4,11 @@ from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import Backbone, packaged_file, read_tensors
 from brushexp.features.distance import Distance, bundled_distance
 from brushexp.pictures.abstraction import flattened
+from brushexp.pictures.boxes import Crop, boxes, clean_aperture_in, properties_of_film
 from brushexp.pictures.color import hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
 from brushexp.pictures.colorimetry import BT709, HIGH_RANGE, decode_srgb, encode_srgb, encoding_of, unless_srgb
-from brushexp.pictures.cut_short import boxes, has_end
-from brushexp.pictures.decode import MOVING, decode_image, open_picture, picture_size, read_picture
+from brushexp.pictures.cut_short import has_end
+from brushexp.pictures.decode import MOVING, declared_by, decode_image, open_picture, picture_size, read_picture
 from brushexp.pictures.folders import picture_suffixes, pictures_of
 from brushexp.pictures.kinds import FILM_SUFFIXES
 from brushexp.pictures.limits import MAX_PIXELS, open_of_any_size
@@ -42,6 +43,7 @@ __all__ = [
     "MOVING",
     "NETWORKS",
     "Backbone",
+    "Crop",
     "Distance",
     "FarStructure",
     "Region",
@@ -50,6 +52,8 @@ __all__ = [
     "boxes",
     "bundled_distance",
     "check_ratio",
+    "clean_aperture_in",
+    "declared_by",
     "decode_image",
     "decode_srgb",
     "downsample",
@@ -75,6 +79,7 @@ __all__ = [
     "picture_suffixes",
     "pictures_of",
     "planes_of",
+    "properties_of_film",
     "psnr_of",
     "read_picture",
     "read_tensors",

@@ -1,12 +1,14 @@
 """What a picture file says of its colours is found: an ICC profile, numbers of a standard, or a camera's setting."""
 
+import os
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import IO, Any
 
 from PIL import Image
 
+from brushexp.pictures.boxes import Property, properties_of_picture
 from brushexp.pictures.colorimetry import (
     ADOBE_RGB,
     BT709,
@@ -22,6 +24,7 @@ from brushexp.pictures.colorimetry import (
 
 Colors = bytes | Encoding | None  # an ICC profile, an encoding, or None: sRGB, or nothing is said
 
+IN_BOXES = ("AVIF", "HEIF")  # formats made of boxes
 HEAD = 2**20  # bytes from the start of a file, where formats name their colours
 WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # tags and parts of EXIF data
 INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
@@ -37,21 +40,52 @@ def colors_of(picture: Image.Image) -> Colors:
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
+        exif = exif_of(picture)
         with suppress(Exception):  # damaged EXIF data raise nearly anything
-            said = _of_exif(picture.getexif())
+            said = _of_exif(exif)
     return unless_srgb(said) if isinstance(said, Encoding) else said
+
+
+def exif_of(picture: Image.Image) -> Image.Exif:
+    """Read the EXIF data of a picture, none if they are damaged; an error of its decoder is raised.
+
+    Pillow decodes a PNG to find those behind its pixels, and what it then loads again after an error is black.
+    """
+    if picture.format == "PNG" and "exif" not in picture.info:
+        picture.load()
+    with suppress(Exception):  # damaged data raise nearly anything
+        return picture.getexif()
+    return Image.Exif()
+
+
+@contextmanager
+def place_kept(file: IO[bytes]) -> Iterator[None]:
+    """Let a file be read elsewhere, and go back to where it was."""
+    place = file.tell()
+    try:
+        yield
+    finally:
+        file.seek(place)
 
 
 def head_of(picture: Image.Image) -> bytes:
     """Read the first bytes of the file of a picture; none if it is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
-        place = file.tell()
-        file.seek(0)
-        head: bytes = file.read(HEAD)
-        file.seek(place)
-        return head
+        with place_kept(file):
+            file.seek(0)
+            head: bytes = file.read(HEAD)
+            return head
     return b""
+
+
+def declared_in_boxes(picture: Image.Image) -> list[Property]:
+    """Read what the boxes of a HEIF or AVIF declare of the picture that is shown; nothing if its file is closed."""
+    with suppress(AttributeError, OSError, ValueError):
+        file: Any = picture.fp  # type: ignore[attr-defined]
+        with place_kept(file):
+            return properties_of_picture(file, file.seek(0, os.SEEK_END))
+    return []
 
 
 def _of_png(head: bytes, picture: Image.Image) -> Colors:
@@ -80,8 +114,9 @@ def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 def _of_others(head: bytes, picture: Image.Image) -> Colors:
     """Read what Pillow leaves unread in files of other formats."""
-    if picture.format in ("AVIF", "HEIF"):
-        primaries, transfer = struct.unpack(">HH", head.partition(b"colrnclx")[2][:4].ljust(4, b"\0"))
+    if picture.format in IN_BOXES:
+        said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
+        primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
         return encoding_of(primaries, transfer) if transfer not in UNSAID else None
     if picture.format == "JPEG2000":
         return _profile_in_jp2(head)

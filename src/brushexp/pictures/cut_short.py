@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image, ImageFile
 
 from brushexp.errors import UserError
-from brushexp.pictures.kinds import TIFF_MAGIC
-from brushexp.pictures.tiff import first_page
+from brushexp.pictures.boxes import MOST_BOXES, boxes
+from brushexp.pictures.tiff_directories import MAGIC, first_directory
 
 SOME_MISSING = "is cut short: its file ends before the picture does; get the whole file"
 END_OF_JPEG = b"\xff\xd9"
@@ -22,9 +22,7 @@ LAST_MARKS = {  # first bytes of a file -> what comes last in it, and what comes
     b"\x89PNG": (b"IEND", b"IDAT"),
 }
 LAST_BYTES = {b"GIF8": b";", b"qoif": b"\0\0\0\0\0\0\0\1"}
-SHORTEST_BOX = 8  # bytes: length and name
 BOXES = (b"ftyp", b"jP  ", b"JXL ")  # fifth to eighth byte of files that are made of boxes (ISO/IEC 14496-12)
-MOST_BOXES = 1000  # of a file, which are looked at
 TAIL = 2**16  # bytes at the end of a file, among which its end is sought: some append more than a picture
 JPEGS = ("JPEG", "MPO")
 ROW_BY_ROW = (*JPEGS, "PNG", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats that decode what there is
@@ -39,8 +37,8 @@ def has_end(path: Path) -> bool | None:
         head = file.read(16)
         if head[:4] == b"RIFF":
             return size >= 8 + int.from_bytes(head[4:8], "little")
-        if head[:4] in TIFF_MAGIC:
-            return None if first_page(head) < size else False
+        if head[:4] in MAGIC:
+            return _tiff_fits(path, size)
         if head[4:8] in BOXES and (fit := _boxes_fit(file, size)) is not None:
             return fit
         file.seek(max(0, size - TAIL))
@@ -51,21 +49,11 @@ def has_end(path: Path) -> bool | None:
     return next((tail.endswith(end) for start, end in LAST_BYTES.items() if head.startswith(start)), None)
 
 
-def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
-    """Read the names of the boxes of a file of ``size`` bytes, and where each ends; None where it does not say."""
-    at = 0
-    for _ in range(MOST_BOXES):
-        if at >= size:
-            return
-        file.seek(at)
-        head = file.read(16)
-        length = int.from_bytes(head[:4])
-        length = int.from_bytes(head[8:]) if length == 1 else length
-        known = length >= SHORTEST_BOX
-        yield head[4:8], at + length if known else None
-        if not known:
-            return
-        at += length
+def _tiff_fits(path: Path, size: int) -> bool | None:
+    """Test whether the strips or tiles of a TIFF lie within it; None if it does not say how long they are."""
+    first = first_directory(path)
+    end = None if first is None else first.end_of_data()
+    return False if first is None else None if end is None else end <= size
 
 
 def _boxes_fit(file: IO[bytes], size: int) -> bool | None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -16,8 +16,10 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
+from brushexp.pictures.boxes import Crop
 from brushexp.pictures.carriers import Colors, colors_of
 from brushexp.pictures.cut_short import SOME_MISSING, check_missing, has_end, lenient, rescued
+from brushexp.pictures.damage import check_sums, remark_on
 from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
 from brushexp.pictures.kinds import (
     CURE,
@@ -25,18 +27,29 @@ from brushexp.pictures.kinds import (
     FORMATS,
     HEAD,
     RAW,
-    TIFF_MAGIC,
     WITH_CODECS,
     check_not_raw,
     codec_for,
     has_codec,
     is_raw,
+    is_special,
     what_it_is,
 )
 from brushexp.pictures.limits import alone, check_pixels, check_whole, halvings, open_of_any_size, size_of_jxl
-from brushexp.pictures.shape import pixel_aspect, resample, squared
+from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
-from brushexp.pictures.tiff import BITS, LENGTH, WIDTH, main_page, needs_tifffile, pages_in, read_tiff
+from brushexp.pictures.tiff import (
+    as_stored,
+    by_libtiff,
+    is_misread,
+    is_rarely_packed,
+    main_page,
+    mend_palette,
+    needs_tifffile,
+    pages_in,
+    read_tiff,
+)
+from brushexp.pictures.tiff_directories import BITS, LENGTH, MAGIC, WIDTH
 from brushexp.system.reading import check_file, explaining
 
 log = logging.getLogger(__name__)
@@ -78,13 +91,31 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
         width, height = picture.size
         if isinstance(picture, TiffImageFile):
             width, height = (picture.tag_v2[tag] for tag in (WIDTH, LENGTH))
-        if orientation_of(picture) >= SWAPPED:
-            width, height = height, width
-        height, width = squared(height, width, pixel_aspect(picture))
         check_decoder(picture)
-        if not has_end(path):
+        is_whole = has_end(path)
+        if not is_whole or isinstance(picture, TiffImageFile):  # of which much is not read here
             _read(path, 1.0, 1)
-    return height, width
+        with nullcontext() if is_whole else lenient():
+            declared = declared_by(picture)
+            is_swapped = orientation_of(picture) >= SWAPPED
+    if declared.crop is not None:
+        height, width = (part.stop - part.start for part in declared.crop)
+    if is_swapped:
+        width, height = height, width
+    return squared(height, width, declared.aspect)
+
+
+class Declared(NamedTuple):
+    """What the file of a picture says of its pixels."""
+
+    colors: Colors
+    aspect: float  # width over height of a pixel of the upright picture
+    crop: Crop | None  # what is shown of the picture before it is turned; None: all
+
+
+def declared_by(picture: Image.Image) -> Declared:
+    """Read what a file says of its pixels, before they are decoded: some decoders close the file then."""
+    return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
@@ -101,13 +132,22 @@ def _explained(path: Path, key: str) -> Iterator[None]:
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
-            elif (end := has_end(path)) is False:
-                reason = SOME_MISSING
             else:
-                state = "damaged" if end else "cut short, damaged"  # not all formats say where their files end
-                words = " ".join(str(error).split()).partition(". ")[0] or type(error).__name__
-                reason = f"is {state} or cannot be decoded ({words}); get it again, or {CURE}"
+                log.debug("%s", path, exc_info=True)
+                reason = _undecoded(path)
     raise UserError(f"{key}={path} {reason}")
+
+
+def _undecoded(path: Path) -> str:
+    """Say why a file of a known format cannot be decoded."""
+    with path.open("rb") as file:
+        kind = what_it_is(file.read(HEAD))
+    if is_special(kind):
+        return kind
+    if (end := has_end(path)) is False:
+        return SOME_MISSING
+    state = "damaged" if end else "cut short, damaged"  # not all formats say where their files end
+    return f"is {state} or cannot be decoded here; get it again, or {CURE}"
 
 
 def _unknown(path: Path) -> str:
@@ -156,10 +196,13 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
     if not head:
         raise UserError("is empty (0 bytes); give a file that holds a picture")
     _load_codec(head)
+    check_sums(path)
+    is_tiff = head[:4] in MAGIC
     try:
-        picture = Image.open(path)
+        with by_libtiff() if is_tiff and is_misread(path) else nullcontext():
+            picture = Image.open(path)
     except UnidentifiedImageError:
-        if head[:4] not in TIFF_MAGIC or is_raw(str(path)):
+        if not is_tiff or is_raw(str(path)):
             raise
         yield path, None
         return
@@ -188,30 +231,32 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
-        aspect, remark = pixel_aspect(picture), _of_several(path, picture)
+        remark = _of_several(path, picture)
         try:
-            return _squared(_decoded(file, picture, backdrop, side), aspect), remark
+            declared = declared_by(picture)
+            pixels = _squared(_decoded(file, picture, declared, backdrop, side), declared.aspect)
+            return pixels, remark or remark_on(pixels)
         except UserError:
             raise
         except (OSError, ValueError, SyntaxError):
+            if is_rarely_packed(picture):
+                return _squared(read_tiff(file, backdrop, declared.colors, side), declared.aspect), remark
             if (again := rescued(path, picture.format or "")) is None:
                 raise
     with again, lenient():
-        colors = colors_of(again)
+        declared = declared_by(again)
         draft(again, side)
         again.load()
         remark = check_missing(again)
-        return _squared(_to_srgb(again, colors, backdrop), aspect), remark
+        return _squared(_to_srgb(again, declared, backdrop), declared.aspect), remark
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
     """Say of which pictures of a file this is the first; nothing if it is alone."""
-    if getattr(picture, "n_frames", 1) == 1:
-        return ""
-    if picture.format in MOVING:
-        return MOVES.format(path)
-    count = pages_in(path) if isinstance(picture, TiffImageFile) else 1
-    return PAGES.format(count) if count > 1 else ""
+    if isinstance(picture, TiffImageFile):
+        count = pages_in(path)
+        return PAGES.format(count) if count > 1 else ""
+    return MOVES.format(path) if picture.format in MOVING and getattr(picture, "n_frames", 1) > 1 else ""
 
 
 def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
@@ -219,16 +264,18 @@ def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
     return resample(pixels, squared(height, width, aspect))
 
 
-def _decoded(file: Path | IO[bytes], picture: ImageFile, backdrop: float, side: int | None) -> np.ndarray:
+def _decoded(
+    file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
+) -> np.ndarray:
     """Decode an opened picture, each kind by the library that is right about it."""
-    colors = colors_of(picture)
+    colors = declared.colors
     if needs_tifffile(picture):
         return read_tiff(file, backdrop, colors, side)
     if isinstance(file, Path) and (bits := bits_of(picture)):
         deep = floats_to_srgb(*read_jp2(file, picture, bits, side), colors, backdrop)
         return upright(deep, orientation_of(picture))
     draft(picture, side)
-    return _to_srgb(picture, colors, backdrop)
+    return _to_srgb(picture, declared, backdrop)
 
 
 def draft(picture: ImageFile, side: int | None) -> None:
@@ -244,20 +291,25 @@ def draft(picture: ImageFile, side: int | None) -> None:
         check_whole(width, height, picture.mode.startswith("I"))
 
 
-def decode_image(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
-    """Decode an image of Pillow as `read_picture` does; its decoder may raise anything."""
+def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared | None = None) -> np.ndarray:
+    """Decode an image of Pillow as `read_picture` does; its decoder may raise anything.
+
+    ``declared`` is what `declared_by` has found before the first picture of a file was decoded.
+    """
     check_not_raw(picture)
-    aspect = pixel_aspect(picture)  # before the decoder closes the file
-    return _squared(_to_srgb(picture, colors_of(picture), backdrop), aspect)
+    declared = declared or declared_by(picture)
+    return _squared(_to_srgb(picture, declared, backdrop), declared.aspect)
 
 
-def _to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
+def _to_srgb(picture: Image.Image, declared: Declared, backdrop: float) -> np.ndarray:
+    mend_palette(picture)
     if picture.mode == "F" or picture.mode.startswith("I"):
-        samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
+        samples, key = as_stored(np.asarray(picture), picture)[..., None], picture.info.get("transparency")
         alpha = None if key is None else (samples != key).astype(np.float32)
         bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
-        rgb = floats_to_srgb(unit_range(samples, bits), alpha, colors, backdrop)
+        rgb = floats_to_srgb(unit_range(samples, bits), alpha, declared.colors, backdrop)
     else:
-        rgb = bytes_to_srgb(picture, colors, backdrop)
+        rgb = bytes_to_srgb(picture, declared.colors, backdrop)
+    shown = rgb if declared.crop is None else rgb[declared.crop]
     # Pillow turns a TIFF itself as it loads, and nothing else.
-    return rgb if isinstance(picture, TiffImageFile) else upright(rgb, orientation_of(picture))
+    return shown if isinstance(picture, TiffImageFile) else upright(shown, orientation_of(picture))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from brushexp.errors import UserError
 from brushexp.pictures.kinds import FILM_SUFFIXES, FORMATS, RAW_SUFFIXES, WITH_CODECS, has_codec
+from brushexp.system.spellings import both_forms
 
 CODEC_SUFFIXES = {".heic": "heic", ".heics": "heic", ".heif": "heic", ".heifs": "heic", ".hif": "heic", ".jxl": "jxl"}
 VECTORS = (".svg", ".svgz", ".pdf", ".eps", ".ps", ".ai")
@@ -57,8 +58,8 @@ def left_out(image: str) -> list[str]:
 
 def _named(image: str) -> list[str]:
     path = os.path.expanduser(image)
-    pattern = os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path
-    return sorted(glob.glob(pattern, recursive=True))
+    patterns = {os.path.join(glob.escape(path), "*")} if os.path.isdir(path) else both_forms(path)
+    return sorted({name for pattern in patterns for name in glob.glob(pattern, recursive=True)})
 
 
 def _suffix(name: str) -> str:

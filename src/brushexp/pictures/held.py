@@ -118,7 +118,7 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
     except UserError as error:
         raise UserError(f"{key} {error}") from error
     except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
-        raise UserError(f"{key} is closed or damaged ({error}); give {KINDS}") from error
+        raise UserError(f"{key} is closed or damaged; give {KINDS}") from error
 
 
 def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
@@ -130,7 +130,7 @@ def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
             file.seek(0)
         data = file.read() if hasattr(file, "read") else file
     except (ValueError, OSError) as error:
-        raise UserError(f"{key} is a file that cannot be read ({error}); give {KINDS}") from error
+        raise UserError(f"{key} is a file that is closed or cannot be read; give {KINDS}") from error
     with TemporaryDirectory() as folder:
         path = Path(folder, "picture")
         path.write_bytes(data)

@@ -1,19 +1,20 @@
 """Files that are no pictures to be read here are told by what they are: raw photographs, films, vectors, pages."""
 
 import importlib
+import struct
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from brushexp.errors import UserError
+from brushexp.pictures.tiff_directories import MAGIC, PHOTOMETRIC
 
 # Raster formats only: for EPS, Pillow would start another program.
 FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
 WITH_CODECS = {"HEIF": "heic", "JXL": "jxl"}  # formats that need an extra
 CURE = "convert it to a PNG or a JPEG"
 HEAD = 4096  # bytes that tell a kind
-TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 RAW_SUFFIXES = (
     *(".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".k25", ".kdc", ".mef"),
     *(".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"),
@@ -30,6 +31,7 @@ VECTOR = (
     "is not a picture of a known format but a drawing of vectors; draw it as pixels (Inkscape, resvg) and give the PNG"
 )
 DAMAGED = "is damaged or cannot be decoded here; get the whole file, or convert it to a PNG or a JPEG"
+UNKNOWN = f"is not a picture of a known format; {CURE}"
 LAYERS = "is a file of a painting program; export it there as a PNG"
 STARTS = {  # first bytes -> what such a file is, and what to do
     b"\x76\x2f\x31\x01": LIGHT,
@@ -43,6 +45,8 @@ STARTS = {  # first bytes -> what such a file is, and what to do
     b"FUJIFILMCCD-RAW": RAW,
     b"FOVb": RAW,
     b"\0MRM": RAW,
+    b"II\xbc": f"is a JPEG XR, which is not read here; {CURE}",
+    b"AT&TFORM": "is a DjVu document; draw it as pixels: ddjvu -format=tiff page.djvu page.tif",
     b"IIU\0": RAW,
     b"IIRO": RAW,
     b"IIRS": RAW,
@@ -56,6 +60,14 @@ STARTS = {  # first bytes -> what such a file is, and what to do
     b"version https://git-lfs": "is the name of a picture that Git LFS keeps elsewhere; type git lfs pull",
     b"PK\3\4": "is an archive, or a file of a painting program; unpack it, or export a PNG",
 }
+PSD, PSB_VERSION = b"8BPS", 2
+PSD_HEADER = struct.Struct(">4xH16xH")  # of which version and bits of a channel count here
+JPEG, JPEG_LS = b"\xff\xd8\xff", 0xF7  # first bytes, and a marker
+FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of a JPEG before its sides
+LOSSLESS = (0xC3, 0xC7, 0xCB, 0xCF)
+KNOWN = (  # first bytes of files that are read, unless they are damaged
+    *(b"\x89PNG", b"GIF8", b"qoif", b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51", b"\0\0\0\x0cJXL ", *MAGIC),
+)
 HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")  # of ISO base media files
 AVIF_BRANDS = (b"avif", b"avis")
 CANON = b"CR"  # behind the first eight bytes of a raw TIFF
@@ -65,26 +77,73 @@ CODECS = {
     "jxl": ("pillow_jxl", None),
 }  # by extra: module and its start
 SENSOR = (32803, 34892)  # values of PHOTOMETRIC: what a sensor saw, as it is or in colours
-PHOTOMETRIC, SUBFILE, SUB_IFDS, DNG_VERSION = 262, 254, 330, 50706  # TIFF tags
-REDUCED = 1  # bit of SUBFILE: a smaller copy of another picture of the file
+DNG_VERSION = 50706  # a tag of TIFF
 
 
 def what_it_is(head: bytes) -> str:
     """Say what a file that no decoder knows is by its first bytes, and what to do."""
-    for start, words in STARTS.items():
-        if head.startswith(start):
-            return words
+    tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
+    words = (tell(head) for tell in tellers)
+    return next(filter(None, words), UNKNOWN)
+
+
+def is_special(words: str) -> bool:
+    """Test whether `what_it_is` has told a kind of file that is not read, and no damage."""
+    return words not in (DAMAGED, FILM, UNKNOWN)
+
+
+def _by_start(head: bytes) -> str:
+    return next((words for start, words in STARTS.items() if head.startswith(start)), "")
+
+
+def _kind_of_container(head: bytes) -> str:
+    """Tell films from damaged pictures."""
     if head[4:8] == b"ftyp":
         known = {b"crx ": RAW} | dict.fromkeys((*HEIF_BRANDS, *AVIF_BRANDS), DAMAGED)
         return known.get(head[8:12], FILM)
     if head[:4] == b"RIFF":
         return FILM if head[8:12] == b"AVI " else DAMAGED
+    return DAMAGED if head.startswith(KNOWN) else ""
+
+
+def _kind_of_text(head: bytes) -> str:
     text = head.lower()
     if b"<svg" in text:
         return VECTOR
     if b"<html" in text or b"<!doctype html" in text:
         return "is a web page and not the picture on it; save the picture itself"
-    return f"is not a picture of a known format; {CURE}"
+    return ""
+
+
+def _kind_of_psd(head: bytes) -> str:
+    """Say why a file of Photoshop is not read, by its header: signature, version, channels, sides, depth, mode."""
+    if not head.startswith(PSD):
+        return ""
+    if len(head) < PSD_HEADER.size:
+        return DAMAGED
+    version, depth = PSD_HEADER.unpack_from(head)
+    if version == PSB_VERSION:
+        return "is a PSB, Photoshop's large document; save it there as TIFF or PNG"
+    if depth in (16, 32):
+        return f"is a PSD of {depth} bits a colour; save it there with 8 bits (Image > Mode), or as TIFF or PNG"
+    return DAMAGED
+
+
+def _kind_of_jpeg(head: bytes) -> str:
+    """Say why a JPEG is not read, by the bits of its frame (ITU-T T.81, B.2.2)."""
+    if not head.startswith(JPEG):
+        return ""
+    at = len(JPEG) - 1
+    while at + 5 <= len(head) and head[at] == 0xFF:
+        marker, length = head[at + 1], int.from_bytes(head[at + 2 : at + 4])
+        if marker == JPEG_LS:
+            return f"is a JPEG-LS, which is not read here; {CURE}"
+        if marker in FRAMES:
+            bits = head[at + 4]
+            special = " without loss" if marker in LOSSLESS else f" of {bits} bits a colour" if bits != 8 else ""
+            return f"is a JPEG{special}, which is not read here; {CURE}" if special else DAMAGED
+        at += 2 + length
+    return DAMAGED
 
 
 def codec_for(head: bytes) -> str | None:

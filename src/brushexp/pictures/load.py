@@ -23,6 +23,7 @@ from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
 from brushexp.pictures.limits import MAX_PIXELS, too_large
 from brushexp.pictures.shape import resample
+from brushexp.system.spellings import find_spelling
 
 LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
 TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
@@ -162,7 +163,7 @@ def samples() -> dict[str, Path]:
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
     """Find the file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
-    path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
+    path = find_spelling(os.path.expanduser(image))  # functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
     shipped = samples()

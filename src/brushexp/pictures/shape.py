@@ -1,16 +1,22 @@
-"""Pixels that are not square are made square, as a picture says what shape they have; pictures are resampled."""
+"""What a file declares of the shape of its picture is heeded: which pixels are shown, and how wide they are."""
 
+import os
+import struct
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from brushexp.pictures.carriers import head_of
+from brushexp.pictures.boxes import Crop, clean_aperture_in
+from brushexp.pictures.carriers import IN_BOXES, declared_in_boxes, head_of, place_kept
 from brushexp.pictures.srgb import SWAPPED, orientation_of
 
 X_RESOLUTION, Y_RESOLUTION = 282, 283  # tags of TIFF
 GIF_ASPECT = 12  # byte of a GIF: 64 times the aspect, less 15; 0: square
+TGA_FOOTER, TGA_NAME = struct.Struct("<II18s"), b"TRUEVISION-XFILE.\0"  # places of the extension and of another part
+TGA_ASPECT = 474  # bytes from there to the width and the height of a pixel
 PSD_ASPECT = 1064  # resource of Photoshop: a version, and the aspect as a double
 SQUARE = 0.01  # a ratio within that of 1 is one of rounded numbers
 MOST_ASPECT = 4  # a ratio beyond that is taken for a mistake
@@ -24,24 +30,76 @@ def pixel_aspect(picture: Image.Image) -> float:
         aspect = float(down) / float(across)
     if abs(aspect - 1) < SQUARE or not 1 / MOST_ASPECT <= aspect <= MOST_ASPECT:
         return 1.0
-    return 1 / aspect if orientation_of(picture) >= SWAPPED else aspect
+    return 1 / aspect if orientation_of(picture) >= SWAPPED or _is_turned_already(picture) else aspect
+
+
+def _is_turned_already(picture: Any) -> bool:
+    """Test whether the decoder exchanges the rows and columns of a picture: that of HEIF does, by the box ``irot``."""
+    turns = [data for name, data in declared_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
+    return sum(data[0] for data in turns if data) % 2 == 1
+
+
+def clean_aperture(picture: Any) -> Crop | None:
+    """Find the rows and columns of an AVIF that are shown, before it is turned; the decoder of HEIF crops by itself."""
+    return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
 def _densities(picture: Any) -> tuple[Any, Any]:
     """Read how many pixels a length has, across and down, in any unit."""
-    info, head = picture.info, head_of(picture)
-    if picture.format in ("JPEG", "MPO"):
-        return info.get("jfif_density", (1, 1))
-    if picture.format == "TIFF":
-        return picture.tag_v2.get(X_RESOLUTION, 1), picture.tag_v2.get(Y_RESOLUTION, 1)
-    if picture.format == "GIF" and head[GIF_ASPECT]:
-        return 64, head[GIF_ASPECT] + 15
-    if picture.format in ("AVIF", "HEIF") and (said := head.partition(b"pasp")[2]):
-        return int.from_bytes(said[4:8]), int.from_bytes(said[:4])
-    if picture.format == "PSD":
-        said = next((data for number, _, data in picture.resources if number == PSD_ASPECT), b"")
-        return 1, np.frombuffer(said[4:12], ">f8")[0] if said else 1
-    return info.get("aspect") or info.get("dpi", (1, 1))  # PNG, BMP, JPEG 2000
+    read = DENSITIES.get(picture.format, _of_info)
+    return read(picture)
+
+
+def _of_info(picture: Any) -> tuple[Any, Any]:
+    """Read the density that Pillow has found: of PNG, BMP, JPEG 2000."""
+    return picture.info.get("aspect") or picture.info.get("dpi", (1, 1))
+
+
+def _of_jfif(picture: Any) -> tuple[Any, Any]:
+    return picture.info.get("jfif_density", (1, 1))
+
+
+def _of_tiff(picture: Any) -> tuple[Any, Any]:
+    return picture.tag_v2.get(X_RESOLUTION, 1), picture.tag_v2.get(Y_RESOLUTION, 1)
+
+
+def _of_gif(picture: Any) -> tuple[Any, Any]:
+    said = head_of(picture)[GIF_ASPECT]
+    return (64, said + 15) if said else (1, 1)
+
+
+def _of_boxes(picture: Any) -> tuple[Any, Any]:
+    said = next((data for name, data in declared_in_boxes(picture) if name == b"pasp"), b"")
+    wide, high = struct.unpack(">II", said[:8]) if said else (1, 1)
+    return high, wide
+
+
+def _of_psd(picture: Any) -> tuple[Any, Any]:
+    said = next((data for number, _, data in picture.resources if number == PSD_ASPECT), b"")
+    return 1, np.frombuffer(said[4:12], ">f8")[0] if said else 1
+
+
+def _of_tga(picture: Any) -> tuple[Any, Any]:
+    """Read the aspect in the extension of the file, to which its last bytes lead (Truevision, 1991)."""
+    with place_kept(picture.fp):
+        picture.fp.seek(-TGA_FOOTER.size, os.SEEK_END)
+        extension, _, name = TGA_FOOTER.unpack(picture.fp.read())
+        if name != TGA_NAME or not extension:
+            return 1, 1
+        picture.fp.seek(extension + TGA_ASPECT)
+        wide, high = struct.unpack("<HH", picture.fp.read(4))
+        return high, wide
+
+
+DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
+    "JPEG": _of_jfif,
+    "MPO": _of_jfif,
+    "TIFF": _of_tiff,
+    "GIF": _of_gif,
+    "PSD": _of_psd,
+    "TGA": _of_tga,
+    **dict.fromkeys(IN_BOXES, _of_boxes),
+}
 
 
 def squared(height: int, width: int, aspect: float) -> tuple[int, int]:

@@ -7,11 +7,12 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from brushexp.errors import UserError
-from brushexp.pictures.carriers import Colors
+from brushexp.pictures.carriers import Colors, exif_of
 from brushexp.pictures.colorimetry import Encoding
 from brushexp.pictures.kinds import CURE
 
 ORIENTATION = 274  # tag of TIFF and EXIF
+UPRIGHT, ORIENTATIONS = 1, range(1, 9)
 SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
 
 
@@ -69,10 +70,16 @@ def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
 
 def orientation_of(picture: Image.Image) -> int:
     """Read the EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
+    exif = exif_of(picture)
     try:
-        return int(picture.getexif().get(ORIENTATION, 1))
+        return valid_orientation(exif.get(ORIENTATION))
     except Exception:  # damaged EXIF data raise nearly anything; they do not make the picture worse
-        return 1
+        return UPRIGHT
+
+
+def valid_orientation(number: object) -> int:
+    """Return an EXIF orientation, 1 to 8; any other value counts as 1."""
+    return number if isinstance(number, int) and number in ORIENTATIONS else UPRIGHT
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

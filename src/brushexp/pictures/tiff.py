@@ -2,29 +2,62 @@
 
 import io
 import math
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, Literal
 
 import numpy as np
+from PIL import Image, TiffImagePlugin
 from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
 from brushexp.pictures.carriers import Colors
-from brushexp.pictures.kinds import CURE, PHOTOMETRIC, RAW, REDUCED, SENSOR, SUB_IFDS, SUBFILE
+from brushexp.pictures.kinds import CURE, DAMAGED, RAW, SENSOR
 from brushexp.pictures.limits import MAX_PIXELS, check_pixels
-from brushexp.pictures.srgb import ORIENTATION, floats_to_srgb, unit_range, upright
+from brushexp.pictures.srgb import (
+    ORIENTATION,
+    bytes_to_srgb,
+    floats_to_srgb,
+    unit_range,
+    upright,
+    valid_orientation,
+)
+from brushexp.pictures.tiff_directories import (
+    BIG,
+    BITS,
+    COMPRESSION,
+    FILL_ORDER,
+    LAST_BIT_FIRST,
+    PHOTOMETRIC,
+    SUB_IFDS,
+    directories,
+    directories_below,
+    first_directory,
+    main_directory,
+)
 
-WIDTH, LENGTH, BITS, COMPRESSION, PLANES, SAMPLE_FORMAT, PROFILE = 256, 257, 258, 259, 284, 339, 34675  # TIFF tags
-UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
-WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, CMYK = 0, 1, 2, 5  # values of PHOTOMETRIC
+PLANES, COLOR_MAP, PREDICTOR, SAMPLE_FORMAT, PROFILE = 284, 320, 317, 339, 34675  # TIFF tags
+UNPACKED = (1, 8, 32773, 32946)  # values of COMPRESSION that tifffile reads by itself: none, deflate, PackBits
+PACKINGS = {  # other values, in words
+    **dict.fromkeys((2, 3, 4), "CCITT fax"),
+    **dict.fromkeys((6, 7, 99), "JPEG"),
+    **dict.fromkeys((33003, 33004, 33005, 34712), "JPEG 2000"),
+    **dict.fromkeys((50002, 52546), "JPEG XL"),
+    **{5: "LZW", 34887: "LERC", 34925: "LZMA", 34926: "Zstandard", 50000: "Zstandard", 34927: "WebP", 50001: "WebP"},
+}
+RARE = (34887, 34925, 34926, 34927, 50000, 50001, 50002, 52546)  # of them, those that not every libtiff knows
+WHOLE_BITS = (1, 8, 16, 32, 64)  # bits of a sample that tifffile reads by itself
+FLOATING = 3  # value of PREDICTOR
+WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, CMYK = 0, 1, 2, 3, 5  # values of PHOTOMETRIC
+CHANNELS = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3, PALETTE: 1, CMYK: 4}  # that are colours
 SIGNED = 2  # value of SAMPLE_FORMAT
 ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
 ROWS = 256  # of a picture that is averaged, at once
 LARGEST_PIECE = 2**28  # samples of a strip or a tile that is unpacked at once
-BIG = b"+"  # third or fourth byte of a BigTIFF
+EIGHT_BIT = 256  # a colour map without a larger number has 8 bits, though the standard wants 16 (as libtiff has it)
 
 
 def needs_tifffile(picture: ImageFile) -> bool:
@@ -32,10 +65,72 @@ def needs_tifffile(picture: ImageFile) -> bool:
     if not isinstance(picture, TiffImageFile):
         return False
     tags = picture.tag_v2
-    unpacked = tags.get(COMPRESSION, 1) in UNPACKED
-    if max(tags.get(BITS, (1,))) <= 8 and SIGNED not in tags.get(SAMPLE_FORMAT, ()):
+    bits = max(tags.get(BITS, (1,)))
+    needs = codec_needs(tags.get(COMPRESSION, 1), bits, tags.get(PREDICTOR, 1))
+    unpacked = not needs or has_codecs()
+    if bits <= 8 and SIGNED not in tags.get(SAMPLE_FORMAT, ()):
         return unpacked and math.prod(picture.size) > MAX_PIXELS
+    if picture.mode == "F" and not unpacked:
+        return False  # Pillow reads grey floats by libtiff
     return unpacked or tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
+
+
+def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
+    """Say in words why tifffile needs the package imagecodecs for a page; nothing if it does not."""
+    needs = []
+    if compression not in UNPACKED:
+        needs.append(f"packed as {PACKINGS.get(compression, f'compression {compression}')}")
+    if bits not in WHOLE_BITS:
+        needs.append(f"of {bits} bits a sample")
+    if predictor == FLOATING:
+        needs.append("of floats with a predictor")
+    return needs
+
+
+def has_codecs() -> bool:
+    """Test whether imagecodecs is installed, by which tifffile unpacks what it cannot by itself."""
+    return find_spec("imagecodecs") is not None
+
+
+def is_rarely_packed(picture: ImageFile) -> bool:
+    """Test whether a TIFF is packed in a way that Pillow may not know; a UserError if nothing else does."""
+    compression = picture.tag_v2.get(COMPRESSION, 1) if isinstance(picture, TiffImageFile) else 1
+    if compression in RARE and not has_codecs():
+        needs = f"packed as {PACKINGS[compression]}, which needs a decoder; pip install 'brushexp[tiff]'"
+        raise UserError(f"is a TIFF {needs}; if it is installed, the file is damaged: get it again")
+    return compression in RARE
+
+
+def as_stored(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
+    """Return the floats of a TIFF in their order of bytes, which Pillow exchanges twice where libtiff has done so."""
+    is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
+    return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
+
+
+@contextmanager
+def by_libtiff() -> Iterator[None]:
+    """Let Pillow read TIFF files by libtiff alone."""
+    TiffImagePlugin.READ_LIBTIFF = True
+    try:
+        yield
+    finally:
+        TiffImagePlugin.READ_LIBTIFF = False
+
+
+def is_misread(path: Path) -> bool:
+    """Test whether Pillow by itself would take tiles for strips, strips for tiles, or the last bit for the first."""
+    first = first_directory(path)
+    return first is not None and (first.mixes_tiles_with_strips or first.number(FILL_ORDER) == LAST_BIT_FIRST)
+
+
+def mend_palette(picture: Image.Image) -> None:
+    """Give a TIFF with a colour map of 8 bits its colours, which Pillow takes for 16 bits and so for black."""
+    if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
+        return
+    numbers = picture.tag_v2.get(COLOR_MAP, ())
+    if numbers and max(numbers) < EIGHT_BIT:
+        picture.load()
+        picture.putpalette(np.array(numbers, np.uint8).reshape(3, -1).T.tobytes())
 
 
 def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
@@ -43,29 +138,19 @@ def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
 
     A UserError refuses one in which the picture is what a sensor saw.
     """
-    tags = picture.tag_v2 if isinstance(picture, TiffImageFile) else {}
-    if not tags.get(SUBFILE, 0) & REDUCED and SUB_IFDS not in tags:
+    first = first_directory(path) if isinstance(picture, TiffImageFile) else None
+    if first is None or not (first.is_reduced or SUB_IFDS in first.numbers):
         return None
-    from tifffile import TiffFile  # noqa: PLC0415  (rarely needed)
-
-    with TiffFile(path) as tiff:
-        pages: list[Any] = [page for top in tiff.pages for page in (top, *(top.pages or ()))]
-    if any(page.photometric in SENSOR for page in pages):
+    pages = (page for top in directories(path) for page in (top, *directories_below(path, top)))
+    if any(page.number(PHOTOMETRIC) in SENSOR for page in pages):
         raise UserError(RAW)
-    whole = [page for page in pages if not page.subfiletype & REDUCED]
-    chosen = whole[0] if whole else max(pages, key=lambda page: page.imagewidth * page.imagelength)
-    if not pages[0].subfiletype & REDUCED or chosen is pages[0]:
+    chosen = main_directory(path)
+    if chosen is None or chosen.place == first.place:
         return None
     file = bytearray(path.read_bytes())  # in which that page comes first
     at, order = _place_of_first_page(file)
-    file[at] = chosen.offset.to_bytes(at.stop - at.start, order)
+    file[at] = chosen.place.to_bytes(at.stop - at.start, order)
     return io.BytesIO(file)
-
-
-def first_page(head: bytes) -> int:
-    """Read where the first page of a TIFF is described from its first 16 bytes."""
-    at, order = _place_of_first_page(head)
-    return int.from_bytes(head[at], order)
 
 
 def _place_of_first_page(head: bytes | bytearray) -> tuple[slice, Literal["little", "big"]]:
@@ -73,13 +158,8 @@ def _place_of_first_page(head: bytes | bytearray) -> tuple[slice, Literal["littl
 
 
 def pages_in(path: Path) -> int:
-    """Count the pages of a TIFF that are no smaller copies of others; 1 if it is damaged."""
-    from tifffile import TiffFile  # noqa: PLC0415  (rarely needed)
-
-    with suppress(Exception), TiffFile(path) as tiff:  # damaged tags raise nearly anything
-        pages: Iterable[Any] = tiff.pages
-        return sum(not page.subfiletype & REDUCED for page in pages)
-    return 1
+    """Count the pages of a TIFF that are no smaller copies of others; those behind a damaged one do not count."""
+    return sum(not page.is_reduced for page in directories(path))
 
 
 def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int | None) -> np.ndarray:
@@ -91,32 +171,52 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
     if not isinstance(file, Path):
         file.seek(0)
-    with TiffFile(file) as tiff:
+    with TiffFile(file, is_lsm=False) as tiff:  # it would look at all pages of those, also in circles
         page = tiff.pages[0]
         assert isinstance(page, TiffPage)
         check_pixels(page.imagewidth, page.imagelength, "TIFF", side)
+        if not all(isinstance(number, int) for number in (page.compression, page.bitspersample, page.predictor)):
+            raise UserError(DAMAGED)
         n_colors = _colors_in(page)
+        needs = codec_needs(page.compression, page.bitspersample, page.predictor)
+        if needs and not has_codecs():
+            raise UserError(f"is a TIFF {' and '.join(needs)}, which needs a decoder; pip install 'brushexp[tiff]'")
         if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
-            raise UserError("is damaged or cannot be decoded (rows are missing); get the whole file")
+            raise UserError("is damaged: rows are missing; get the whole file")
         samples = _samples(page, side)
         orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
-    if samples.dtype.kind not in "uf":
+    if samples.dtype.kind not in "buf":
         raise UserError(f"is a TIFF of signed or complex numbers; {CURE}")
+    colors = colors or profile
+    if page.photometric == CMYK:
+        rgb: np.ndarray = bytes_to_srgb(Image.fromarray(samples[..., :4], "CMYK"), colors, backdrop)
+        return upright(rgb, valid_orientation(orientation))
     unit = unit_range(samples, page.bitspersample)
     color = 1 - unit[..., :1] if page.photometric == WHITE_IS_ZERO else unit[..., :n_colors]
+    if page.photometric == PALETTE:
+        color = _palette_of(page)[samples[..., 0].astype(int)]
     extra = next(iter(page.extrasamples), None)
     alpha = unit[..., n_colors : n_colors + 1] if extra in (ASSOCIATED, UNASSOCIATED) else None
     if alpha is not None and extra == ASSOCIATED:
         color = np.divide(color, alpha, out=np.ones_like(color), where=alpha > 0).clip(0, 1)
-    return upright(floats_to_srgb(color, alpha, colors or profile, backdrop), orientation or 1)
+    return upright(floats_to_srgb(color, alpha, colors, backdrop), valid_orientation(orientation))
+
+
+def _palette_of(page: Any) -> np.ndarray:
+    """Read the colours (N, 3) of a page in [0, 1], by whose numbers its samples name them."""
+    numbers = np.asarray(page.colormap)
+    levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
+    return levels.T.astype(np.float32) / 255
 
 
 def _colors_in(page: Any) -> int:
-    """Count the colours of a page: 1 or 3; a UserError if it has others."""
-    if page.photometric == CMYK:
+    """Count the colours of a page, or of its samples that name them; a UserError if it has others."""
+    if page.photometric == CMYK and page.bitspersample != 8:
         raise UserError(f"is a TIFF of CMYK with {page.bitspersample} bits a colour; save it with 8 bits, or as RGB")
-    count = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3}.get(page.photometric, 0)
-    if not count or not count <= page.samplesperpixel <= 4 or page.axes not in ("YX", "YXS", "SYX"):
+    count = CHANNELS.get(page.photometric, 0)
+    is_counted = count <= page.samplesperpixel <= max(count + 1, 4) and page.axes in ("YX", "YXS", "SYX")
+    is_averaged = page.imagewidth * page.imagelength > MAX_PIXELS  # which numbers of colours cannot be
+    if not count or not is_counted or (is_averaged and page.photometric == PALETTE):
         raise UserError(f"is a TIFF that is neither grey nor RGB; {CURE}")
     return count
 
@@ -145,7 +245,7 @@ def _means(page: Any, side: int) -> np.ndarray:
         np.minimum(k, n - k * np.arange(count)) for n, count in ((height, sums.shape[0]), (width, sums.shape[1]))
     )
     sums /= (rows[:, None] * columns)[..., None]
-    return sums if page.dtype.kind == "f" else np.rint(sums).astype(page.dtype)
+    return sums if page.dtype.kind in "bf" else np.rint(sums).astype(page.dtype)
 
 
 def _pieces(page: Any) -> Iterator[tuple[int, int, int, np.ndarray]]:

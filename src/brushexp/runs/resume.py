@@ -18,12 +18,13 @@ from brushexp.registry import plain_config
 from brushexp.results.runs import words_of
 from brushexp.runs.run_folder import note_words
 from brushexp.system.earlier import todays_key, todays_settings
-from brushexp.system.reading import check_plain, digest_of, in_short
+from brushexp.system.reading import check_format_version, check_plain, digest_of
 from brushexp.system.reading_tensors import read_pickled
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import use_threads
 
 RECORD_KEY = "brushexp"  # key of the settings in a checkpoint
+VERSION = 1  # of that record; raise it when a new one would mislead an older program
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
 
 
@@ -55,6 +56,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
     path = folder / CHECKPOINT
     try:
         record = read_pickled(path, "start anew")[RECORD_KEY]
+        check_format_version(record.get("format_version", VERSION), VERSION)
         settings = plain_config(todays_settings(record["settings"]))
         words = [str(word) for word in check_plain(record["words"])]
         chosen = _chosen_keys(words)
@@ -72,8 +74,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # whatever the file holds instead
-        reason = in_short(f"{type(error).__name__}: {error}")
-        raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
+        raise UserError(f"resume={folder}: {path} is no checkpoint of this program; start anew") from error
     if settings.threads:  # the command line need not repeat them; networks round by the number of threads
         use_threads(settings.threads)
     note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # the words of the whole run
@@ -114,4 +115,10 @@ def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     paths = {key: Path(value) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)}
     files = {key: (str(path.resolve()), digest_of(path)) for key, path in paths.items()}
     inputs = TASKS[cfg.task].inputs(cfg)
-    return {"settings": settings, "files": files, "inputs": inputs, "words": words_of(folder)}
+    return {
+        "format_version": VERSION,
+        "settings": settings,
+        "files": files,
+        "inputs": inputs,
+        "words": words_of(folder),
+    }

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import count
@@ -95,6 +96,9 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """
     lock(folder)
     source = cfg.get("resume")
+    if source is not None and Path(source).resolve() != folder.resolve():
+        with suppress(UserError):  # another run may be at work there, or nothing can be written
+            check_free(Path(source))
     goes_on = goes_on or (source is not None and Path(source).resolve() == folder.resolve())
     if not goes_on and "trainer" in cfg:  # a fit, whose results have the usual names
         check_inputs(folder, cfg)
@@ -182,8 +186,18 @@ def lock(folder: Path) -> None:
         raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
     except OSError as error:
         raise UserError(f"cannot write into output={folder}: {error.strerror}; choose another folder") from error
-    for path in [*folder.glob(TEMPORARY), *folder.glob(f"*/{TEMPORARY}")]:
-        path.unlink(missing_ok=True)
+    remove_half_written(folder)
+
+
+def remove_half_written(folder: Path) -> None:
+    """Remove what killed processes were writing into a locked folder, and into those below where runs have written."""
+    places = {folder, *(path for path in folder.glob("*") if path.is_dir())}
+    places |= {path.parent for path in files_written(folder)}
+    for path in [path for place in places for path in place.glob(TEMPORARY)]:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def check_free(folder: Path) -> None:

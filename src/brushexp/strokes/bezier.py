@@ -1,6 +1,7 @@
 """Mathematics of the quadratic Bezier curve B(t) = (1-t)^2 P0 + 2 t (1-t) P1 + t^2 P2, t in [0, 1]."""
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -15,6 +16,7 @@ MIN_SLOPE_PX2 = 1.25e-5  # square pixels: derivatives of t are limited as if no 
 PIECES = 4  # each piece of a curve has its own quadrature, so that hairpins are measured to a thousandth
 MARGIN_PX = 2.0  # a window is so much larger than its stroke on each side
 NODES, WEIGHTS = (np.polynomial.legendre.leggauss(5) + np.array([[1], [0]])) / (2 * PIECES)  # of the first one
+Length = TypeVar("Length", float, Tensor)  # pixels
 Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
 
@@ -45,9 +47,12 @@ def drift_of(strokes: Strokes) -> Tensor:
     return strokes.drift.clamp(-room, room)  # where both are 0 the gradient of the colour has no part in it
 
 
-def roomy_window(pitch: float) -> float:
-    """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 at 10 (thesis 2020)."""
-    return max(6.4 * pitch, 4.0)
+def roomy_window(pitch: Length) -> Length:
+    """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 at 10 (thesis 2020).
+
+    Of a tensor of pitches it is a tensor of sides.
+    """
+    return (6.4 * pitch).clamp_min(4.0) if isinstance(pitch, Tensor) else max(6.4 * pitch, 4.0)
 
 
 def strokes_along(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from numbers import Integral
 
 import torch
 from torch import Tensor, nn, optim
@@ -91,7 +92,18 @@ class Strokes:
     def __len__(self) -> int:
         return self.position.shape[0]
 
-    def __getitem__(self, index: Tensor | slice) -> Strokes:
+    def __getitem__(self, index: Tensor | slice | int) -> Strokes:
+        """Select strokes by a slice, a mask (N,) or numbers; a single number gives the one stroke, ``len`` 1.
+
+        >>> import torch
+        >>> from brushexp.strokes.prior import sample_prior
+        >>> strokes = sample_prior(3)
+        >>> len(strokes[0]), len(strokes[1:]), torch.equal(strokes[-1].position, strokes.position[2:])
+        (1, 2, True)
+        """
+        if isinstance(index, Integral):
+            number = range(len(self))[int(index)]  # an IndexError ends a loop over strokes
+            index = slice(number, number + 1)
         return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
@@ -99,8 +111,11 @@ class Strokes:
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """Apply a function to each field, which may change dtype and device, but not N."""
+        """Apply a function to each field, which may change dtype and device, but not N (UserError)."""
         changed = {name: function(value) for name, value in self.items()}
+        if (count := len(changed["position"])) != len(self):
+            cure = "select strokes with strokes[:1], a mask or numbers"
+            raise UserError(f"map changes the numbers of {len(self)} strokes, and the function makes {count}; {cure}")
         return Strokes(**changed, brush=self.brush.to(changed["position"].device))
 
     @torch.no_grad()

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import BRUSH_COUNT, FIELDS, LATER_FIELDS, Strokes, check_strokes
-from brushexp.system.reading import check_yaml, in_short, json_of, yaml_of
+from brushexp.system.reading import check_format_version, check_yaml, in_short, json_of, yaml_of
 
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
@@ -126,7 +126,7 @@ def parse(text: str) -> Saved:
         raise UserError(f"{error}; mend it there, or export it again with to=json") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
-    check_version(_typed(data, "format_version", int))
+    check_format_version(_typed(data, "format_version", int), VERSION)
     height, width, renderer, renderer_hash, seed = (_typed(data, name, kind) for name, kind in ATTRIBUTES.items())
     config = _typed(data, "config", list)
     if not all(isinstance(line, str) for line in config):
@@ -154,20 +154,14 @@ def alpha_of(png: bytes) -> Tensor:
     except UserError:
         raise
     except Exception as error:  # decoders have a dozen kinds
-        raise UserError(f"alpha is no PNG ({error}); mend it, or leave it out") from error
+        raise UserError("alpha is no PNG that can be read; mend it, or leave it out") from error
 
 
 def _base64(text: str) -> bytes:
     try:
         return b64decode(text, validate=True)
     except ValueError as error:
-        raise UserError(f"alpha is not base64 ({error}); mend it, or leave it out") from error
-
-
-def check_version(version: int) -> None:
-    """Raise a UserError for a file of a newer format."""
-    if not 1 <= version <= VERSION:
-        raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; update brushexp")
+        raise UserError("alpha is not base64; mend it, or leave it out") from error
 
 
 def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:

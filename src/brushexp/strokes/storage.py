@@ -17,16 +17,17 @@ from brushexp.strokes.saved import (
     BRUSH_UNIT,
     DEPTH_UNIT,
     FORMAT,
+    VERSION,
     Saved,
     alpha_of,
-    check_version,
     fields_in,
     parse,
     png_of,
 )
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.reading import explaining, in_short, read_text
+from brushexp.system.reading import check_format_version, explaining, in_short, read_text
+from brushexp.system.spellings import find_path
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
 CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
@@ -68,6 +69,7 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
+    path = find_path(path)
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
     if path.is_dir():  # the folder of a run stands for its catalogue
         path = path / CATALOGUE_NAME
@@ -84,7 +86,7 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
 def _read(file: h5py.File, cure: str) -> Saved:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
         raise UserError(f"an HDF5 file, but not a {FORMAT}; {cure}")
-    check_version(version := whole_number_of(file, "format_version"))
+    check_format_version(version := whole_number_of(file, "format_version"), VERSION)
     depth = dataset_of(file, "depth", np.int32, None, MOST_STROKES)
     count = depth.shape[0]
     known = {name: FIELDS[name] for name in FIELDS if LATER_FIELDS.get(name, 0) <= version}

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
-from brushexp.system.reading import check_plain, in_short, json_of, read_text
+from brushexp.system.reading import check_format_version, check_plain, in_short, json_of, read_text
 from brushexp.system.reading_tensors import read_safetensors
 
 VERSION = 1  # raise it when a new file would mislead an older reader
@@ -112,9 +112,10 @@ class CheckpointFormat:
             raise UserError(f"{file} is {error}; {cure}") from error
         if not isinstance(recipe, dict) or recipe.get("format") != PROGRAM + self.noun:
             raise UserError(f"{file} is not the recipe of a {self.noun}; give the checkpoint that {self.task} wrote")
-        if (version := recipe.get("format_version")) != VERSION:
-            cure = f"and this brushexp reads {VERSION}; update it or train again"
-            raise UserError(f"{file} has format_version {in_short(version)}, {cure}")
+        try:
+            check_format_version(recipe.get("format_version"), VERSION)
+        except UserError as error:
+            raise UserError(f"{file} {error}") from error
         for key, kind in ((self.family, str), ("options", dict), ("hash", str)):
             if not isinstance(recipe.get(key), kind):
                 raise UserError(f"{file} has no {key}; {cure}")

@@ -11,6 +11,7 @@ import json
 import math
 import re
 import stat
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -68,15 +69,30 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except Exception as error:  # HDF5, pickle, zip and Pillow raise errors of their own
-        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {str(error).partition('. ')[0]}"
-        raise UserError(f"{path} is damaged or cut short ({in_short(reason)}); {cure}") from error
+        reason = getattr(error, "strerror", None)  # what a library says of it in its own words helps nobody
+        raise UserError(f"{path} is damaged or cut short{f' ({in_short(reason)})' * bool(reason)}; {cure}") from error
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """Read a text file in UTF-8, without its byte order mark; see `check_file`."""
+    """Read a text file as `decode_text` does; see `check_file`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
-        return path.read_bytes().decode("utf-8-sig")
+        return decode_text(path.read_bytes())
+
+
+def decode_text(data: bytes) -> str:
+    r"""Decode text in UTF-8, or in UTF-16 where it begins with the mark of that; lines end in ``\n``, without a mark.
+
+    A UserError tells of another encoding. Windows writes all of these: marks, UTF-16 and ``\r\n``.
+
+    >>> decode_text(b"\xef\xbb\xbfa: 1\r\n"), decode_text("ä".encode("utf-16"))
+    ('a: 1\n', 'ä')
+    """
+    encoding = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+    try:
+        return data.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise UserError("not text in UTF-8; save it with that encoding") from error
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -92,6 +108,20 @@ def digest_of(path: Path) -> str:
     """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_format_version(version: object, known: int) -> None:
+    """Refuse (UserError) a file of a later format than this program knows, or of none.
+
+    >>> check_format_version(3, 2)
+    Traceback (most recent call last):
+    ...
+    brushexp.errors.UserError: has format_version 3, and this brushexp reads 2; update brushexp
+    """
+    if type(version) is not int or version < 1:  # true is no number
+        raise UserError(f"has format_version {in_short(version)}, which there is not; get it again")
+    if version > known:
+        raise UserError(f"has format_version {version}, and this brushexp reads {known}; update brushexp")
 
 
 def json_of(text: str) -> Any:

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import torch
+from torch.nn.functional import interpolate
 
 from brushexp.contracts import Rule, UserError, above, between, register
 from brushexp.contracts.families import Exporter, ExportJob
 from brushexp.contracts.files import replacing, write_text
 from brushexp.contracts.painting import recorded_settings
-from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.pictures import check_ratio, load_picture
 from brushexp.contracts.results import csv_table
 from brushexp.contracts.strokes import curve_of
 from brushexp.contracts.tasks import PICTURE
@@ -123,9 +124,10 @@ def remarks_on(plan: Plan, own: bool) -> list[str]:
 def difference_from(plan: Plan, picture: str) -> float:
     """Measure the median CIEDE2000 between a plan that is played back and a picture of its shape."""
     played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
-    target = load_picture(picture, max(played.shape))
-    if target.shape != played.shape:
-        raise UserError(f"to.plan.target={picture} has another shape than the painting; give its target.png")
+    height, width = played.shape[1:]
+    target = load_picture(picture, max(height, width))
+    check_ratio(picture, target.shape[1:], (height, width), "to.plan.target")
+    target = interpolate(target[None], (height, width), mode="bilinear", align_corners=False)[0]
     return median_difference(played, target)
 
 

@@ -20,7 +20,11 @@ UNNAMED, NAMED = 1, 2  # versions of old files whose brushes have no name, and a
 KEY = 37  # bytes of the key of a brush in a section
 BEFORE_BOUNDS = {1: KEY + 10, 2: KEY + 264}  # bytes of a brush before its bounds, by the minor version
 SPACING = 0.25  # where a file does not tell it beside the brush
-DEPTHS: dict[int, tuple[np.dtype[Any], int]] = {8: (np.dtype("u1"), 255), 16: (np.dtype(">u2"), 65535)}  # bits of a pixel -> its type, and full coverage
+Samples = np.dtype[np.uint8] | np.dtype[np.uint16]
+DEPTHS: dict[int, tuple[Samples, int]] = {  # bits of a pixel -> its type, and full coverage
+    8: (np.dtype("u1"), 255),
+    16: (np.dtype(">u2"), 65535),
+}
 CURE = "save the set anew from Photoshop, or its brushes from GIMP or Krita as .gbr or PNG"
 
 

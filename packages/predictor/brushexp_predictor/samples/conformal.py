@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import check_plain, explaining, json_of, read_text, write_json
+from brushexp.contracts.files import check_format_version, check_plain, explaining, json_of, read_text, write_json
 from brushexp_predictor.samples.kinds import HALF_TURN, Kind, axial_mean
 
 Array = NDArray[Any]
@@ -156,8 +156,12 @@ def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple
     cure = "fit them with task=calibrate"
     with explaining(path, cure):
         data = check_plain(json_of(read_text(path, cure)))
-    if not isinstance(data, dict) or (data.get("format"), data.get("format_version")) != (FORMAT, VERSION):
-        raise UserError(f"{path} has no intervals of this version; {cure}")
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise UserError(f"{path} has no intervals; {cure}")
+    try:
+        check_format_version(data.get("format_version"), VERSION)
+    except UserError as error:
+        raise UserError(f"{path} {error}") from error
     for name, value in needs.items():
         if data.get(name) != value:
             raise UserError(f"{path} has intervals for another {name} than {value}; {cure}")

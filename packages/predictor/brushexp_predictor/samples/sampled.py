@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.contracts.files import showing
+from brushexp.contracts.files import find_path, showing
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import settings_of, undisturbed
 from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, load_predictor
@@ -102,7 +101,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
     """Read the intervals fitted for weights; None if none are beside them and none are named."""
     weights = PREDICTORS.path_of(checkpoint)
-    path = weights.with_suffix(".intervals.json") if intervals is None else Path(intervals)
+    path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():
         return None
     needs = {"hash": PREDICTORS.read_recipe(weights)["hash"], "temperature": temperature}

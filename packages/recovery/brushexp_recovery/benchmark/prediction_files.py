@@ -84,7 +84,7 @@ def _read_npy(path: Path) -> Array:
     try:
         array: Array = np.load(path, allow_pickle=False)
     except Exception as error:
-        raise UserError(f"{path} is no npy of plain numbers: {error}") from error
+        raise UserError(f"{path} is damaged, or no npy of plain numbers; get it again") from error
     return array
 
 
@@ -94,7 +94,7 @@ def _read_png(path: Path) -> Array:
         with Image.open(path) as picture:
             pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA", "LA") else picture).astype(int)
     except Exception as error:
-        raise UserError(f"{path} cannot be read as a picture: {error}") from error
+        raise UserError(f"{path} is damaged, or no picture; get it again") from error
     return (pixels if pixels.ndim == 2 else pixels @ BASE) - 1
 
 

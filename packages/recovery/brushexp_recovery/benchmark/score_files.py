@@ -1,9 +1,9 @@
 """Score strokes from Python: ``brushexp.score_strokes``."""
 
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
+from brushexp.contracts.files import find_path
 from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.benchmark.prediction_files import read_prediction
 from brushexp_recovery.benchmark.score import score
@@ -24,7 +24,8 @@ def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> d
     Raises:
         UserError: what is wrong with a file.
     """
-    known, picture = read_truth(Path(truth)), Path(truth).with_suffix(".png")
+    place = find_path(truth)
+    known, picture = read_truth(place), place.with_suffix(".png")
     height, width = known.labels.shape
     image = load_picture(str(picture), None).permute(1, 2, 0).numpy() if picture.is_file() else None
-    return score(known, read_prediction(Path(strokes), (height, width), image))
+    return score(known, read_prediction(find_path(strokes), (height, width), image))

@@ -12,6 +12,7 @@ from torch.nn import functional
 from brushexp.contracts import UserError, between, one_of, register
 from brushexp.contracts.families import PRECISIONS, RENDERERS, PatchRenderer
 from brushexp.contracts.files import in_short
+from brushexp.contracts.networks import CoordConv, add_noise, fixed_grain, window_planes
 from brushexp.contracts.strokes import width_of
 from brushexp_training.renderers.neural import initialise
 
@@ -20,7 +21,6 @@ CONVOLUTIONS = 3  # at each size
 GROUPS = 8  # group normalisation has so many groups
 LAST_GAIN = 0.1  # gain of the last convolution at first, so that tanh is not saturated from the start
 EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
-NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in painting
 WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
 PLANES = 3 + 2 * WAVES
 LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
@@ -156,8 +156,7 @@ class InverseVGG(PatchRenderer):
             zoom = self.subpixel if side * self.subpixel == self.window else 1
             return stroke_planes(parameters, side * zoom, zoom)
         if self.coordconv == "window":
-            line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
-            return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
+            return window_planes(side, parameters)
         return None
 
 
@@ -193,27 +192,21 @@ def _enlarge(channels: int, upsampling: str) -> nn.Module:
     return nn.Upsample(scale_factor=2, mode=upsampling)
 
 
-class _Layer(nn.Module):
+class _Layer(CoordConv):
     """A convolution and what is added to it, without the activation."""
 
     grain: Tensor
 
     def __init__(self, before: int, after: int, side: int, planes: int, noise: float, normalisation: str) -> None:
-        super().__init__()
-        self.convolution = nn.Conv2d(before, after, 3, padding=1)
-        self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
+        super().__init__(before, after, planes)
         self.strength = nn.Parameter(torch.full((after,), float(noise))) if noise else None
         self.normalise = NORMALISATIONS[normalisation](after)
-        grain = torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
-        self.register_buffer("grain", grain, persistent=False)
+        self.register_buffer("grain", fixed_grain(side), persistent=False)
 
-    def forward(self, x: Tensor, planes: Tensor | None) -> Tensor:
-        x = self.convolution(x)
-        if self.coordinates is not None and planes is not None:  # the same sum as that of a convolution of both
-            x = x + self.coordinates(planes)
+    def forward(self, x: Tensor, planes: Tensor | None = None) -> Tensor:
+        x = super().forward(x, planes)
         if self.strength is not None:
-            grain = torch.randn_like(x[:, :1]) if self.training else self.grain
-            x = x + self.strength[:, None, None] * grain
+            x = add_noise(x, self.strength, None if self.training else self.grain)
         return self.normalise(x)
 
 

@@ -22,6 +22,7 @@ from brushexp.contracts import UserError, plugin_of
 from brushexp.contracts.families import Engine
 from brushexp.contracts.files import (
     check_chunk,
+    check_format_version,
     dataset_of,
     explaining,
     in_short,
@@ -106,9 +107,9 @@ class Shard:
         if "format" not in file.attrs or text_of(file, "format") != FORMAT:
             raise UserError(f"an HDF5 file, but not one of {FORMAT}; give a set of task=simulate")
         version = whole_number_of(file, "format_version")
-        if version != VERSION:
-            cure = "update brushexp" if version > VERSION else "simulate it again"
-            raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; {cure}")
+        if version < VERSION:
+            raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; simulate it again")
+        check_format_version(version, VERSION)
         config = text_of(file, "engine_config")
         try:
             options = json_of(config)

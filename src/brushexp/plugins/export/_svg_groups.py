@@ -22,7 +22,7 @@ class Group:
     number: Tensor
 
 
-def groups_of(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
+def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
     """Yield the groups of all strokes, bottom first: layers of as many strokes each, in them colours, dark to light.
 
     ``colors`` are the clusters of k-means in sRGB, over all strokes; 0 leaves layers whole, and the order of the

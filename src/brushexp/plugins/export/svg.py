@@ -17,7 +17,7 @@ from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
-from brushexp.plugins.export._svg_groups import groups_of
+from brushexp.plugins.export._svg_groups import stroke_groups
 from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, rounded
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
@@ -149,7 +149,7 @@ class Svg(Exporter):
             yield from self._drawn_strokes(job.bottom_up.cpu(), profile, sprites)
             return
         layer = 0
-        for group in groups_of(job, self.layers, self.colors):
+        for group in stroke_groups(job, self.layers, self.colors):
             if group.layer != layer:
                 yield "</g>\n" * bool(layer)
                 yield _opening(f"layer-{group.layer}", f"layer {group.layer}")

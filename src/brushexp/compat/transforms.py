@@ -1,0 +1,9 @@
+"""Whether a function of torch.func (vmap, grad) is at work; tried with PyTorch 2.13, which has no public way."""
+
+import torch
+
+
+def inside_transform() -> bool:
+    """Tell whether the caller runs inside ``torch.func.vmap``, ``grad`` or another transform."""
+    active = getattr(torch._C, "_are_functorch_transforms_active", None)
+    return active is not None and bool(active())

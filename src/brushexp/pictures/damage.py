@@ -1,0 +1,73 @@
+"""Damage to the file of a picture is told, as far as a checksum or the picture itself shows it."""
+
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from brushexp.errors import UserError
+from brushexp.pictures.tiff_directories import COMPRESSION, FILL_ORDER, LAST_BIT_FIRST, MAGIC, main_directory
+
+PNG = b"\x89PNG\r\n\x1a\n"
+HEADER, PIXELS = b"IHDR", b"IDAT"  # chunks of a PNG
+METHODS = slice(10, 13)  # of compression, filters and interlacing, in the header
+KNOWN_METHODS = (b"\0\0\0", b"\0\0\1")
+OTHER_CASE = 0x20  # bit of the first letter of a chunk that a picture can do without
+DEFLATE = (8, 32946)  # values of COMPRESSION in a TIFF
+PIECE = 2**20  # bytes that are read at once
+SUMS_DIFFER = "is damaged: what it holds does not match its checksums; get it again"
+ONE_COLOR = "has one colour throughout; if it should not, its file is damaged: get it again"
+
+
+def check_sums(path: Path) -> None:
+    """Refuse (UserError) a PNG, or a TIFF packed by deflate, that does not match its checksums.
+
+    Decoders do not look at all of them. What is missing at the end of a file is not looked for here.
+    """
+    with path.open("rb") as file:
+        start = file.read(len(PNG))
+    if start == PNG:
+        _check_png(path)
+    elif start[:4] in MAGIC:
+        main = main_directory(path)
+        if main is not None and main.number(COMPRESSION) in DEFLATE and main.number(FILL_ORDER) != LAST_BIT_FIRST:
+            _check_deflated(path, main.pieces())
+
+
+def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
+    """Refuse pieces, each a place and a length, that zlib finds other than they were packed (RFC 1950)."""
+    with path.open("rb") as file:
+        for place, length in pieces:
+            file.seek(place)
+            packed, unpacker = file.read(length), zlib.decompressobj()
+            try:
+                while packed and not unpacker.eof:
+                    unpacker.decompress(packed, PIECE)
+                    packed = unpacker.unconsumed_tail
+            except zlib.error as error:
+                raise UserError(SUMS_DIFFER) from error
+
+
+def _check_png(path: Path) -> None:
+    """Refuse a PNG of which a chunk that matters does not match its checksum, or that is of a later kind."""
+    with path.open("rb") as file:
+        file.seek(len(PNG))
+        while len(head := file.read(8)) == 8:
+            length, name = int.from_bytes(head[:4]), head[4:]
+            total, begin, left = zlib.crc32(name), b"", length
+            while left and (piece := file.read(min(left, PIECE))):
+                total, begin, left = zlib.crc32(piece, total), begin or piece, left - len(piece)
+            stored = file.read(4)
+            if left or len(stored) < 4:
+                return
+            if total != int.from_bytes(stored) and not name[0] & OTHER_CASE:
+                raise UserError(SUMS_DIFFER)
+            if name == HEADER and begin[METHODS] not in KNOWN_METHODS:
+                raise UserError("is a PNG of a later kind than is read here; save it anew as PNG")
+
+
+def remark_on(pixels: np.ndarray) -> str:
+    """Say of a picture (H, W, C) of several pixels that all of them are alike; nothing of others."""
+    is_flat = pixels[:, :, 0].size > 1 and bool((pixels == pixels[0, 0]).all())
+    return ONE_COLOR if is_flat else ""

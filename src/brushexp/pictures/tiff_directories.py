@@ -1,0 +1,144 @@
+"""The directories of a TIFF file (TIFF 6.0; BigTIFF) are walked, each once: a file may lead in circles."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+MOST_DIRECTORIES = 10_000  # of a file, which are looked at
+MOST_TAGS = 4096  # of a directory
+MOST_VALUES = 2**22  # of a tag: places of strips, for instance
+WHOLE_NUMBERS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}  # types of values, and those of `struct`
+SUBFILE, SUB_IFDS = 254, 330  # tags
+STRIPS, STRIP_BYTES, TILE_WIDTH, TILES, TILE_BYTES = 273, 279, 322, 324, 325
+REDUCED = 1  # bit of SUBFILE: a smaller copy of another picture of the file
+OLD_SUBFILE, OLD_REDUCED = 255, 2  # the same, as it was said before TIFF 6.0
+WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC = 256, 257, 258, 259, 262
+FILL_ORDER, LAST_BIT_FIRST = 266, 2  # a tag, and its value where bytes begin with their last bit
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+BIG = b"+"  # third or fourth byte of a BigTIFF
+
+
+@dataclass(frozen=True)
+class Directory:
+    """What describes a picture of a file."""
+
+    place: int  # byte of the file at which it begins
+    numbers: dict[int, tuple[int, ...]]  # by tag: its whole numbers
+
+    def number(self, tag: int) -> int:
+        """Return the first whole number of a tag; 0 if there is none."""
+        return self.numbers.get(tag, (0,))[0]
+
+    @property
+    def is_reduced(self) -> bool:
+        """Whether the picture is a smaller copy of another one."""
+        return bool(self.number(SUBFILE) & REDUCED) or self.number(OLD_SUBFILE) == OLD_REDUCED
+
+    @property
+    def mixes_tiles_with_strips(self) -> bool:
+        """Whether the places of tiles have the name of those of strips, or the other way."""
+        is_tiled = TILE_WIDTH in self.numbers
+        return (TILES if is_tiled else STRIPS) not in self.numbers and (STRIPS if is_tiled else TILES) in self.numbers
+
+    def pieces(self) -> list[tuple[int, int]]:
+        """List places and lengths of all strips or tiles; none if the directory does not say."""
+        places = self.numbers.get(TILES) or self.numbers.get(STRIPS) or ()
+        lengths = self.numbers.get(TILE_BYTES) or self.numbers.get(STRIP_BYTES) or ()
+        return [*zip(places, lengths, strict=True)] if len(places) == len(lengths) else []
+
+    def end_of_data(self) -> int | None:
+        """Find the byte behind the last one of all strips or tiles; None if the directory does not say."""
+        return max((place + length for place, length in self.pieces()), default=None)
+
+
+def directories(path: Path) -> Iterator[Directory]:
+    """Yield the directories of a file in their order, until one is damaged or has been there before."""
+    with path.open("rb") as file:
+        head = file.read(16)
+        order = "<" if head[:1] == b"I" else ">"
+        is_big = BIG in head[2:4]
+        (at,) = struct.unpack(order + "Q", head[8:]) if is_big else struct.unpack(order + "I", head[4:8])
+        places: set[int] = set()
+        while at and at not in places and len(places) < MOST_DIRECTORIES:
+            places.add(at)
+            read = _directory(file, at, order, is_big)
+            if read is None:
+                return
+            directory, at = read
+            yield directory
+
+
+def directory_at(path: Path, place: int) -> Directory | None:
+    """Read the directory at a byte of a file; None if it is damaged."""
+    with path.open("rb") as file:
+        head = file.read(4)
+        read = _directory(file, place, "<" if head[:1] == b"I" else ">", BIG in head[2:4])
+    return None if read is None else read[0]
+
+
+def directories_below(path: Path, directory: Directory) -> Iterator[Directory]:
+    """Yield the directories below one, which describe other forms of its picture."""
+    for place in dict.fromkeys(directory.numbers.get(SUB_IFDS, ())):
+        if (found := directory_at(path, place)) is not None:
+            yield found
+
+
+def main_directory(path: Path) -> Directory | None:
+    """Find the directory of the picture of a file: the first that is no smaller copy, or else the largest one."""
+    first = first_directory(path)
+    if first is None or not first.is_reduced:
+        return first
+    pages = [page for top in directories(path) for page in (top, *directories_below(path, top))]
+    whole = [page for page in pages if not page.is_reduced]
+    return whole[0] if whole else max(pages, key=lambda page: page.number(WIDTH) * page.number(LENGTH))
+
+
+def first_directory(path: Path) -> Directory | None:
+    """Read the directory of the first picture of a file; None if it is damaged, or no TIFF."""
+    with path.open("rb") as file:
+        is_tiff = file.read(4) in MAGIC
+    try:
+        return next(directories(path), None) if is_tiff else None
+    except struct.error:  # a file of a few bytes
+        return None
+
+
+def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[Directory, int] | None:
+    """Read a directory, and the place of the next one."""
+    count_form, entry, next_form = ("Q", struct.Struct(order + "HHQ8s"), "Q") if is_big else (
+        "H", struct.Struct(order + "HHI4s"), "I"
+    )  # fmt: skip
+    try:
+        file.seek(place)
+        (count,) = struct.unpack(order + count_form, file.read(struct.calcsize(count_form)))
+        rows = file.read(entry.size * min(count, MOST_TAGS))
+        if len(rows) < entry.size * min(count, MOST_TAGS):
+            return None
+        numbers = {}
+        for tag, kind, length, value in entry.iter_unpack(rows):
+            numbers[tag] = _numbers(file, order, WHOLE_NUMBERS.get(kind), length, value)
+        file.seek(place + struct.calcsize(order + count_form) + entry.size * count)
+        rest = file.read(struct.calcsize(next_form))
+        following = struct.unpack(order + next_form, rest)[0] if len(rest) == struct.calcsize(next_form) else 0
+    except (struct.error, OSError, OverflowError, ValueError):
+        return None
+    return Directory(place, {tag: found for tag, found in numbers.items() if found}), following
+
+
+def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
+    """Read the whole numbers of a tag, in its entry or where that leads; none if they are of another kind."""
+    if form is None or not 0 < length <= MOST_VALUES:
+        return ()
+    whole = struct.Struct(f"{order}{length}{form}")
+    if whole.size > len(value):
+        place = int.from_bytes(value, "little" if order == "<" else "big")
+        file.seek(place)
+        value = file.read(whole.size)
+        if len(value) < whole.size:
+            return ()
+    numbers: tuple[int, ...] = whole.unpack_from(value)
+    return numbers

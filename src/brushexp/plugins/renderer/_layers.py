@@ -1,0 +1,79 @@
+"""Layers of networks that draw strokes: convolutions that are told coordinates, and noise."""
+
+import torch
+from torch import Tensor, nn
+
+NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in painting
+
+
+class CoordConv(nn.Module):
+    """Convolution (3 x 3) that is told the coordinates of its pixels (Liu et al., 2018, arXiv:1807.03247).
+
+    Differs from the source: coordinates have a convolution of 1 x 1 pixel of their own, whose result is added, so that
+    planes that all strokes share, (1, planes, H, W), are convolved once.
+
+    Args:
+        before: channels that come in.
+        after: channels that go out.
+        planes: planes of coordinates, such as the 2 of `window_planes`; 0 makes a plain convolution.
+
+    >>> layer = CoordConv(8, 16, planes=2)
+    >>> layer(torch.zeros(5, 8, 32, 32), window_planes(32)).shape
+    torch.Size([5, 16, 32, 32])
+    """
+
+    def __init__(self, before: int, after: int, planes: int = 2) -> None:
+        super().__init__()
+        self.convolution = nn.Conv2d(before, after, 3, padding=1)
+        self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
+
+    def forward(self, x: Tensor, planes: Tensor | None = None) -> Tensor:
+        """Convolve (n, before, H, W), told ``planes`` (n or 1, planes, H, W): (n, after, H, W)."""
+        x = self.convolution(x)
+        return x if self.coordinates is None or planes is None else x + self.coordinates(planes)
+
+
+class Noise(nn.Module):
+    """Adds one plane of noise, times a strength that is learnt per channel (Karras et al., 2019, arXiv:1812.04948).
+
+    In training the noise is fresh; otherwise it is the same for every stroke and every call. Differs from the source in
+    the strength at first, which there is 0.
+
+    Args:
+        channels: of what it is added to.
+        side: pixels on the side of what it is added to.
+        strength: at first; at 1 the noise is about as strong as a normalised signal.
+
+    >>> layer = Noise(16, side=32).eval()
+    >>> x = torch.zeros(5, 16, 32, 32)
+    >>> torch.equal(layer(x), layer(x)), torch.equal(layer.train()(x), layer(x))
+    (True, False)
+    """
+
+    grain: Tensor
+
+    def __init__(self, channels: int, side: int, strength: float = 0.1) -> None:
+        super().__init__()
+        self.strength = nn.Parameter(torch.full((channels,), float(strength)))
+        self.register_buffer("grain", fixed_grain(side), persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return add_noise(x, self.strength, None if self.training else self.grain)
+
+
+def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
+    """Add to (n, C, H, W) the ``strength`` (C,) times a plane of noise; ``grain`` (1, 1, H, W), or fresh if None."""
+    grain = torch.randn_like(x[:, :1]) if grain is None else grain
+    return x + strength[:, None, None] * grain
+
+
+def fixed_grain(side: int) -> Tensor:
+    """Draw the noise (1, 1, side, side) that is the same in every painting."""
+    return torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
+
+
+def window_planes(side: int, like: Tensor | None = None) -> Tensor:
+    """Compute x and y of pixels of a window, (1, 2, side, side), from -1 to 1, of the dtype and device of ``like``."""
+    like = torch.empty(0) if like is None else like
+    line = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) * (2 / side) - 1
+    return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]

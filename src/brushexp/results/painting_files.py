@@ -1,0 +1,36 @@
+"""Read the pictures and figures of a painting from the folder of its run."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from brushexp.errors import UserError
+from brushexp.painting.finished import Finished
+from brushexp.pictures.decode import open_picture
+from brushexp.pictures.shape import resample
+from brushexp.plugins.export.base import ExportJob
+from brushexp.results.runs import read_result
+from brushexp.system.run_files import METRICS_FILE
+
+PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
+
+log = logging.getLogger(__name__)
+
+
+def read_painting(folder: Path, job: ExportJob) -> Finished:
+    """Read the pictures and figures of a run; a damaged picture is omitted, with a warning.
+
+    A painting that is larger than the picture on which its strokes were optimised is shrunk to that.
+    """
+    pictures = dict[str, np.ndarray]()
+    for name in PICTURES:
+        if (path := folder / f"{name}.png").exists():
+            try:
+                with open_picture(path) as image:
+                    pictures[name] = np.asarray(image.convert("RGB"))
+            except UserError as error:
+                log.warning("%s is left out: %s", path, error)
+    if {"target", "painting"} <= pictures.keys():
+        pictures["painting"] = resample(pictures["painting"], pictures["target"].shape[:2])
+    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})

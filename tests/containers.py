@@ -1,0 +1,93 @@
+"""What files of boxes (ISO/IEC 14496-12) declare of their pictures is written into them."""
+
+import struct
+from collections.abc import Iterable, Sequence
+
+Box = tuple[bytes, bytes]  # name and contents
+TO_ENTRY = (
+    (b"moov", 0),
+    (b"trak", 0),
+    (b"mdia", 0),
+    (b"minf", 0),
+    (b"stbl", 0),
+    (b"stsd", 8),
+)  # and bytes before boxes
+
+
+def packed(name: bytes, contents: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + len(contents), name) + contents
+
+
+def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
+    """Show so many pixels, whose middle lies ``right`` and ``low`` halves of a pixel from that of the picture."""
+    return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
+
+
+def place_of(data: bytes, path: Iterable[tuple[bytes, int]]) -> list[tuple[int, int]]:
+    """Find the beginnings and lengths of boxes inside each other."""
+    begin, end, places = 0, len(data), []
+    for name, before in path:
+        at = begin
+        while data[at + 4 : at + 8] != name:
+            at += int.from_bytes(data[at : at + 4])
+            assert at < end, name
+        length = int.from_bytes(data[at : at + 4])
+        places.append((at, length))
+        begin, end = at + 8 + before, at + length
+    return places
+
+
+def inserted(data: bytes, path: Sequence[tuple[bytes, int]], extra: bytes) -> bytes:
+    """Put bytes at the end of the last box of a path."""
+    places = place_of(data, path)
+    whole = bytearray(data)
+    end = sum(places[-1])
+    whole[end:end] = extra
+    for at, length in places:
+        whole[at : at + 4] = (length + len(extra)).to_bytes(4)
+    return bytes(whole)
+
+
+def film_with(data: bytes, entry: bytes, properties: Sequence[Box]) -> bytes:
+    """Declare properties of the pictures of the first track of a film, in the ``entry`` that describes them."""
+    extra = b"".join(packed(*one) for one in properties)
+    is_first = data.index(b"moov") < data.index(b"mdat")
+    whole = bytearray(inserted(data, [*TO_ENTRY, (entry, 78)], extra))
+    places = place_of(whole, [*TO_ENTRY[:-1], (b"stco", 0)])[-1][0] if is_first else None
+    for k in range(0 if places is None else int.from_bytes(whole[places + 12 : places + 16])):
+        at = places + 16 + 4 * k
+        whole[at : at + 4] = (int.from_bytes(whole[at : at + 4]) + len(extra)).to_bytes(4)
+    return bytes(whole)
+
+
+def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
+    """Declare properties of the first item of a HEIF or AVIF with one item, behind those that it has."""
+    meta, iprp = (b"meta", 4), (b"iprp", 0)
+    before = place_of(data, [meta])[0][1]
+    (at, length) = place_of(data, [meta, iprp, (b"ipco", 0)])[-1]
+    known, place = 0, at + 8
+    while place < at + length:
+        place += int.from_bytes(data[place : place + 4])
+        known += 1
+    data = inserted(data, [meta, iprp, (b"ipco", 0)], b"".join(packed(*one) for one in properties))
+    numbers = bytes(0x80 | (known + 1 + k) for k in range(len(properties)))
+    data = inserted(data, [meta, iprp, (b"ipma", 4)], numbers)
+    (at, _) = place_of(data, [meta, iprp, (b"ipma", 4)])[-1]
+    whole = bytearray(data)
+    assert whole[at + 8] == 0  # numbers of items have two bytes
+    assert int.from_bytes(whole[at + 12 : at + 16]) == 1
+    whole[at + 18] += len(properties)  # of the only item
+    growth = place_of(whole, [meta])[0][1] - before
+    return moved(bytes(whole), growth)
+
+
+def moved(data: bytes, growth: int) -> bytes:
+    """Add to the place of the item's data, which the table of places tells in four bytes."""
+    (at, _) = place_of(data, [(b"meta", 4), (b"iloc", 4)])[-1]
+    whole = bytearray(data)
+    version, sizes = whole[at + 8], whole[at + 12]
+    assert (version, sizes) in ((0, 0x44), (1, 0x44)), (version, sizes)
+    base = whole[at + 13] >> 4
+    place = at + 16 + 2 + (2 if version == 1 else 0) + 2 + base + 2
+    whole[place : place + 4] = (int.from_bytes(whole[place : place + 4]) + growth).to_bytes(4)
+    return bytes(whole)
