@@ -79,7 +79,7 @@ FEW = {
     "none": Strokes.none(),
     "one": visible(1),
     "two": visible(2),
-    "twelve identical": visible(1).map(lambda value: value.expand(12, *value.shape[1:]).clone()),
+    "twelve identical": visible(1)[torch.zeros(12, dtype=torch.long)],
     "collinear, between": collinear(5, 0.5),
     "collinear, at the start": collinear(5, 0.0),
     "collinear, beyond": collinear(5, 3.0),

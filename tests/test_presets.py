@@ -73,12 +73,14 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
 @pytest.mark.parametrize(("words", "name", "checkpoint"), [
     ("look=plain", "predicted", "plain"),
     ("", "layers", None),
+    ("quality=glance", "predicted", "brushed"),
+    ("quality=glance look=ink", "drawing", None),
     ("look=ink", "drawing", None),
     ("look=vangogh", "rows", None),
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_a_draft_begins_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
-    init = composed("quality=draft", *words.split()).init
+    init = composed(*[] if "quality=" in words else ["quality=draft"], *words.split()).init
     assert (plugin_of(init).name, init.get("checkpoint")) == (name, checkpoint)
     same = composed(*words.split(), f"init={name}").init
     own = {} if checkpoint is None else {"checkpoint": checkpoint, "draft_effort": init.draft_effort}

@@ -371,3 +371,35 @@ def test_a_class_of_a_notebook_is_named_by_its_module(clean, monkeypatch):
     wrong = PLUGIN.format(name="cell_2").replace("-strokes.opacity", "1.5")
     exec(wrong, vars(cells))
     refuses(r"^order=cell_2 \(cells\): depth returns 1\.5", build_named("order", "cell_2", {}).depth, STROKES, None)
+
+
+PAINT = ("image=chelsea", "resolution=24", "strokes=9", "steps=1", "frames=0", "report=false", "output=x")
+
+
+@pytest.fixture
+def unfinished(tmp_path):
+    """A folder with a plugin and a config on which somebody is at work."""
+    for name, text in (("plugins/zz.py", "def broken(:\n"), ("conf/look/half.yaml", "a: [\n")):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize("words", [
+    ["--help"],
+    ["loss=", "--help"],
+    PAINT,
+    ["-m", *PAINT, "seed=0,1"],
+    ["-m", *PAINT, "seed=0,1", "hydra/launcher=processes", "hydra.launcher.n_jobs=2"],
+], ids=["help", "help of a family", "run", "sweep", "processes"])  # fmt: skip
+def test_unfinished_files_that_nobody_chose_are_one_warning_each(unfinished, words):
+    done = run(*words, cwd=unfinished, BRUSHEXP_PLUGINS="")
+    assert done.returncode == 0, done.stderr
+    for name in ("zz.py", "half.yaml"):
+        assert (done.stdout + done.stderr).count(name) == 1, done.stderr
+
+
+def test_run_py_warns_of_an_unfinished_file_as_the_program_does(unfinished):
+    command = [sys.executable, str(ROOT / "run.py"), "--help"]
+    done = subprocess.run(command, cwd=unfinished, capture_output=True, text=True, check=True)
+    assert done.stderr.count("zz.py, line 1: invalid syntax; correct it or move it away; it is left out") == 1

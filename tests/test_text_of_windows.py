@@ -16,7 +16,7 @@ from brushexp.config.publish import prepare
 from brushexp.system.reading import decode_text, read_text
 
 TEXTS = {
-    "look/mine": "# @package _global_\n# größer\nvariety: 0.2\n",
+    "look/mine": "# @package _global_\n# größer\nchange:\n  variety:\n    amount: 0.2\n",
     "experiment/study": "# @package _global_\n# eine Studie\ndefaults:\n  - override /look: mine\nstrokes: 33\n",
     "quality/slow": "# @package _global_\n# langsam\neffort: 3\n",
     "loss/strong": "# stark\ndefaults: [mse]\nweight: 3.0\n",
@@ -48,7 +48,7 @@ def test_every_kind_of_config_is_read_as_windows_writes_it(tmp_path, way, hydra_
     folders = folders_of(tmp_path)
     cfg = composed(["experiment=study", "quality=slow", "loss=[strong]"], folders)
     check(cfg)
-    assert (cfg.variety, cfg.strokes, cfg.loss.strong.weight) == (0.2, 33, 3.0)
+    assert (cfg.change.variety.amount, cfg.strokes, cfg.loss.strong.weight) == (0.2, 33, 3.0)
     assert cfg.steps == composed(["look=mine", "effort=3"], folders).steps
     cfg = composed(["look=mine", "loss=both"], folders)
     assert {name: node.weight for name, node in cfg.loss.items()} == {"mse": 5.0, "l1": 1.0}
@@ -65,10 +65,10 @@ def test_a_run_says_where_its_configs_with_marks_came_from_and_is_repeated_by_th
     words = ["coffee", "look=mine", "resolution=32", "strokes=9", "steps=1", "frames=0", "report=false"]
     done = run(*words, "output=run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml").variety == 0.2
+    assert OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml").change.variety.amount == 0.2
     done = run("-m", *words, "seed=0,1", "output=sweep", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert OmegaConf.load(tmp_path / "sweep" / "1" / ".hydra" / "config.yaml").variety == 0.2
+    assert OmegaConf.load(tmp_path / "sweep" / "1" / ".hydra" / "config.yaml").change.variety.amount == 0.2
 
 
 def test_text_in_another_encoding_is_refused_with_what_would_do(tmp_path):

@@ -15,10 +15,10 @@ def main() -> None:
     try:
         sys.argv[1:] = open_with(sys.argv[1:])  # before the seconds that the next line takes
         from brushexp.cli.program import run  # noqa: PLC0415
+
+        run(start)
     except KeyboardInterrupt:
         sys.exit(130)
-    try:
-        run(start)
     finally:
         heartbeat.end()
 

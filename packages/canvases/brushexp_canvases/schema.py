@@ -7,7 +7,7 @@ from typing import Any
 
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from brushexp.contracts import UserError, at_least, between, keep_built, one_of, plugin_of
+from brushexp.contracts import Rule, UserError, at_least, between, keep_built, one_of, plugin_of
 from brushexp.contracts.families import Painter
 from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, key
 
@@ -17,6 +17,16 @@ OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
 }  # fmt: skip
 
 WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
+NO_NAMES = ("nan", "none", "no", "false", "true", "yes")  # values that mean no folder of that name
+
+
+def check_canvas(value: str, option: str) -> None:
+    """Refuse (UserError) what is not meant as the name of a folder."""
+    if value.lower() in NO_NAMES:
+        raise UserError(f"{option}={value} names no folder; type {option}=big.zarr, or drop it to paint in memory")
+
+
+CANVAS = Rule(check_canvas)
 
 
 @dataclass
@@ -26,7 +36,7 @@ class CanvasTask(PaintTask):
     module = "brushexp_canvases.task"
 
     image: str = key(MISSING, "a picture file of any size, or an OME-Zarr image")
-    canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued")
+    canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued", CANVAS)
     tile: int = key(1024, "side of a tile in pixels", between(16, 4096))
     margin: int = key(
         64, "pixels around a tile that are looked at while it is painted; at most half a tile", at_least(8)

@@ -50,7 +50,7 @@ class Canvas:
     def open(self) -> tuple[CanvasStore, DictConfig]:
         """Load the plugins, as a new process has to, and open the arrays and the config."""
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
-        load_plugins(Path(self.plugins))
+        load_plugins(Path(self.plugins), warns=False)
         use_threads(1)
         return CanvasStore(Path(self.path)), self.config
 

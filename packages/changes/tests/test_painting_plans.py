@@ -7,6 +7,7 @@ import catalogues
 import numpy as np
 import pytest
 import torch
+from brushexp_changes.tubes import pages
 from brushexp_changes.tubes.amounts import hours_of, millilitres_of_mixtures, millilitres_of_tubes
 from brushexp_changes.tubes.difference import median_difference
 from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures
@@ -111,7 +112,7 @@ def test_the_sheets_are_a_pdf_and_the_table_has_the_strokes(tmp_path, n):
         )
 
 
-def test_a_painting_of_other_tasks_gets_its_table_afterwards_and_one_of_its_own_is_checked(tmp_path):
+def test_a_painting_of_other_tasks_gets_its_table_afterwards_and_one_of_its_own_is_checked(tmp_path, monkeypatch):
     job = job_of(random_strokes(30, CANVAS))
     plan, own = recorded_plan(job, {"tubes": "primaries", "mixtures": 3, "brushes": [60.0]})
     assert not own
@@ -120,8 +121,9 @@ def test_a_painting_of_other_tasks_gets_its_table_afterwards_and_one_of_its_own_
     assert {stage.brush_mm for stage in plan.stages} == {60.0}
     refuses("width_cm=-3 is not above 0", recorded_plan, job_of(painted(3), **{**TUBES, "width_cm": -3.0}), {})
     refuses(r"give to\.plan\.tubes=eight", recorded_plan, job_of(painted(3), **{**TUBES, "brushes": "broad"}), {})
-    with pytest.raises(UserError, match=r"pages, more than 400; set to\.plan\.scale="):
-        PlanSheets(scale=14.0, width_cm=60.0).write(job_of(painted(3), **TUBES), tmp_path)
+    monkeypatch.setattr(pages, "MOST_PAGES", 3)
+    with pytest.raises(UserError, match=r"pages, more than 3; set to\.plan\.scale="):
+        PlanSheets(scale=9.0, width_cm=60.0).write(job_of(painted(3), **TUBES), tmp_path)
     assert not list(tmp_path.iterdir())
 
 

@@ -65,10 +65,19 @@ def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
     np.testing.assert_allclose(pure, [[1, 1, 1], [0x1A / 255, 0x4F / 255, 0xC0 / 255]], atol=2e-3)
 
 
+SPECTRUM = "tube," + ",".join(f"R{wave}" for wave in range(400, 701, 20)) + "\n"
+
+
 @pytest.mark.parametrize(("text", "message"), [
     ("name,color\na,red\n", "a name in the column tube"),
     ("tube,color\n", "give 1 to 24 tubes"),
-    ("tube,color\na,reddish\n", "cannot be read"),
+    ("tube,color\nwhite,#fff\na,reddish\n", "tube a: reddish is no colour; write it as #c8a040"),
+    ("tube,color\nwhite,#fff\nb\n", "tube b: nothing is no colour"),
+    ("tube,color\nred,#f00\nblue,#00f\nRed ,#e00\n", "has two tubes named red; rename one"),
+    (SPECTRUM + "a" + ",0.5" * 16 + "\nb" + ",0.5" * 15 + "\n", "tube b: R700 is empty, not a number; correct it"),
+    (SPECTRUM + "a,x" + ",0.5" * 15 + "\n", "tube a: R400 is x, not a number"),
+    (SPECTRUM + "a" + ",0.5" * 15 + ",nan\n", "tube a: R700 is nan, not a number"),
+    (SPECTRUM + "a" + ",0.5" * 15 + ",50\n", "tube a: a reflectance is not above 0 and at most 1"),
     ("tube,R400\na,0.5\n", "R700 in steps of 20"),
     ("tube,size\na,0.5\n", "cannot be read"),
 ])  # fmt: skip

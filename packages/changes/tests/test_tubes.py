@@ -153,7 +153,7 @@ def test_a_table_of_a_spreadsheet_is_read_with_its_mark_and_one_in_other_letters
     path.write_bytes("tube,color\nÖl,#ffffff\n".encode("utf-8-sig"))
     assert load_tubes(str(path)).names == ("Öl",)
     path.write_bytes("tube,color\nÖl,#ffffff\n".encode("latin-1"))
-    refuses(r"own\.csv is damaged .* save it as CSV in UTF-8", load_tubes, str(path))
+    refuses(r"own\.csv: not text in UTF-8; save it with that encoding", load_tubes, str(path))
 
 
 @pytest.mark.parametrize(("words", "message"), [

@@ -11,7 +11,7 @@ from PIL import Image
 from brushexp.contracts import UserError, between, register
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
-from brushexp.contracts.members import PrintExporter, over_white
+from brushexp.contracts.members import DPI, PrintExporter, over_white
 from brushexp_exports.jpg import srgb
 from brushexp_exports.layers import layers_of
 
@@ -79,7 +79,6 @@ class Psd(PrintExporter):
 
         resources = ImageResources.new()
         resources[Resource.ICC_PROFILE] = ImageResource(key=Resource.ICC_PROFILE, data=srgb())
-        if self.density is not None:
-            info = struct.pack(">IHHIHH", *2 * (round(FIXED * self.density), PER_INCH, CENTIMETRES))
-            resources[Resource.RESOLUTION_INFO] = ImageResource(key=Resource.RESOLUTION_INFO, data=info)
+        info = struct.pack(">IHHIHH", *2 * (round(FIXED * (self.density or DPI)), PER_INCH, CENTIMETRES))
+        resources[Resource.RESOLUTION_INFO] = ImageResource(key=Resource.RESOLUTION_INFO, data=info)
         return resources

@@ -36,13 +36,13 @@ def plan_by(job: ExportJob, **options) -> PenPlan:
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
     """Tool and points of every line that is drawn; refuses what no machine should be told."""
     lines, down, place = [], False, 0j
-    tool = 0 if "M6" in text else 1  # which a plan of one pen begins with
+    tool = 0 if "M0" in text else 1  # which a plan of one pen begins with
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
     assert (blocks[:2], blocks[-1]) == (["G21", "G90"], "M2")
     for block in blocks:
-        if block.startswith("M6 T"):
+        if change := re.fullmatch(r"M0 ; tool (\d+), .+", block):
             assert not down, "tools are changed with the pen up"
-            tool = int(block[4:])
+            tool = int(change[1])
         elif block == "G0 Z5":
             down = False
         elif block == "G1 Z0 F600":

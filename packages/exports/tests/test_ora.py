@@ -14,6 +14,7 @@ from psd_tools import PSDImage
 from psd_tools.constants import Resource
 from refusals import refuses
 
+from brushexp.contracts.members import DPI
 from brushexp.painting.reopen import export_job
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
@@ -144,6 +145,8 @@ def test_layers_show_the_painting_and_readers_of_none_find_it(tmp_path, case):
     assert not any(layer.has_mask() for layer in image)
     assert image.image_resources.get_data(Resource.RESOLUTION_INFO).horizontal == 200 * 2**16
     assert written(job, tmp_path / "..", layers=4, dpi=200.0).read_bytes() == path.read_bytes()
+    plain = PSDImage.open(written(job, tmp_path, layers=4))
+    assert plain.image_resources.get_data(Resource.RESOLUTION_INFO).horizontal == DPI * 2**16
 
 
 def test_a_transparent_painting_stays_so(tmp_path):

@@ -44,7 +44,7 @@ def test_a_pen_that_is_held_is_not_taken_again_and_layers_begin_with_a_number_as
         machine = Gcode(layers=layers, hidden="skip", **options)
         plan, text = pen_plan(job, machine), machine.write(job, tmp_path)[0].read_text()
         tools = [tool for tool, _ in groupby(tool for _, tool, _ in plan.runs())]
-        assert re.findall("^M6 T(.*)$", text, re.M) == [str(tool) for tool in tools if len(plan.tools) > 1]
+        assert re.findall("^M0 ; tool (.*), #", text, re.M) == [str(tool) for tool in tools if len(plan.tools) > 1]
     plan = plan_by(job_of(random_strokes(80, SIZE, seed=4)), layers=layers, colors=3)
     names = re.findall('inkscape:label="([^"]*)"', plan.svg())
     numbers = [int(re.match("([0-9]+) - ", name)[1]) for name in names]

@@ -12,7 +12,7 @@ from brushexp.registry import plugin_of
 @pytest.mark.parametrize(("words", "name", "checkpoint"), [
     ("look=plain", "predicted", "plain"),
     ("look=oil", "predicted", "brushed"),
-    ("look=oil quality=draft", "predicted", "brushed"),
+    ("look=oil quality=draft", "layers", None),
     ("look=ink", "drawing", None),
     ("look=vangogh", "rows", None),
     ("look=oil init=layers", "layers", None),

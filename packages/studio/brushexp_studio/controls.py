@@ -10,7 +10,7 @@ from nicegui import background_tasks, run, ui
 
 from brushexp.contracts import UserError
 from brushexp_studio.elements import Button, Drop, Slide, Tag, chips
-from brushexp_studio.photos import SAMPLES, Photo
+from brushexp_studio.photos import PAINTINGS, SAMPLES, Photo
 from brushexp_studio.visit import PHOTOGRAPH, Visit
 from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, Wishes, own_size, planned_strokes
 
@@ -71,13 +71,14 @@ class Controls:
                 button.press(other == key)
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
-        """Add the pictures to choose from: the samples, and the chosen one if it is the visitor's own."""
+        """Add what to choose from: samples, or paintings as styles, and a chosen picture of the visitor's own."""
         none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
         whole = name == "picture"  # a file dropped anywhere on the page
         own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
         Drop(partial(self.receive, take=take), **own)
-        names = {chosen.key: chosen.name} if chosen and chosen.key not in SAMPLES else {}
-        names |= {key: key.replace("_", " ") for key in SAMPLES}
+        shipped = SAMPLES if name == "picture" else tuple(PAINTINGS)
+        names = {chosen.key: chosen.name} if chosen and chosen.key not in shipped else {}
+        names |= {key: key.replace("_", " ") for key in shipped}
         thumbs = {key: self._thumb(key, title, take) for key, title in names.items()}
         return thumbs if none is None else {NONE: none, **thumbs}
 

@@ -19,7 +19,11 @@ LARGEST_UPLOAD = 2**26  # bytes of a file from the browser
 LONGEST_NAME = 60  # letters
 LARGEST_SIDE = 2048  # pixels: no larger canvas can be chosen
 JPEG: dict[str, Any] = {"format": "JPEG", "quality": 90}  # options of pictures on the page
-SAMPLES = ("astronaut", "chelsea", "coffee", "rocket", "motorcycle_left", "hubble_deep_field", "retina")  # skimage's
+SAMPLES = ("astronaut", "grace_hopper", "chelsea", "coffee", "rocket")  # of skimage and matplotlib
+PAINTINGS = {  # samples of styles: key -> file; made with look=vangogh and look=gouache at 512 pixels
+    "rocket_after_van_gogh": Path(__file__).parent / "paintings" / "rocket_after_van_gogh.webp",
+    "coffee_in_gouache": Path(__file__).parent / "paintings" / "coffee_in_gouache.webp",
+}
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Photo:
     """A picture as a PNG in the session's folder."""
 
     key: str
-    name: str  # of the user's file, or of a sample
+    name: str  # of the user's file or of a sample; the path of a painting
     path: Path
     size: tuple[int, int]  # height, width
 
@@ -56,10 +60,13 @@ class Photos:
         self._reading = RLock()  # one at a time: they may be large, and remarks are read from stderr
 
     def __getitem__(self, key: str) -> Photo:
-        """Return a picture by its key, a sample by its name; a UserError if there is none."""
+        """Return a picture by its key, a sample or painting by its name; a UserError if there is none."""
         with self._reading:
             if key in SAMPLES and key not in self._photos:
                 self._photos[key] = self._store(samples()[key], key, key)
+            if key in PAINTINGS and key not in self._photos:
+                path = PAINTINGS[key]
+                self._photos[key] = self._store(path, key, str(path))  # so that its command names the file
         if key not in self._photos:
             raise UserError("this picture is no longer there; choose it again")
         return self._photos[key]

@@ -67,10 +67,10 @@ class Wishes:
 
     def at_a_glance(self) -> dict[str, Any] | None:
         """Convert to keys of a painting that begins with a network's strokes; None where this one does, or none may."""
-        drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("draft", "normal"))
+        drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("glance", "normal"))
         if drafted == own or self.size != 1 or (self.seconds is None and self.quality == "draft"):
             return None
-        return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "draft"}
+        return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "glance"}
 
     def command(self) -> str:
         """Write the command for a terminal, with the name of the user's file."""

@@ -27,7 +27,7 @@ pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp_studio import controls as studio_controls
 from brushexp_studio import task as studio_task
 from brushexp_studio.controls import Controls
-from brushexp_studio.photos import Photos
+from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
 from brushexp_studio.server import application, running
 from brushexp_studio.tab import likelihood
 from brushexp_studio.visit import Visit
@@ -161,7 +161,7 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
 def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_with_it(tmp_path, monkeypatch):
     photo = Mock(path="chelsea", size=(300, 451))
     oil = Wishes(photo=photo, seconds=9.0, side=64)
-    assert oil.at_a_glance() == {"look": "oil", "resolution": 64, "frames": 60, "quality": "draft"}
+    assert oil.at_a_glance() == {"look": "oil", "resolution": 64, "frames": 60, "quality": "glance"}
     others = ({"look": "ink"}, {"quality": "draft"}, {"size": 2.0})
     assert [Wishes(photo=photo, **other).at_a_glance() for other in others] == [None] * 3
     larger = Wishes(photo=photo, quality="draft", size=2.0).overrides()
@@ -177,7 +177,7 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     monkeypatch.setattr("brushexp.iterate", iterate)
     work = Work(1, oil, tmp_path)
     Works(tmp_path, {})._paint(work)
-    assert [keys.get("quality") for keys in asked] == ["draft", None]
+    assert [keys.get("quality") for keys in asked] == ["glance", None]
     assert {number: caption[:20] for number, (_, caption) in work.frames.items()} == {
         -1: "at a glance · 21.0 d", 0: "step 0 of 1 · 22.0 d",
     }  # fmt: skip
@@ -234,3 +234,13 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
         pool.submit(asyncio.run, choose()).result()
     controls.number.show.assert_called_once_with("as the look: 5")
+
+
+def test_samples_are_there_and_the_command_of_a_style_names_a_file(tmp_path):
+    photos = Photos(tmp_path)
+    for key in (*SAMPLES, *PAINTINGS):
+        assert min(photos[key].size) >= 256
+    style = photos["coffee_in_gouache"]
+    command = Wishes(photo=photos["coffee"], style=style).command()
+    assert f"style.image={PAINTINGS['coffee_in_gouache']}" in shlex.split(command)
+    assert PAINTINGS["coffee_in_gouache"].is_file()

@@ -146,7 +146,9 @@ def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
         finished = painting.result()
         metrics = finished.metrics
         numbers = metrics["steps"], metrics["steps"], metrics["seconds"]
-        yield State(*numbers, finished.image, finished.strokes, metrics["psnr"], finished)
+        picture = finished.finished.pictures["painting"]
+        strokes = finished.finished.job.at_size(picture.shape[:2]).strokes
+        yield State(*numbers, picture, strokes, metrics["psnr"], finished)
     finally:
         if not handover.closed.is_set():  # else the program ends, and modules are gone
             close()

@@ -96,11 +96,11 @@ def render(
     is_one = isinstance(strokes, Strokes)
     canvases = [strokes] if isinstance(strokes, Strokes) else list(strokes)
     depths = _depths(depth, canvases, is_one=is_one)
-    grounds = _grounds(background, len(canvases), is_one=is_one)
     canvas = _canvas(size)
     if options and not isinstance(renderer, str):
         raise UserError(f"{', '.join(options)} would be options of a renderer that is made already; give its name")
     with undisturbed(gradients=False):
+        grounds = _grounds(background, len(canvases), is_one=is_one)
         chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
         compositor = Compositor(create("blend", blend), create("color", color))
         pictures = [_draw(*each, canvas, chosen, compositor) for each in zip(canvases, depths, grounds, strict=True)]

@@ -28,14 +28,11 @@ from brushexp.config.schema import Task
 from brushexp.config.stands_for import spell_out
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import RESUME_SWEEP, at_home, expand_positional, expand_shorthand
+from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, at_home, expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
-ALL_PIXELS = (
-    "working_resolution=null"  # what a sweep has unless it is typed, so that its jobs compare with earlier ones
-)
 RESOLUTIONS = ("resolution=", "working_resolution=")
 
 _prepared: set[int] = set()  # processes that have loaded the plugins
@@ -46,7 +43,7 @@ _start = [time.monotonic()]  # of the program
 def job(cfg: DictConfig) -> dict[str, object] | float:
     """Run the task of a config and return its numbers, or its objective; processes of a parallel sweep begin here."""
     if os.getpid() not in _prepared:
-        prepare(Path())
+        prepare(Path(), warns=False)
         _prepared.add(os.getpid())
     from brushexp.runs.runner import run_task  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
 

@@ -1,21 +1,35 @@
 """Check names, types, bounds, plugins and rules of a composed config before anything runs."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from brushexp.config.keys import groups_of, keys_of
+from brushexp.bounds import Bounds
+from brushexp.config.key_types import without_null
+from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, task_for
 from brushexp.config.vocabulary import plain_name, spellings, with_words_of_changes
+from brushexp.config.words import as_typed
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 from brushexp.system.words import table_of_words
 
 SUGGESTIONS = 3  # names that a message lists
+SCALED_BY = {  # keys that looks let other keys scale: the other key, and its power
+    "steps": ("effort", 1),
+    "pixels_per_stroke": ("detail", -1),
+    "max_strokes": ("detail", 1),
+}
+COLLECTIONS: dict[Any, tuple[type, str, str]] = {
+    list: (ListConfig, "list", "[a,b]"),
+    dict: (DictConfig, "mapping", "{a:b}"),
+}
+ELEMENTS = {str: "a text", int: "a whole number", float: "a number"}
 NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
 
@@ -39,7 +53,11 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
         value = OmegaConf.select(cfg, name)
         if value is None and OmegaConf.is_missing(cfg, name):
             raise UserError(f"task={cfg.task} needs {name}: {key.meaning}; add {name}=...")
-        key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
+        check_collection(name, key.annotation, value)
+        try:
+            key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
+        except UserError as error:
+            raise UserError(name_scaling_key(cfg, key) or str(error)) from error
     for path, node in nodes_of(cfg):
         for option in set(node) - {"_target_", *plugin_of(node).meanings}:
             raise UserError(unknown_option(str(option), plugin_of(node), overrides))
@@ -50,6 +68,39 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
             raise UserError(with_words_of_changes(str(error))) from error
     if cfg.get("resume") is None:  # else the settings are those of the run that is continued
         schema.check(cfg, overrides)
+
+
+def name_scaling_key(cfg: DictConfig, key: Key) -> str:
+    """Say which key scales the value of another one beyond its bounds, and how far it may; "" where none does."""
+    scaling, power = SCALED_BY.get(key.name, ("", 0))
+    if not power or not OmegaConf.is_interpolation(cfg, key.name) or not isinstance(key.bounds, Bounds):
+        return ""
+    value, factor = cfg[key.name], cfg[scaling]
+    limit = min(max(value, key.bounds.low), key.bounds.high)
+    wanted = factor * (limit / value) ** power if value > 0 else 1.0
+    digit = 10.0 ** math.floor(math.log10(wanted))
+    rounded = (math.floor if wanted < factor else math.ceil)(wanted / digit) * digit
+    side = "at most" if value > limit else "at least"
+    return f"{scaling}={factor:g} makes {key.name} {value:g}, which is not {side} {limit:g}; try {scaling}={rounded:g}"
+
+
+def check_collection(name: str, annotation: Any, value: Any) -> None:
+    """Refuse (UserError) what is no list or mapping of the annotated type.
+
+    OmegaConf checks what is typed, but not the value that an interpolation, ``${seed}``, stands for.
+    """
+    kind = without_null(annotation)
+    if get_origin(kind) not in COLLECTIONS or (value is None and kind != annotation):
+        return
+    collection, noun, example = COLLECTIONS[get_origin(kind)]
+    element = without_null(get_args(kind)[-1])
+    if not isinstance(value, collection):
+        raise UserError(f"{name} stands for {as_typed(value)}, which is no {noun}; type '{name}={example}'")
+    elements: Any = value.values() if isinstance(value, DictConfig) else value
+    accepted = (int, float) if element is float else element
+    wrong = [one for one in elements if element in ELEMENTS and not isinstance(one, accepted)]
+    if wrong:
+        raise UserError(f"{name} holds {wrong[0]}, which is not {ELEMENTS[element]}; type '{name}={example}'")
 
 
 def check_names(cfg: DictConfig) -> None:

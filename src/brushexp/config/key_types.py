@@ -30,13 +30,14 @@ def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
     """
     for annotations in _annotations_of(name, task):
         if annotations:
-            types = {_without_null(annotation) for annotation in annotations}
+            types = {without_null(annotation) for annotation in annotations}
             kind = types.pop() if len(types) == 1 else str if str in types else object
             return kind, any(NoneType in get_args(annotation) for annotation in annotations)
     return None, False
 
 
-def _without_null(annotation: Any) -> Any:
+def without_null(annotation: Any) -> Any:
+    """Return the type of values that are not null."""
     parts = get_args(annotation)
     return next(part for part in parts if part is not NoneType) if NoneType in parts else annotation
 

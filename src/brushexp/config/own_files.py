@@ -18,13 +18,13 @@ GLOBAL_GROUPS = ("look", "experiment", "quality")  # groups whose files set keys
 log = logging.getLogger(__name__)
 
 
-def check_own_files(folders: Sequence[Path], words: Sequence[str]) -> set[Path]:
-    """Warn of the user's files that are no configs, and return them; a UserError if the words choose one."""
+def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: bool = True) -> set[Path]:
+    """Return the user's files that are no configs; a UserError if the words choose one, else it may warn of it."""
     wrong = {path: message for folder in own_folders(folders) for path, message in _problems_in(folder)}
     for path, message in wrong.items():
         if _is_chosen(path, words):
             raise UserError(message)
-        log.warning("%s; it is left out", message)
+        log.log(logging.WARNING if warns else logging.DEBUG, "%s; it is left out", message)
     return set(wrong)
 
 

@@ -40,11 +40,14 @@ SWEEPERS = "brushexp.sweepers"  # entry-point group: name -> function that retur
 PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 
-def prepare(root: Path, words: Sequence[str] = ()) -> None:
-    """Announce all plugins, import those of ``root/plugins``, and publish tasks and presets to Hydra."""
-    load_plugins(root / "plugins")
+def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
+    """Announce all plugins, import those of ``root/plugins``, and publish tasks and presets to Hydra.
+
+    It ``warns`` of files that are left out; a process of a sweep does not, because the one that began it has.
+    """
+    load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)
-    offer(folders, left_out=check_own_files(folders, words))
+    offer(folders, left_out=check_own_files(folders, words, warns=warns))
 
 
 def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:

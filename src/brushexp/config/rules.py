@@ -37,6 +37,15 @@ NEEDS = {  # keys of task=paint without which others have no effect
     "light.depth": ("light.azimuth", "light.elevation", "light.gloss"),
 }
 LARGEST_RESOLUTION = 16384  # pixels of the longer side of a picture that is painted
+EFFORT = (  # numbers of metrics.json that say what a painting has cost
+    "seconds",
+    "seconds_total",
+    "seconds_per_step",
+    "cpu_seconds",
+    "peak_memory_mb",
+    "n_strokes",
+    "steps",
+)
 BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 AUTO = "auto"  # focus by saliency, and the warm-up renderer that the chosen one names
@@ -73,6 +82,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     from brushexp.painting.changes import build_changes  # noqa: PLC0415
     from brushexp.painting.working_size import sizes_of  # noqa: PLC0415
 
+    check_objective(cfg)
     settings, changes = cfg, build_changes(cfg, keep_built)
     for name, change in changes.items():
         before, settings = settings, change.settings(settings)
@@ -89,6 +99,19 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def top_of(word: str) -> str:
     """Return the first part of the key of a word of the command line."""
     return word.lstrip("+~").partition("=")[0].partition(".")[0]
+
+
+def check_objective(cfg: DictConfig) -> None:
+    """Refuse (UserError) an ``objective`` that is no number of the painting's metrics.json."""
+    metrics = [keep_built(node).label or name for name, node in cfg.metric.items()]
+    lit = ["psnr_lit"] if cfg.light.depth else []
+    names = [*dict.fromkeys(["psnr", *metrics, *lit, *EFFORT])]
+    is_style = cfg.style.image is not None and str(cfg.objective).startswith("style_")
+    if cfg.objective in (None, *names) or is_style:
+        return
+    others = [plugin.name for plugin in plugins("metric") if plugin.name == cfg.objective]
+    cure = f"add metric=[{','.join([*cfg.metric, *others])}]" if others else f"choose one of {', '.join(names)}"
+    raise UserError(f"objective={cfg.objective} is no number of this painting; {cure}")
 
 
 def check_painting(
@@ -114,10 +137,10 @@ def check_painting(
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None
     if cfg.focus not in (None, AUTO):
-        check_ratio(cfg.focus, sides_of_picture(cfg.focus, "focus"), size, "focus")
+        check_ratio(cfg.focus, sides_of_picture(cfg.focus, "focus"), painted or size, "focus")
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
-        check_ratio(cfg.catalogue, canvas, size, "catalogue")
+        check_ratio(cfg.catalogue, canvas, painted or size, "catalogue")
     strokes = stroke_budget(cfg, painted or size, keep_built(cfg.density), in_catalogue)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)

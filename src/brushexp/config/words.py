@@ -44,6 +44,7 @@ from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.system.caches import has_home
 from brushexp.system.words import table_of_words
 
+ALL_PIXELS = "working_resolution=null"  # of sweeps, unless another is typed: their jobs compare with earlier ones
 RESUME_SWEEP = "resume=sweep"
 CATALOGUES = (".h5", ".json")
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of them
@@ -105,10 +106,12 @@ def unknown_word(word: str) -> str:
     ours = spellings("members").get(plain_name(word), "")
     near = [ours] if ours in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
-    near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
+    if os.sep not in word:  # else a path, which no word of ours is like
+        near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     near += nearest_folders(word)
     meant = f"did you mean {' or '.join(dict.fromkeys(near))}? " if near else ""
-    return f"{word} is no file, no task and no key=value; {meant}--help lists the keys"
+    meant += "correct the path" if os.sep in word else "--help lists the keys"
+    return f"{word} is no file, no task and no key=value; {meant}"
 
 
 def nearest_folders(word: str) -> list[str]:

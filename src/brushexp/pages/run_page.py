@@ -44,6 +44,7 @@ OTHERS = {  # pictures beside the painting
     "focus": "where the painting is most like the picture: the brighter, the more",
 }
 NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
+NULL_COUNTS = ("working_resolution",)  # keys whose null is not their default
 LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of the largest picture that is a PNG; larger ones are JPEGs
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
@@ -240,7 +241,12 @@ def line_of(config: Mapping[str, Any]) -> str:
         elif isinstance(value, dict) and value and all(isinstance(one, dict) for one in value.values()):
             words.append(f"{key}=[{','.join(value)}]")
     for key, text in _flat(config):
-        if key.endswith("_target_") or text in ("{}", "null") or key in ("task", "output", "overwrite", "resume"):
+        if (
+            key.endswith("_target_")
+            or text == "{}"
+            or (text == "null" and key not in NULL_COUNTS)
+            or key in ("task", "output", "overwrite", "resume")
+        ):
             continue
         below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a table has the user's keys
         keys.append(f"{'++' * (below in chosen)}{key}={text}")

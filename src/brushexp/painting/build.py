@@ -130,7 +130,7 @@ def _stroke_optimizer(
         coarse=cfg.coarse,
         clip=clip_of(cfg),
         changes=changes,
-        zoom=1.0 if sizes is None else sizes.zoom,
+        painted=painted,
         is_untouched=cfg.catalogue is not None and not has_steps,
     )
     painter.pictures |= pictures

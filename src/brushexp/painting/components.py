@@ -145,7 +145,8 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
-    smaller = "resolution=, or fewer strokes=" if windows else "resolution="
+    key = "working_resolution=" if cfg.resolution is None and cfg.working_resolution is not None else "resolution="
+    smaller = f"{key}, or fewer strokes=" if windows else key
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.schedule import add_pair
-from brushexp.painting.working_size import resolution_of, sizes_of
+from brushexp.painting.working_size import resolution_of
 from brushexp.pictures.credits import credits_of, write_credited
 from brushexp.pictures.load import TRANSPARENT, load_cutout
 from brushexp.pictures.similarity import picture_psnr
@@ -58,6 +58,7 @@ class Finished:
     pictures: Mapping[str, np.ndarray]
     compute_metrics: Callable[[], Mapping[str, Any]]
     timelapse: "Timelapse | None" = None
+    whole: np.ndarray | None = None  # the painting at its own size, where it has been read from a file
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
@@ -67,6 +68,8 @@ class Finished:
     @cached_property
     def image(self) -> np.ndarray:
         """The painting (H, W, 3) uint8 at its own size."""
+        if self.whole is not None:
+            return self.whole
         return self.pictures["painting"] if self.is_whole else self.job.picture()
 
     @property
@@ -77,6 +80,7 @@ class Finished:
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # it describes the painting that is being replaced
+        save_catalogue(folder / "catalogue.h5", self.job.saved)  # first: of it all else can be made again
         about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
             if name == "painting" and not self.is_whole:
@@ -86,7 +90,6 @@ class Finished:
             alpha = self.job.at_size(pixels.shape[:2]).alpha()
             shown = pixels if alpha is None else np.dstack([pixels, alpha])
             write_credited(folder / f"{name}.png", shown, about)
-        save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
         status = {} if self.metrics["status"] in UNFINISHED else {"status": Status.AT_WORK}
         write_json(folder / METRICS_FILE, self.metrics | status)
@@ -133,7 +136,7 @@ def finish(
         total = None if start is None else time.monotonic() - start
         return results | {"seconds_total": total, "peak_memory_mb": peak_memory(), "provenance": dict(provenance)}
 
-    return Finished(job.at_size(sizes_of(cfg).painting), sources | results, compute_metrics, timelapse)
+    return Finished(job.at_size(painter.painted or canvas.size), sources | results, compute_metrics, timelapse)
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:

@@ -34,7 +34,7 @@ class PaintingModule(L.LightningModule):
     to resume is in the painter's own state.
     """
 
-    zoom = 1.0  # pixels of the painting for one of the target
+    painted: tuple[int, int] | None = None  # height and width of the painting, where the target is smaller
     resumable = False  # whether an interrupted fit can go on from a checkpoint
     is_untouched = False  # whether the strokes are those of a catalogue that no step moves
 
@@ -65,6 +65,11 @@ class PaintingModule(L.LightningModule):
     @property
     def renderer(self) -> Renderer:
         return self.picture.renderer
+
+    @property
+    def zoom(self) -> float:
+        """Pixels of the painting for one of the target."""
+        return 1.0 if self.painted is None else max(self.painted) / max(self.picture.size)
 
     @property
     def is_unready(self) -> bool:

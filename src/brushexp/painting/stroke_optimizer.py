@@ -89,7 +89,7 @@ class StrokeOptimizer(PaintingModule):
         coarse: float = 0.0,
         clip: GradientClip | None = None,
         changes: Mapping[str, Change] = MappingProxyType({}),
-        zoom: float = 1.0,  # pixels of the painting for one of the target
+        painted: tuple[int, int] | None = None,  # height and width of the painting; None for those of the target
         is_untouched: bool = False,  # whether the strokes are those of a catalogue that no step moves
     ) -> None:
         picture, schedule = (
@@ -99,7 +99,7 @@ class StrokeOptimizer(PaintingModule):
         super().__init__(components, picture, schedule, seed=seed, changes=changes)
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue, self.budget = catalogue, budget or len(catalogue)
-        self.coarse, self.clip, self.zoom, self.is_untouched = coarse, clip, zoom, is_untouched
+        self.coarse, self.clip, self.painted, self.is_untouched = coarse, clip, painted, is_untouched
         self.is_handed_over = False  # whether no step follows
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._use_stage(schedule.stage)

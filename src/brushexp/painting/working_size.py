@@ -9,14 +9,16 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.painting.components import stroke_budget
+from brushexp.pictures.limits import MAX_PIXELS
 from brushexp.pictures.load import shrunk_to, sides_of_picture, size_at, size_of_picture
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import keep_built
+from brushexp.registry import keep_built, plugin_of
 from brushexp.strokes.storage import load_catalogue
 
 AUTO = "auto"  # working_resolution by the number of strokes
 PIXELS_PER_STROKE = 20  # of the working picture, at least; see benchmarks/photographs.py
 SMALLEST_SIDE = 1024  # pixels of the longer side: smaller pictures are optimised whole
+SMALLEST_SHORT_SIDE = 256  # pixels of the other side, so that a panorama keeps its rows
 WORTH_IT = 1.5  # times as long a side has to be to be shrunk: else little time is saved
 LARGEST_PAINTING = 50_000_000  # pixels: of a picture with more, the painting has as many
 
@@ -42,16 +44,19 @@ def sizes_of(cfg: DictConfig) -> Sizes:
     A ``resolution`` that is set is that of both, as are the picture's own pixels where ``working_resolution`` is null,
     and for other painters than gradient descent, whose brushes are measured in pixels.
     """
-    typed = cfg.working_resolution
-    by_strokes = typed == AUTO and cfg.resolution is None and not isinstance(keep_built(cfg.painter), Painter)
-    if typed is None or (typed == AUTO and not by_strokes):
+    typed, is_other = cfg.working_resolution, isinstance(keep_built(cfg.painter), Painter)
+    if typed not in (None, AUTO) and is_other:
+        wrong = f"working_resolution={typed} is for painter=gradient, not {plugin_of(cfg.painter).name}"
+        raise UserError(f"{wrong}; type resolution={typed}, or drop it")
+    if typed is None or is_other or (typed == AUTO and cfg.resolution is not None):
         size = size_of_picture(cfg.image, "image", cfg.resolution)
         return Sizes(size, size)
     painting = size_at(cfg.resolution, *shrunk_to(LARGEST_PAINTING, sides_of_picture(cfg.image, "image")))
     count = None if cfg.catalogue is None else len(load_catalogue(Path(cfg.catalogue), "catalogue").strokes)
     strokes = stroke_budget(cfg, painting, keep_built(cfg.density), count)
-    side = _side_for(strokes, painting) if by_strokes else int(typed)
-    working = size_at(min(side, max(painting)), *painting)
+    if typed == AUTO:
+        return Sizes(painting, size_at(_side_for(strokes, painting), *painting))
+    working = size_at(min(int(typed), max(painting)), *painting)
     if math.prod(working) < strokes:
         wrong = f"working_resolution={typed} makes {working[1]} x {working[0]} pixels, fewer than the {strokes} strokes"
         raise UserError(f"{wrong}; set working_resolution=auto")
@@ -64,7 +69,7 @@ def tell_of_sizes(cfg: DictConfig) -> None:
     (height, width), (rows, columns) = sizes.painting, sizes.working
     if sizes.painting != sizes.working:
         at = f"strokes are optimised at {columns} x {rows} pixels and painted at {width} x {height}"
-        log.info("%s; to optimise at all of them: working_resolution=null", at)
+        log.info("%s%s", at, "; to use every pixel: working_resolution=null" if math.prod(own) <= MAX_PIXELS else "")
     if max(own) > max(sizes.painting):
         more = f"brushexp export FOLDER resolution={max(own)}"
         log.info("the painting has %d x %d pixels, the picture %d x %d; more: %s", width, height, *own[::-1], more)
@@ -72,8 +77,9 @@ def tell_of_sizes(cfg: DictConfig) -> None:
 
 def resolution_of(cfg: DictConfig) -> int | None:
     """Return the longer side at which the picture of a painting is loaded; None for all of its pixels."""
-    sizes = sizes_of(cfg)
-    return cfg.resolution if sizes.painting == sizes.working else max(sizes.working)
+    working = sizes_of(cfg).working
+    is_whole = working == size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
+    return cfg.resolution if is_whole else max(working)
 
 
 def _side_for(strokes: int, painting: tuple[int, int]) -> int:
@@ -81,8 +87,11 @@ def _side_for(strokes: int, painting: tuple[int, int]) -> int:
 
     >>> _side_for(8000, (3000, 4000)), _side_for(120000, (3000, 4000)), _side_for(8000, (1080, 1440))
     (1024, 1789, 1440)
+    >>> _side_for(500, (300, 20000)), _side_for(500, (3000, 20000))
+    (20000, 1707)
     """
-    longest = max(painting)
+    longest, shortest = max(painting), min(painting)
     needed = math.ceil(longest * math.sqrt(PIXELS_PER_STROKE * strokes / math.prod(painting)))
-    side = max(SMALLEST_SIDE, needed)
+    for_rows = math.ceil(longest * SMALLEST_SHORT_SIDE / shortest)
+    side = max(SMALLEST_SIDE, needed, for_rows)
     return longest if side * WORTH_IT > longest else side

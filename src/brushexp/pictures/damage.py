@@ -17,7 +17,7 @@ OTHER_CASE = 0x20  # bit of the first letter of a chunk that a picture can do wi
 DEFLATE = (8, 32946)  # values of COMPRESSION in a TIFF
 PIECE = 2**20  # bytes that are read at once
 SUMS_DIFFER = "is damaged: what it holds does not match its checksums; get it again"
-ONE_COLOR = "has one colour throughout; if it should not, its file is damaged: get it again"
+ONE_COLOR = "has one colour throughout; if it should have more, the file is damaged; get it again"
 
 
 def check_sums(path: Path) -> None:

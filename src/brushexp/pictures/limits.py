@@ -50,7 +50,7 @@ def check_whole(width: int, height: int, is_deep: bool = False) -> None:
     """Refuse (UserError) a picture too large to be decoded at once, of more than 8 bits if ``is_deep``."""
     most = MAX_PIXELS if is_deep else MOST_WHOLE
     if width * height > most:
-        size = f"has {width} x {height} pixels, so compressed that all are needed at once"
+        size = f"has {width} x {height} pixels, compressed in a way that needs all of them at once"
         raise UserError(f"{size}; save it with at most {most // 10**6} megapixels, or as a deflate TIFF in tiles")
 
 

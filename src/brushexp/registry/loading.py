@@ -19,11 +19,11 @@ log = logging.getLogger(__name__)
 _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loaded
 
 
-def load_plugins(directory: Path) -> list[str]:
+def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce the built-in members, import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
 
     Members of the program and of packages are imported when they are chosen. A file of the user that cannot be
-    imported is a warning: `missing_because` says it again where a name is not there.
+    imported is left out, with a warning if this ``warns``: `missing_because` says it again where a name is not there.
     """
     for family in FAMILIES:
         _announce_core(family)
@@ -33,7 +33,7 @@ def load_plugins(directory: Path) -> list[str]:
             raise UserError(f'entry point {name} of {ENTRY_POINTS} names no member; write it as "loss.{name}" = ...')
         source = f"entry point {name} ({point.value})"
         announce(Plugin(family, member, point.module, source, point.load, is_ours(point.module)))
-    return _import_files([*_plugin_files(directory)])
+    return _import_files([*_plugin_files(directory)], warns)
 
 
 def _announce_core(family: str) -> None:
@@ -45,7 +45,7 @@ def _announce_core(family: str) -> None:
             announce(Plugin(family, module.name, path, path, partial(importlib.import_module, path), is_ours=True))
 
 
-def _import_files(files: list[Path]) -> list[str]:
+def _import_files(files: list[Path], warns: bool) -> list[str]:
     """Import files of the user, and list the names of those that could be imported."""
     package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
     package.__path__ = sorted({str(path.parent) for path in files})  # workers import the classes of configs from there
@@ -58,7 +58,7 @@ def _import_files(files: list[Path]) -> list[str]:
         except UserError as error:
             withdraw(module)
             _broken[str(path)] = str(error)
-            log.warning("%s; it is left out", error)
+            log.log(logging.WARNING if warns else logging.DEBUG, "%s; it is left out", error)
     return [path.stem for path in files if str(path) not in _broken]
 
 

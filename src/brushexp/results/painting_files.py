@@ -2,6 +2,7 @@
 
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,12 @@ def read_painting(folder: Path, job: ExportJob) -> Finished:
                     pictures[name] = np.asarray(image.convert("RGB"))
             except UserError as error:
                 log.warning("%s is left out: %s", path, error)
-    if {"target", "painting"} <= pictures.keys():
-        pictures["painting"] = resample(pictures["painting"], pictures["target"].shape[:2])
-    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})
+    whole = pictures.get("painting")
+    small = pictures.get("target", pictures.get("flat"))
+    if whole is not None and small is not None:
+        pictures["painting"] = resample(whole, small.shape[:2])
+
+    def figures() -> dict[str, Any]:
+        return read_result(folder) if (folder / METRICS_FILE).is_file() else {}
+
+    return Finished(job, pictures, figures, whole=whole)

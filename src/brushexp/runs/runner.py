@@ -94,9 +94,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
     """Run the task of a checked config in the folder of its run."""
     with hidden("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
-    if not issubclass(
-        TASKS[cfg.task], PaintTask | ExportTask
-    ):  # others may wait for people, or show their own progress
+    if TASKS[cfg.task] not in (PaintTask, ExportTask):  # others show progress of their own, or wait for people
         heartbeat.end()
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
     if not gc.isenabled():  # the program disables it until its first job

@@ -11,7 +11,7 @@ from hydra.core.utils import JobReturn, JobStatus
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.config.check import check
-from brushexp.config.words import verbatim
+from brushexp.config.words import ALL_PIXELS, verbatim
 from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
@@ -19,6 +19,7 @@ from brushexp.runs.closing import say_page
 from brushexp.runs.run_folder import check_free, check_place, take_folder, take_name
 from brushexp.runs.sweep_report import renew_sweep_report
 from brushexp.system.files import write_json
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.reading import in_short, json_of, read_text
 from brushexp.system.run_files import CHECKPOINT
 
@@ -92,6 +93,7 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"resume=sweep: output={folder} holds no sweep; give the folder of one") from error
+    before, jobs = ([[word for word in job if word != ALL_PIXELS] for job in some] for some in (before, jobs))
     if lenient and all(job[-1].startswith(SUBFOLDER) for job in jobs):
         places = {job[-1]: job for job in before if job}
         jobs = [job for job in jobs if job[-1] in places]
@@ -121,6 +123,7 @@ def launch_jobs(
     if goes_on:  # numbers then have gaps
         jobs = {number: job for number, job in jobs.items() if not _is_done(folder / str(override_value(job[-1])))}
         log.info("%d of %d jobs have finished already", len(batch) - len(jobs), len(batch))
+    heartbeat.end()
     try:
         results = launch(list(jobs.values()), initial_job_idx=min(jobs)) if jobs else []
     except Exception as error:

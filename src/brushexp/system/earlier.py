@@ -25,15 +25,16 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
     ``change: {variety: {amount: 0.4}}``.
 
     >>> todays_settings({"task": "paint", "variety": 0.4, "wet": 0})
-    {'task': 'paint', 'working_resolution': None, 'change': {'variety': {'amount': 0.4, '_target_': 'change/variety'}}}
+    {'task': 'paint', 'change': {'variety': {'amount': 0.4, '_target_': 'change/variety'}}}
     """
     settings = {key: value for key, value in recorded.items() if key not in REMOVED}
+    if "pixels_per_stroke" in settings:  # of a painting
+        settings.setdefault("working_resolution", None)  # all pixels were
     if not is_earlier(settings):
         return settings
     if "trainer" in settings:
         options = _mapping(settings["trainer"])
         settings["trainer"] = {key: options[key] for key in options if key not in OF_TRAININGS}
-    settings.setdefault("working_resolution", None)  # all pixels
     if settings.get("timelapse") == "both":
         settings["timelapse"] = "mp4"
     change = {"variety": _member("variety", {"amount": settings.pop("variety", 0)})}

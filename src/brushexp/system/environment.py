@@ -33,7 +33,10 @@ def _version(name: str) -> str | None:
 def processor() -> str:
     """Name the processor, such as "Intel(R) Xeon(R) Processor"; only its architecture where no name is known."""
     if sys.platform == "linux":
-        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        try:
+            lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        except OSError:  # it may be hidden
+            lines = []
         names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
         return next(names, "") or platform.machine()
     if sys.platform == "darwin":

@@ -42,10 +42,10 @@ def dataset_of(
     Without a ``shape`` it has one axis of at most ``most`` values.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
-        raise UserError(f"has no dataset {name}; it is damaged or not complete")
+        raise UserError(f"has no dataset {name}: it is damaged or incomplete; get it again")
     dataset = file[name]
     if "unit" not in dataset.attrs:
-        raise UserError(f"dataset {name} has no attribute unit; it is damaged or not complete")
+        raise UserError(f"dataset {name} has no attribute unit: it is damaged or incomplete; get it again")
     if dataset.dtype != dtype:
         raise UserError(f"{name} has type {dataset.dtype}; {np.dtype(dtype)} is needed")
     if (shape is None and len(dataset.shape) != 1) or (shape is not None and dataset.shape != shape):
@@ -69,9 +69,11 @@ def _check_storage(name: str, dataset: h5py.Dataset) -> None:
         sizes = [0]
         dataset.id.chunk_iter(lambda chunk: sizes.append(chunk.size))
         if unpacked > LARGEST_CHUNK or max(sizes) > 1.01 * unpacked + SPARE:
-            raise UserError(f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are")
+            raise UserError(
+                f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are; get it again"
+            )
     if dataset.nbytes > held * INFLATION + SPARE:
-        raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; it is not complete")
+        raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; get it again")
 
 
 def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
@@ -93,7 +95,9 @@ def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
         return
     size = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
     if len(zlib.decompressobj().decompress(packed, size + SPARE)) >= size + SPARE:
-        raise UserError(f"{dataset.name[1:]} has a chunk that unpacks to more than the {size} bytes that it says")
+        raise UserError(
+            f"{dataset.name[1:]} has a chunk that unpacks to more than the {size} bytes that it says; get it again"
+        )
 
 
 def text_of(file: h5py.File, name: str) -> str:
@@ -109,13 +113,13 @@ def whole_number_of(file: h5py.File, name: str) -> int:
 def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
     """Return an attribute of a ``kind``, which messages call ``words``; bytes count as text."""
     if name not in file.attrs:
-        raise UserError(f"has no attribute {name}; it is damaged or not complete")
+        raise UserError(f"has no attribute {name}: it is damaged or incomplete; get it again")
     stored = file.attrs.get_id(name)
     dtype = stored.get_type()
     if dtype.get_class() not in PLAIN or (isinstance(dtype, h5py.h5t.TypeStringID) and dtype.is_variable_str()):
         raise UserError(f"attribute {name} has no fixed length, so damage can hang HDF5; write it as numpy.bytes_(...)")
     if stored.get_storage_size() > LARGEST_ATTRIBUTE:
-        raise UserError(f"attribute {name} has more than {LARGEST_ATTRIBUTE} bytes")
+        raise UserError(f"attribute {name} has more than {LARGEST_ATTRIBUTE} bytes; get it again")
     value = file.attrs[name]
     value = value.decode() if isinstance(value, bytes) else value
     if not isinstance(value, kind):

@@ -10,11 +10,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TextIO
 
 QUIET_SECONDS = 0.6  # on a terminal, after which the line appears
 LINE_SECONDS = 10.0  # without a terminal: a line at least so often
 TICK_SECONDS = 0.2
 MARKS = "|/-\\"  # they show that something moves, on any terminal
+STDERR = 2  # number of its file
 CLEAR = "\r\x1b[K"
 
 
@@ -30,10 +32,12 @@ class Heartbeat:
         self._ended: threading.Event | None = None  # None while it does not run
         self._what, self._is_shown, self._bars = "", False, 0
         self._start = self._written = time.monotonic()
+        self._stream: TextIO = sys.stderr
 
     def start(self, what: str) -> None:
         """Begin to show ``what`` the program does: "preparing"."""
         if self._ended is None:
+            self._stream = _own_stderr()
             self._ended, self._start = threading.Event(), time.monotonic()
             threading.Thread(target=self._run, args=(self._ended,), daemon=True, name="heartbeat").start()
         self.say(what)
@@ -89,10 +93,20 @@ class Heartbeat:
 
     def _write(self, text: str) -> None:
         try:
-            sys.stderr.write(text)
-            sys.stderr.flush()
+            self._stream.write(text)
+            self._stream.flush()
         except (OSError, ValueError):  # closed
             self._stop()
+
+
+def _own_stderr() -> TextIO:
+    """Return a stream of its own to where stderr goes now: decoders close that for a while."""
+    try:
+        if sys.stderr.fileno() == STDERR:
+            return os.fdopen(os.dup(STDERR), "w", encoding="utf-8", errors="replace")
+    except (AttributeError, OSError, ValueError):  # no file
+        pass
+    return sys.stderr
 
 
 def _is_terminal() -> bool:

@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 from brushexp.painting.reopen import export_job, with_renderer
 from brushexp.registry import take_built
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.heartbeat import heartbeat
 from brushexp.system.run_files import note_files
 from brushexp.system.terminal import as_shown
 
@@ -27,6 +28,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     earlier_files, before = set(folder.iterdir()), time.monotonic()
     for exporter in exporters:
         begin = time.monotonic()
+        heartbeat.say(f"writing {exporter.key}")
         paths = exporter.write(job, folder)
         seconds = time.monotonic() - begin
         note_files(folder, set(paths) - earlier_files)  # a library in C may have written them

@@ -111,6 +111,7 @@ def optimise(
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=has_plan)
     both = [timelapse, *goals, *callbacks]
     trainer = make_trainer(cfg, device, folder, loggers, both, checkpoints=has_plan, clips=False)
+    heartbeat.say("preparing the first step")
     has_steps = painter.schedule.steps or cfg.seconds
     return Fitted(painter, timelapse, fit(trainer, painter, checkpoint=checkpoint) if has_steps else None)
 

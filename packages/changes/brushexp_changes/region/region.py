@@ -105,6 +105,7 @@ def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
     nodes |= {family: {"_target_": _target_of(family, "fixed")} for family in ("order", "density")}
     ground = "#" + bytes((255 * saved.background).round().byte().tolist()).hex()
     values = {"background": ground, "resolution": max(saved.size), "strokes": None, "warm_up": None}
+    values["working_resolution"] = None
     cfg = deepcopy(cfg)
     with open_dict(cfg):
         for name, node in nodes.items():

@@ -1,7 +1,8 @@
 """Tubes of paint: what they reflect, and what their mixtures look like."""
 
 import csv
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from io import StringIO
@@ -28,6 +29,11 @@ LOBES = {  # of the colour matching functions: height, centre and the widths to 
     "x": ((1.056, 599.8, 37.9, 31.0), (0.362, 442.0, 16.0, 26.7), (-0.065, 501.1, 20.4, 26.2)),
     "y": ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)),
     "z": ((1.217, 437.0, 11.8, 36.0), (0.681, 459.0, 26.0, 13.8)),
+}
+KINDS = {  # what a file says of its tubes: letters of the columns -> the columns
+    "color": {"color"},
+    "R": {f"R{wave}" for wave in NANOMETRES},
+    "KS": {f"{letter}{wave}" for letter in "KS" for wave in NANOMETRES},
 }
 SETS = {  # tubes by name, each from a file of this folder
     "eight": ("acrylics", ("titanium white", "bone black", "hansa yellow opaque", "cadmium orange", "pyrrole red",
@@ -68,34 +74,59 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
     between = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
     with explaining(path, cure):
         table = csv.DictReader(StringIO(text, newline=""), delimiter=between)
-        rows = {row.get("tube") or "": row for row in table}
-    rows = {tube: rows[tube] for tube in chosen or rows}
-    if not 1 <= len(rows) <= MOST_TUBES or "" in rows:
+        rows = [row for row in table if any(row.values())]
+    columns = set(table.fieldnames or ())
+    names = [" ".join((row.get("tube") or "").split()) for row in rows]
+    if not 1 <= len(rows) <= MOST_TUBES or "" in names:
         raise UserError(f"{option}={name}: give 1 to {MOST_TUBES} tubes, each with a name in the column tube")
+    folded = [tube.casefold() for tube in names]
+    if twice := [tube for tube in names if folded.count(tube.casefold()) > 1]:
+        raise UserError(f"{option}={name} has two tubes named {twice[0]}; rename one of them")
     try:
-        return Tubes(tuple(rows), _mixing(list(rows.values())))
-    except (KeyError, ValueError, TypeError) as error:
-        columns = "tube and color, or R400 to R700 in steps of 20, or K400 ... and S400 ..."
-        raise UserError(f"{option}={name} cannot be read ({error}); it has the columns {columns}") from error
+        kind = next(kind for kind, needed in KINDS.items() if needed <= columns)
+    except StopIteration:
+        needed = "tube and color, or R400 to R700 in steps of 20, or K400 ... and S400 ..."
+        raise UserError(f"{option}={name} cannot be read; give the columns {needed}") from None
+    values = [_values_of(row, kind, f"{option}={name}, tube {tube}") for tube, row in zip(names, rows, strict=True)]
+    indices = [names.index(tube) for tube in chosen or names]
+    return Tubes(tuple(names[index] for index in indices), _mixing(kind, np.array([values[k] for k in indices])))
 
 
-def _mixing(rows: Sequence[dict[str, str]]) -> Callable[[Array], Array]:
-    if "color" in rows[0]:
-        return _by_color(np.array([ImageColor.getrgb(row["color"])[:3] for row in rows]) / 255)
-    if "R400" in rows[0]:
-        reflected = _numbers(rows, "R")
-        if not ((reflected > 0) & (reflected <= 1)).all():
-            raise ValueError("reflectances are above 0 and at most 1")
-        inside = _inside(reflected)
+def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
+    """Read the values of a tube: sRGB (3,), reflectances (bands,), or absorption and scattering (2, bands)."""
+    if kind == "color":
+        try:
+            return np.array(ImageColor.getrgb((row["color"] or "").strip())[:3]) / 255
+        except ValueError as error:
+            raise UserError(f"{where}: {row['color'] or 'nothing'} is no colour; write it as #c8a040") from error
+    columns = [[f"{letter}{wave}" for wave in NANOMETRES] for letter in kind]
+    spectra = np.array([[_number(row[column], f"{where}: {column}") for column in band] for band in columns])
+    if kind == "R" and not ((spectra > 0) & (spectra <= 1)).all():
+        raise UserError(f"{where}: a reflectance is not above 0 and at most 1; correct R400 to R700")
+    if kind == "KS" and not ((spectra >= 0).all() and (spectra[1] > 0).all()):
+        raise UserError(f"{where}: K is 0 or more, and S above 0; correct K400 to S700")
+    return spectra[0] if kind == "R" else spectra
+
+
+def _number(text: str | None, where: str) -> float:
+    """Read a number, with a decimal point or comma."""
+    try:
+        number = float((text or "").replace(",", "."))
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise UserError(f"{where} is {text or 'empty'}, not a number; correct it")
+    return number
+
+
+def _mixing(kind: str, values: Array) -> Callable[[Array], Array]:
+    """Choose how the paints mix by the ``kind`` of their values (T, ...); see `_values_of`."""
+    if kind == "color":
+        return _by_color(values)
+    if kind == "R":
+        inside = _inside(values)
         return _by_light((1 - inside) ** 2 / (2 * inside), np.ones_like(inside))
-    absorbed, scattered = _numbers(rows, "K"), _numbers(rows, "S")
-    if not ((absorbed >= 0) & (scattered > 0)).all():
-        raise ValueError("K is 0 or more, and S above 0")
-    return _by_light(absorbed, scattered)
-
-
-def _numbers(rows: Sequence[dict[str, str]], letter: str) -> Array:
-    return np.array([[float(row[f"{letter}{wave}"].replace(",", ".")) for wave in NANOMETRES] for row in rows])
+    return _by_light(values[:, 0], values[:, 1])
 
 
 def _shares(parts: Array) -> Array:

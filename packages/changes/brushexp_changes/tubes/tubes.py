@@ -1,6 +1,8 @@
 """Paint with mixtures of given tubes and with brushes of given widths."""
 
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from math import ceil
 from typing import Annotated
 
 import torch
@@ -10,6 +12,7 @@ from torch import Tensor
 from brushexp.contracts import Rule, UserError, above, between, keep_built, plugin_of, register
 from brushexp.contracts.families import Change, Order, PaintingState
 from brushexp.contracts.members import Rgb
+from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes
 from brushexp_changes.steps import check_steps
 from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtures, within_tones
@@ -22,6 +25,7 @@ STEPS_BETWEEN_CHOICES = 10  # steps between two choices of mixtures
 CHOICES_AT_ONCE = 3  # times that mixtures are chosen in each, since those of other strokes have changed meanwhile
 LEAST_SEEN = 0.5  # pixels: a stroke that is seen less keeps its mixture
 MM_PER_CM = 10
+AUTO = "auto"  # working_resolution by the number of strokes
 
 
 @register("change", "tubes")
@@ -47,6 +51,18 @@ class OfTubes(Change):
     width_cm: Annotated[float, above(0, 2000)] = 30.0
     load: Annotated[float, between(1, 1000)] = 12.0
     _table: Table | None = field(default=None, init=False, repr=False)  # once the target is known
+
+    def settings(self, cfg: DictConfig) -> DictConfig:
+        """Let the picture be so large that the thinnest brush has a pixel, where the photograph is."""
+        if cfg.working_resolution != AUTO or cfg.resolution is not None or not self.brushes:
+            return cfg
+        sizes = sizes_of(cfg)
+        thin = min(self.brushes) * sizes.working[1] / (MM_PER_CM * self.width_cm)
+        if thin >= 1 or thin * sizes.zoom < 1:
+            return cfg
+        cfg = deepcopy(cfg)
+        cfg.working_resolution = str(ceil(max(sizes.working) / thin))
+        return cfg
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
         check_steps(cfg, f"tubes={self.tubes}")

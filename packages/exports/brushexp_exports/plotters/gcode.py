@@ -26,15 +26,15 @@ class Gcode(PenExporter):
         travel: mm per minute between strokes, for the estimate: how fast G0 is, is the machine's own business.
         up: lifts the pen.
         down: sets it down.
-        change: takes another tool; {tool} stands for its number and {color} for its colour. A plan of one pen has no
-            change: it begins in its holder. GRBL, which has no M6, wants 'M0'.
+        change: waits for another tool; {tool} stands for its number and {color} for its colour. A plan of one pen has
+            no change: it begins in its holder. A machine that changes tools itself takes 'M6 T{tool}', and GRBL not.
     """
 
     feed: Speed = 1500.0
     travel: Speed = 5000.0
     up: str = "G0 Z5"
     down: str = "G1 Z0 F600"
-    change: str = "M6 T{tool}"
+    change: str = "M0 ; tool {tool}, {color}"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -43,7 +43,7 @@ def main(parent: str, folder: str, seed: str, first: str, end: str, step: str, *
 
     os.nice(NICENESS)
     torch.set_num_threads(1)
-    load_plugins(Path("plugins"))
+    load_plugins(Path("plugins"), warns=False)
     fill_pool(int(parent), Path(folder), int(seed), range(int(first), int(end), int(step)), pictures)
 
 

@@ -176,7 +176,7 @@ def test_a_truth_that_makes_no_sense_is_refused(change, words, tmp_path):
         ("a.npy", r"whole numbers of shape \(40, 60\)"),
         ("b.npz", "neither labels nor curve"),
         ("c.npz", "number them from 0"),
-        ("d.png", "cannot be read"),
+        ("d.png", "is damaged, or no picture; get it again"),
         ("d.npy", "no npy of plain numbers"),
         ("d.npz", "no npz of plain numbers"),
         ("e.txt", "give labels as .png"),
