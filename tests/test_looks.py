@@ -14,9 +14,9 @@ from brushexp.config.check import check
 from brushexp.config.compose import folders_of, presets_of
 from brushexp.config.looks import SCALED
 from brushexp.config.own_files import check_own_files
-from brushexp.config.publish import offer
+from brushexp.config.publish import offer, prepare
 from brushexp.config.schema import PaintTask
-from brushexp.registry import plugin_of
+from brushexp.registry import build_named, plugin_of
 from brushexp.system.words import conf_folders
 from brushexp.tasks import paint
 
@@ -38,6 +38,9 @@ loss:
   kl:
     weight: 0.5
 """
+
+
+PLAIN_VARIETY = build_named("change", "variety", {}).amount
 
 
 def composed(words: str = ""):
@@ -129,6 +132,35 @@ def test_a_config_that_is_something_else_is_told_and_refused_where_it_is_chosen(
     refuses(rf"wrong\.yaml {message}", check_own_files, folders, [f"{name}=wrong"])
 
 
+@pytest.mark.parametrize("content", ["defaults: 5\nvariety: 0.2\n", "change: 3\nwet: 1\n", "loss: 3\n", "5\n"])
+def test_a_wrong_look_disturbs_no_run_that_has_not_chosen_it(tmp_path, content):
+    (tmp_path / "conf" / "look").mkdir(parents=True)
+    (tmp_path / "conf" / "look" / "wrong.yaml").write_text(f"# @package _global_\n{content}")
+    prepare(tmp_path)
+    assert composed().task == "paint"
+    offer(conf_folders())
+
+
+@pytest.mark.parametrize(("lines", "variety", "wet"), [
+    ("variety: 0.2", 0.2, None),
+    ("variety: 0\nwet: 0", 0, None),
+    ("wet: 0.5", PLAIN_VARIETY, 0.5),
+    ("defaults:\n  - override /change: [wet]\nwet: 0.3", None, 0.3),
+    ("change:\n  variety:\n    amount: 0.3\nwet: 0.1", 0.3, 0.1),
+])  # fmt: skip
+def test_a_look_may_have_the_words_for_options_of_changes(tmp_path, hydra_restore_singletons, lines, variety, wet):
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "mine.yaml").write_text(f"# @package _global_\n{lines}\n")
+    folders = [*conf_folders(), tmp_path]
+    offer(folders)
+    cfg = compose.composed(["look=mine"], folders)
+    check(cfg)
+    assert {name: node.amount for name, node in cfg.change.items()} == {
+        name: amount for name, amount in (("variety", variety), ("wet", wet)) if amount is not None
+    }
+    offer(conf_folders())
+
+
 def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_listed(tmp_path):
     for folder, text in (("conf", "hello"), ("mine", "# @package _global_\nsteps: 9\n")):
         (tmp_path / folder / "look").mkdir(parents=True)
@@ -168,3 +200,17 @@ def test_a_look_paints(look, run_task, tmp_path):
     result = run_task(paint, f"look={look}", *words)
     assert result["psnr"] > (4 if look == "ink" else 8)  # a drawing leaves the paper white
     assert result["status"] == "completed"
+
+
+def test_a_word_adds_a_change_whose_options_another_look_sets(tmp_path, hydra_restore_singletons):
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "mine.yaml").write_text("# @package _global_\nwet: 0.5\n")
+    folders = [*conf_folders(), tmp_path]
+    offer(folders)
+    for look, amount in (("look=plain", 0.2), ("look=mine", 0.2), ("look=pastel", 0.2)):
+        cfg = compose.composed(expand_arguments([look, f"wet={amount}"]), folders)
+        check(cfg)
+        assert cfg.change.wet.amount == amount
+        assert "variety" in cfg.change
+    assert compose.composed(expand_arguments(["look=mine"]), folders).change.wet.amount == 0.5
+    offer(conf_folders())

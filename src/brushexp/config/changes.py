@@ -13,7 +13,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig
 
 from brushexp.config.keys import keys_of
-from brushexp.config.looks import choices_of
+from brushexp.config.looks import choices_of, is_tuned
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import TASKS
 from brushexp.config.vocabulary import spellings
@@ -57,7 +57,22 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
             expanded.append(word)
     has_list = any(word.startswith(f"{GROUP}=") for word in [*beside, *words])
     there = by_words if has_list else by_words.union(set.intersection(*by_looks))
-    return choose(expanded, [name for name in dict.fromkeys(meant) if name not in there], sweep=sweep)
+    added = [name for name in dict.fromkeys(meant) if name not in there]
+    if any(is_tuned(GROUP, name) for name in added) and not has_list:
+        expanded = with_list_of_look(expanded, beside)
+    return choose(expanded, added, sweep=sweep)
+
+
+def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
+    """Write out the changes that a look chooses, where the words name one look and no study, and add to no list.
+
+    Hydra composes what ``+change`` adds before it knows the look, on which the options of some members depend.
+    """
+    every = [*beside, *words]
+    look = value_of("look", every) or PaintTask.presets["look"]
+    if "," in look or any(word.startswith(("experiment=", f"+{GROUP}=")) for word in every):
+        return [*words]
+    return [*words, f"{GROUP}=[{','.join(changes_of(look))}]"]
 
 
 def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -> list[str]:
@@ -103,14 +118,14 @@ def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
     """List the changes that words choose by themselves, and those of each look that they name."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
-    return {name for word in typed for name in names_in(word)}, [changes_of(look) for look in looks]
+    return {name for word in typed for name in names_in(word)}, [{*changes_of(look)} for look in looks]
 
 
-def changes_of(look: str) -> set[str]:
+def changes_of(look: str) -> list[str]:
     """List the changes that a look chooses, or else the task."""
     stored = ConfigStore.instance().repo.get("look", {}).get(f"{look}.yaml")
     look_node: Any = {} if stored is None else stored.node
-    return {*choices_of(look_node, PaintTask.groups)[GROUP]}
+    return [*choices_of(look_node, PaintTask.groups)[GROUP]]
 
 
 def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:

@@ -5,7 +5,7 @@ one by one, as ``look_options/<family>/<look>_<member>``: the defaults lists of 
 which several are chosen, load those of the members that a run chooses. A typed ``renderer=analytic`` keeps the rest.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.abstraction import FEWER
 from brushexp.registry import FAMILIES, MULTI_SELECT, member
 from brushexp.system.reading import read_text, yaml_of
+from brushexp.system.words import table_of_words
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<member>
 UNTUNED = "untuned"  # group of members of such families as they are without a look
@@ -88,12 +89,13 @@ OmegaConf.register_new_resolver("scaled", scale, replace=True)
 OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 
 
-def publish_looks(folders: list[Path], schema: type[Any]) -> set[str]:
+def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collection[Path] = ()) -> set[str]:
     """Publish the looks in folders of configs for a task, and list the families of one member whose options they set.
 
     Files are parsed now, and checked when they are chosen.
     """
     paths = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
+    paths = {name: path for name, path in paths.items() if path not in left_out}
     tuned: set[str] = set()
     for name, path in paths.items():
         store_when_read("look", name, partial(_keys_of, path, schema), str(path))
@@ -119,15 +121,34 @@ def look_names() -> list[str]:
 def _parse(path: Path) -> dict[str, Any]:
     """Parse the file of a look into plain values; an empty mapping where it is none, of which `_read` tells."""
     try:
-        values = yaml_of(read_text(path, "correct it"))
+        return _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     except UserError:
         return {}
-    return values
+
+
+def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
+    """Write words for options of changes, ``wet: 0.5``, as those options, and choose the changes.
+
+    Looks of version 0.1 have such keys, and they are what a painter types.
+    """
+    words = {word: option for word, option in table_of_words("change_words").items() if word in look}
+    if not words or not isinstance(look.get("change") or {}, dict):
+        return look
+    whole = {key: value for key, value in look.items() if key not in words}
+    chosen = list(choices_of(look, PaintTask.groups)["change"])
+    options = dict(whole.get("change") or {})
+    for word, option in words.items():
+        _, name, key = option.split(".")
+        if name in chosen or look[word]:
+            options[name] = {**(options.get(name) or {}), key: look[word]}
+            chosen += [name] if name not in chosen else []
+    others = [entry for entry in look.get("defaults") or [] if "override /change" not in entry]
+    return whole | {"defaults": [*others, {"override /change": chosen}], "change": options}
 
 
 def _read(path: Path) -> dict[str, Any]:
     """Read the file of a look; a UserError if plugins, or their options, do not stand where Hydra looks for them."""
-    look = yaml_of(read_text(path, "correct it"))
+    look = _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     if not look:
         raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
     for part in look.get("defaults") or []:
@@ -171,7 +192,8 @@ def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tu
         if family not in look:
             continue
         if family in MULTI_SELECT:
-            yield from ((family, str(name)) for name in look[family] or ())
+            if isinstance(look[family], dict):  # `_read` tells of others
+                yield from ((family, str(name)) for name in look[family])
         elif isinstance(chosen.get(family), str):
             yield family, chosen[family]
 
@@ -205,6 +227,12 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
         is_unknown = isinstance(error, ConfigKeyError)
         reason = unknown_option(str(error.key), plugin) if is_unknown else error.msg
         raise UserError(f"{path} does not fit {family}={name}: {reason}; correct it") from error
+
+
+def is_tuned(family: str, name: str) -> bool:
+    """Whether a published look sets options of a member of a family of which several are chosen."""
+    stored = ConfigStore.instance().get_type(f"{UNTUNED}/{family}/{name}.yaml")
+    return stored is ObjectType.CONFIG
 
 
 def _make_tunable(family: str, name: str) -> None:

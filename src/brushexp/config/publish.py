@@ -56,7 +56,7 @@ def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
         for family in MULTI_SELECT:
             files = files_of(folder, family)
             offer_presets(family, {name: path for name, path in files.items() if path not in left_out})
-    offer_tasks(publish_looks(list(folders), TASKS["paint"]))
+    offer_tasks(publish_looks(folders, TASKS["paint"], left_out))
     offer_sweepers()
 
 
