@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 SIDES = {"1,024 px": 1024, "12 MP": 4000, "50 MP": 8160}
 GRAIN = 4  # levels of 255: standard deviation
 KILOBYTES_PER_MB = 1024
-STROKES = 20_000
+STROKES = 8_000
 PIXELS = (10, 20, 40, 80, 160)  # of the working picture for a stroke
 SEEN_SIDE = 2048  # pixels at which paintings are compared with the photograph
 

@@ -16,7 +16,7 @@ from brushexp.registry import keep_built, plugin_of
 from brushexp.strokes.storage import load_catalogue
 
 AUTO = "auto"  # working_resolution by the number of strokes
-PIXELS_PER_STROKE = 20  # of the working picture, at least; see benchmarks/photographs.py
+PIXELS_PER_STROKE = 80  # of the working picture, at least: `benchmarks/photographs.py --pixels`
 SMALLEST_SIDE = 1024  # pixels of the longer side: smaller pictures are optimised whole
 SMALLEST_SHORT_SIDE = 256  # pixels of the other side, so that a panorama keeps its rows
 WORTH_IT = 1.5  # times as long a side has to be to be shrunk: else little time is saved
@@ -85,8 +85,8 @@ def resolution_of(cfg: DictConfig) -> int | None:
 def _side_for(strokes: int, painting: tuple[int, int]) -> int:
     """Compute the longer side of the picture on which so many strokes are optimised.
 
-    >>> _side_for(8000, (3000, 4000)), _side_for(120000, (3000, 4000)), _side_for(8000, (1080, 1440))
-    (1024, 1789, 1440)
+    >>> _side_for(8000, (3000, 4000)), _side_for(40000, (3000, 4000)), _side_for(8000, (1080, 1440))
+    (1024, 2066, 1440)
     >>> _side_for(500, (300, 20000)), _side_for(500, (3000, 20000))
     (20000, 1707)
     """
