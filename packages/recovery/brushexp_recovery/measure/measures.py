@@ -12,6 +12,8 @@ from brushexp.contracts.strokes import measures as ruler
 
 Array = NDArray[Any]
 
+NARROWEST = 1e-6  # pixels: the width that divides the length of a stroke is at least this
+
 
 @dataclass(frozen=True)
 class Measure:
@@ -37,9 +39,9 @@ MEASURES = {
     "strokes": Measure("strokes"),
     "density": Measure("strokes per area", "per 1000 px^2", -2, "per cm^2", (1000.0, 100.0)),
     "covered": Measure("share covered by strokes"),
-    "length": Measure("length, median", "px", 1, "mm"),
-    "length_q25": Measure("length, 25 %", "px", 1, "mm"),
-    "length_q75": Measure("length, 75 %", "px", 1, "mm"),
+    "length": Measure("length from tip to tip, median", "px", 1, "mm"),
+    "length_q25": Measure("length from tip to tip, 25 %", "px", 1, "mm"),
+    "length_q75": Measure("length from tip to tip, 75 %", "px", 1, "mm"),
     "width": Measure("width, median", "px", 1, "mm"),
     "width_q25": Measure("width, 25 %", "px", 1, "mm"),
     "width_q75": Measure("width, 75 %", "px", 1, "mm"),
@@ -57,15 +59,21 @@ QUARTILES = ("length", "width")
 
 
 def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
-    """Measure each of N strokes by `brushexp.strokes.measures`: pixels, and degrees in [0, 180) clockwise."""
-    length, broad = length_of(curve), torch.from_numpy(width)
+    """Measure each of N strokes, curves (N, 3, 2) with widths (N,): pixels, and degrees in [0, 180) clockwise.
+
+    Length runs from tip to tip, as a ruler on the painting measures it: the arc of the curve and both round ends, which
+    add one width. Elongatedness is that length over the width; 1 is a dab as long as it is wide.
+
+    Differs from `brushexp.strokes.measures`, whose length is the arc of the curve alone.
+    """
+    arc, broad = length_of(curve), torch.from_numpy(width)
     direction = ruler.direction_of(curve)
     values = {
-        "length": length,
+        "length": arc + broad,
         "width": broad,
-        "area": ruler.area_of(length, broad),
-        "elongatedness": length / broad.clamp_min(1e-6),
-        "straightness": ruler.straightness_of(curve, length),
+        "area": ruler.area_of(arc, broad),
+        "elongatedness": (arc + broad) / broad.clamp_min(NARROWEST),
+        "straightness": ruler.straightness_of(curve, arc),
         "curvature": ruler.curvature_of(curve).rad2deg(),
         "direction": (0.5 * torch.atan2(direction[:, 1], direction[:, 0])).rad2deg() % 180,
     }

@@ -48,8 +48,8 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
     """Measure what was recovered from a photograph.
 
     Columns: ``stroke`` its number in the catalogue and in the labels, ``order`` 0 for the bottom one, ``confidence``
-    0 to 1, ``x`` and ``y`` of the middle, pixels from the left and the top, ``length`` (of the curve, without round
-    ends), ``width``, ``area`` in pixels, ``elongatedness``, ``straightness``, ``curvature`` and ``direction`` in
+    0 to 1, ``x`` and ``y`` of the middle, pixels from the left and the top, ``length`` from tip to tip, ``width``
+    and ``area`` in pixels, ``elongatedness`` (length over width), ``straightness``, ``curvature`` and ``direction`` in
     degrees, 0 to 180, clockwise from level: 45 falls to the right; ``seen``, its pixels that are seen.
     """
     saved, labels = recovered.saved, np.asarray(recovered.labels)
@@ -85,8 +85,9 @@ def remark_on(table: StrokeTable) -> str | None:
     covered = float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
     if covered < LEAST_COVERED:
         return (
-            f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest could not be read, so "
-            "figures speak of those found, not of the whole painting; look at strokes.html"
+            f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest is bare ground, or paint in "
+            "which no stroke can be told apart; figures speak of the strokes found, so compare them with the "
+            "photograph in strokes.html"
         )
     return None
 

@@ -27,7 +27,7 @@ class Recovered:
 
     saved: Saved
     confidence: Array  # (N,) float32 in [0, 1], of each row of the catalogue
-    labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 where there is ground or nothing readable
+    labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 on bare ground and where no stroke was found
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:

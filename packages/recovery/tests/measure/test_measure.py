@@ -9,6 +9,7 @@ from brushexp_recovery.benchmark.truth import draw_truth
 from brushexp_recovery.measure.areas import WHOLE, areas_of
 from brushexp_recovery.measure.draws import Draws, draw_figures, sight
 from brushexp_recovery.measure.intervals import difference_of, intervals_of, is_apart
+from brushexp_recovery.measure.measures import measure_strokes
 from brushexp_recovery.measure.scale import millimetres_per_pixel
 from brushexp_recovery.measure.views import View, choose_views
 from brushexp_recovery.raster.jpeg import compress_as_jpeg
@@ -46,12 +47,33 @@ def test_the_measures_are_those_of_the_strokes():
     figures = intervals_of(draws_of(painting()))
     assert figures["strokes"].value == pytest.approx(0.9 * 30, abs=2)
     assert figures["width"].value == pytest.approx(6, rel=0.1)
-    assert figures["length"].value == pytest.approx(17, rel=0.1)
+    assert figures["length"].value == pytest.approx(23, rel=0.1)  # an arc of 17 and two round ends of 3
+    assert figures["elongatedness"].value == pytest.approx(23 / 6, rel=0.15)
     assert figures["direction"].value == pytest.approx(20, abs=2)
     assert figures["coherence"].value > 0.95
     for name, one in figures.items():
         assert one.low <= one.value <= one.high, name
         assert one.over_strokes >= 0
+
+
+@pytest.mark.parametrize("width", [2.0, 5.0, 40.0])
+def test_length_is_what_a_ruler_reads_from_tip_to_tip(width):
+    line = torch.tensor([[[60.0, 60.0], [80.0, 60.0], [100.0, 60.0]]]).double()
+    truth, _ = draw_truth(line.numpy(), np.array([width]), np.zeros((1, 3)), SIZE, np.ones(3))
+    columns = np.flatnonzero((truth.labels >= 0).any(0))
+    measured = measure_strokes(line, np.array([width]))
+    assert measured["length"][0] == pytest.approx(40 + width)
+    assert columns[-1] - columns[0] + 1 == pytest.approx(measured["length"][0], abs=1.5)
+    assert measured["elongatedness"][0] == pytest.approx((40 + width) / width)
+    assert measured["area"][0] == pytest.approx((truth.labels >= 0).sum(), rel=0.1)
+
+
+def test_a_dab_without_an_arc_is_as_long_as_it_is_wide():
+    point = torch.full((1, 3, 2), 7.0).double()
+    measured = measure_strokes(point, np.array([5.0]))
+    assert measured["length"][0] == pytest.approx(5, abs=0.01)
+    assert measured["elongatedness"][0] == pytest.approx(1, abs=0.01)
+    assert all(len(values) == 0 for values in measure_strokes(point[:0], np.empty(0)).values())
 
 
 def test_a_second_photograph_gives_the_same_figures_within_their_intervals():

@@ -45,9 +45,9 @@ def test_rows_are_the_strokes_from_the_bottom_up_with_units():
     assert columns["stroke"].tolist() == [2, 1, 0]
     assert columns["confidence"] == pytest.approx(CONFIDENCE)
     assert columns["direction"] == pytest.approx([0, 45, 90], abs=0.01)  # clockwise: y points down
-    assert columns["length"] == pytest.approx([28, 20, 36], rel=1e-3)
+    assert columns["length"] == pytest.approx([28 + 6, 20 + 5, 36 + 8], rel=1e-3)  # the curve, and a width
     named = columns_with_units(table)
-    assert named["length [mm]"] == pytest.approx([14, 10, 18], rel=1e-3)
+    assert named["length [mm]"] == pytest.approx([17, 12.5, 22], rel=1e-3)
     assert named["area [mm^2]"] == pytest.approx(columns["area"] / 4)
     assert "direction [deg clockwise]" in named
     for outline, x, y in zip(table.outlines, columns["x"], columns["y"], strict=True):
@@ -69,7 +69,7 @@ def test_files_hold_the_figures(tmp_path):
     assert [float(line["width [mm]"]) for line in lines] == pytest.approx([3, 2.5, 4])
     sheets = pd.read_excel(tmp_path / "measures.xlsx", sheet_name=None)
     assert set(sheets) == {"measures", "differences", "strokes"}
-    assert sheets["strokes"]["length [px]"].tolist() == pytest.approx([28, 20, 36], rel=1e-3)
+    assert sheets["strokes"]["length [px]"].tolist() == pytest.approx([34, 25, 44], rel=1e-3)
     data = json.loads((tmp_path / "measures.json").read_text())
     assert data["measures"]["whole"]["length"]["unit"] == "mm"
     assert data["mm_per_px"] == 0.5
@@ -100,7 +100,7 @@ def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, t
     tap = {"x": box["width"] * 65 / 80, "y": box["height"] * 30 / 60}
     page.locator("#canvas").click(position=tap)
     card = page.locator("#stroke")
-    assert card.locator("[data-field=length]").inner_text() == "18 mm (36 px)"
+    assert card.locator("[data-field=length]").inner_text() == "22 mm (44 px)"
     assert card.locator("[data-field=direction]").inner_text() == "90° clockwise"
     assert card.locator("[data-field=order]").inner_text() == "3 of 3, from the bottom"
     for kind in ("csv", "geojson", "svg"):
@@ -109,7 +109,7 @@ def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, t
         download.value.save_as(tmp_path / f"shown.{kind}")
     lines = list(csv.DictReader(io.StringIO((tmp_path / "shown.csv").read_text())))
     assert list(lines[0])[:6] == ["stroke", "order", "confidence", "x [px]", "y [px]", "length [mm]"]
-    assert [float(line["length [mm]"]) for line in lines] == pytest.approx([10, 18], rel=1e-3)
+    assert [float(line["length [mm]"]) for line in lines] == pytest.approx([12.5, 22], rel=1e-3)
     assert [float(line["direction [deg clockwise]"]) for line in lines] == pytest.approx([45, 90], abs=0.01)
     shapes = json.loads((tmp_path / "shown.geojson").read_text())
     ring = np.array(shapes["features"][1]["geometry"]["coordinates"][0])
