@@ -1,14 +1,26 @@
 """The size of a photograph, which must be large enough to tell strokes apart."""
 
 from brushexp.contracts import UserError
-from brushexp.contracts.pictures import size_of_picture
+from brushexp.contracts.pictures import sides_of_picture
 
 SHORTEST_SIDE = 48  # pixels
+MOST_PIXELS = 100_000_000  # which are read whole
 
 
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
-    """Return height and width of a photograph; a UserError if no strokes can be told apart in so few pixels."""
-    height, width = size_of_picture(path, key)
+    """Return height and width of a photograph; a UserError if it has too few pixels to tell strokes apart, or too many.
+
+    The whole photograph is read, so a size beyond what memory holds is refused with advice that these tasks can follow:
+    they have no ``resolution=``.
+    """
+    height, width = sides_of_picture(path, key)
+    if height * width > MOST_PIXELS:
+        share = (MOST_PIXELS / (height * width)) ** 0.5
+        raise UserError(
+            f"{key}={path} has {width} x {height} pixels, and strokes are found in at most {MOST_PIXELS // 10**6} "
+            f"megapixels; save it at {int(share * width)} x {int(share * height)} pixels or fewer, or cut it into "
+            "parts, and give those"
+        )
     if min(height, width) < SHORTEST_SIDE:
         raise UserError(
             f"{key}={path} has {width} x {height} pixels, too few to tell strokes apart; give a photograph of "

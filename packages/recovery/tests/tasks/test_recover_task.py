@@ -2,10 +2,14 @@
 
 import json
 
+import pytest
+from brushexp_recovery.find.photograph import size_of_photograph
 from brushexp_recovery.recover.storage import read_recovered
 from brushexp_recovery.tasks import recover
 from PIL import Image
 from recovery_scenes import bars
+
+from brushexp.errors import UserError
 
 
 def test_a_photograph_becomes_a_catalogue_with_a_page(run_task, tmp_path, caplog):
@@ -18,3 +22,12 @@ def test_a_photograph_becomes_a_catalogue_with_a_page(run_task, tmp_path, caplog
     assert names >= {"strokes.csv", "strokes.html", "painting.png", "regions.png", "target.png", "metrics.json"}
     assert json.loads((tmp_path / "metrics.json").read_text())["status"] == "completed"
     assert "length [mm]" in (tmp_path / "strokes.csv").read_text()
+
+
+def test_a_photograph_of_more_than_100_megapixels_is_refused_with_advice_that_can_be_followed(tmp_path):
+    Image.new("1", (12000, 9000)).save(tmp_path / "huge.png")
+    with pytest.raises(UserError, match="in at most 100 megapixels; save it at 11547 x 8660 pixels") as refusal:
+        size_of_photograph(str(tmp_path / "huge.png"))
+    assert "resolution=" not in str(refusal.value)
+    Image.new("1", (12000, 8000)).save(tmp_path / "large.png")
+    assert size_of_photograph(str(tmp_path / "large.png")) == (8000, 12000)
