@@ -129,8 +129,14 @@ def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, t
 @pytest.mark.parametrize("width", [390, 1280])
 def test_it_fits_every_screen(width, opened, tmp_path):
     table, image = table_and_image()
-    watched = opened(write_page(tmp_path, image, table, "x" * 80), (width, 800), color_scheme="dark")
+    tables = {"Measures": [{"measure": "length", "unit": "px", "value": "3"}]}
+    page = write_page(tmp_path, image, table, "x" * 80, tables=tables)
+    watched = opened(page, (width, 800), color_scheme="dark")
     assert watched.page.evaluate("document.documentElement.scrollWidth") <= width
+    nav = watched.page.evaluate(
+        "(({ scrollWidth, clientWidth }) => [scrollWidth, clientWidth])(document.querySelector('.nav'))"
+    )
+    assert nav[0] <= nav[1]  # no section is cut
     assert not watched.errors
 
 
