@@ -98,9 +98,7 @@ class Difference:
         """The verdict in words, with its numbers."""
         numbers = f"{self.format_gain(self.mean)} {self.bounds}"
         if self.verdict == "same":
-            metric, most = self.quantity, max(abs(self.low), abs(self.high))
-            largest = format_ratio(most) if metric.ratio else f"{most:.{metric.digits}f}"
-            return f"no difference larger than {largest}"
+            return f"no difference that matters: {numbers}"
         if self.verdict == "depends":
             better, worse = (", ".join(self.units_that_gain(sign)) for sign in (1, -1))
             return f"depends on the picture: better on {better}; worse on {worse}; {numbers} on average"
@@ -210,8 +208,8 @@ def rule_for(unit: str) -> str:
     ) * (unit == PICTURE)
     return (
         f"An interval is that of Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
-        f"its reference together (Bonferroni). In this order: {depends}there is *no difference larger "
-        "than* what the interval allows, if that does not matter; a setting is *better* or *worse* if the interval "
+        f"its reference together (Bonferroni). In this order: {depends}there is *no difference that "
+        "matters* if the interval allows none; a setting is *better* or *worse* if the interval "
         f"excludes zero; else it is *not decided*, as it is with fewer than {LEAST_UNITS} {unit}s."
     )
 

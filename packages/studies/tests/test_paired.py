@@ -125,13 +125,13 @@ def test_a_verdict_is_told_with_its_numbers():
     unknown = gap(*3 * (1e-9,), *3 * (-1e-9,), metric="style_poly")  # of which no difference is known to matter
     assert unknown.verdict == "not decided"
     assert gap(0.5, 0.6, 0.4, 0.5).sentence == "better: +0.50 [+0.37, +0.63]"
-    assert gap(0.0, 0.0, 0.0).sentence == "no difference larger than 0.00"
+    assert gap(0.01, 0.0, 0.02).sentence == "no difference that matters: +0.01 [-0.01, +0.03]"
     assert gap(0.5).sentence == "not decided, 1 picture"
     odd = gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0)
     assert odd.sentence.startswith("depends on the picture: better on a, b, c; worse on d, e, f; ")
     assert gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0, unit="seed").verdict == "not decided"
     assert "In this order: a difference *depends on the picture* if at least 3, and 20%, of them" in rule_for("picture")
-    assert "In this order: there is *no difference larger than* what the interval allows" in rule_for("seed")
+    assert "In this order: there is *no difference that matters* if the interval allows none" in rule_for("seed")
 
 
 def test_tables_and_plot_are_written(tmp_path):

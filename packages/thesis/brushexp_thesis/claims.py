@@ -17,13 +17,17 @@ from brushexp_thesis.evidence import Bounds
 SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
 BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # what can be expected of a setting
 HOLDS, FAILS, CANNOT, NOT_RUN = "holds", "does not hold", "cannot be answered here", "not run"
-UNCLEAR = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}
-COMPARED = ("setting", "against", "metric", "expects")  # what a claim needs, unless none could answer it
+DEPENDS = "depends on the picture"
+COMPARED = ("setting", "against", "metric", "expects")  # what a claim needs, unless no study has answered it
 
 
 @dataclass(kw_only=True)
 class Claim:
-    """A sentence of the thesis, and the comparison that decides it: see claims.yaml."""
+    """A sentence of the thesis, and the comparison that decides it: see claims.yaml.
+
+    ``cannot`` says why no study here could answer it. ``needs`` says what a study would need that could answer it but
+    has not been run; the claim is then *not run*, whatever its study has measured.
+    """
 
     study: str = ""
     says: str
@@ -34,30 +38,33 @@ class Claim:
     expects: str = ""
     at_least: float = 1.0
     cannot: str = ""
+    needs: str = ""
     remark: str = ""
     after_results: bool = False
 
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
         """Judge the claim by a measured difference; open claims get the answer itself.
 
-        The bounds are those of the mean gain that the verdict states or, of an undecided one, that the claim does.
+        The bounds are those of the mean gain that the verdict states or, of an undecided one, that the claim does. A
+        claim of a gain is first tested for having none that matters, whatever else the difference shows.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)
-        stated = {BETTER: (least, math.inf), NO_WORSE: (-matters, math.inf)}.get(self.expects, larger)
-        if self.expects == NO_WORSE and difference.is_no_worse:
-            return HOLDS, stated
-        is_no_gain = len(difference.gains) >= LEAST_UNITS and difference.high <= matters
-        if self.expects == BETTER and difference.verdict == NOT_DECIDED and is_no_gain:
-            return FAILS, (-math.inf, matters)
-        if difference.verdict in UNCLEAR:
-            return UNCLEAR[difference.verdict], stated
-        measured = (-matters, matters) if difference.verdict == "same" else larger
+        claimed = {BETTER: (least, math.inf), NO_WORSE: (-matters, math.inf)}.get(self.expects, larger)
+        no_gain = (-math.inf, max(least, matters))
+        is_measured = len(difference.gains) >= LEAST_UNITS and math.isfinite(difference.low)
+        if self.expects == BETTER and is_measured and difference.high <= no_gain[1]:
+            return FAILS, no_gain
+        if difference.verdict == "depends":
+            return DEPENDS, claimed
+        if self.expects == OPEN and difference.verdict == "same":
+            return "no difference", (-matters, matters)
         if self.expects == OPEN:
-            return ("no difference" if difference.verdict == "same" else difference.verdict), measured
-        if self.expects == NO_WORSE or difference.verdict != "better" or difference.high < least:
-            return FAILS, ((-math.inf, least) if difference.verdict == "better" else measured)
-        return (HOLDS if difference.low >= least else NOT_DECIDED), stated
+            return difference.verdict, larger
+        holds = is_measured and difference.low > least if self.expects == BETTER else difference.is_no_worse
+        if self.expects == NO_WORSE and not holds and difference.verdict == "worse":
+            return FAILS, larger
+        return (HOLDS if holds else NOT_DECIDED), claimed
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
@@ -77,10 +84,10 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
 
 def _check(claim: Claim, where: str) -> None:
     missing = [name for name in COMPARED if not getattr(claim, name)]
-    if claim.cannot and len(missing) == len(COMPARED):
+    if (claim.cannot or claim.needs) and len(missing) == len(COMPARED):
         return
     if missing:
-        cure = "give each, or of a claim that no study can answer none of them, but cannot: why"
+        cure = "give each; of a claim without a study give none, but cannot (why no study could answer it) or needs"
         raise UserError(f"{where} has no {' and no '.join(missing)}; {cure}")
     if claim.metric not in quantities() or claim.expects not in (BETTER, NO_WORSE, OPEN):
         raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")

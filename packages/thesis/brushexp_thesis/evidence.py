@@ -7,10 +7,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t, wilcoxon
+from scipy.stats import binom, t, wilcoxon
 
 Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement has none
 RESAMPLES = 9999
+RARE = 0.05  # share of all pictures: an answer depends on the picture if more than it gain, and more than it lose
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
@@ -33,6 +34,16 @@ def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]
     return min(1.0, 2 * max(one_sided, default=0.0))
+
+
+def p_of_both_ways(gains: Sequence[float], matters: float) -> float:
+    """Compute the p that more than a `RARE` share of all pictures gains by more than what matters, and as many lose.
+
+    It is twice the larger of the two binomial p (an intersection-union test: Berger, 1982).
+    """
+    sample = np.array(gains, float)
+    counts = [int((sign * sample > matters).sum()) for sign in (1, -1)]
+    return min(1.0, 2 * max(float(binom.sf(count - 1, len(sample), RARE)) for count in counts))
 
 
 def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, float]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from brushexp_studies.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
 
-from brushexp_thesis.claims import CANNOT, NOT_RUN, UNCLEAR, Claim
-from brushexp_thesis.evidence import holm, median_of, p_of_mean, p_of_ranks
+from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
+from brushexp_thesis.evidence import holm, median_of, p_of_both_ways, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
 LEAST_RANKED = 6  # units from which on ranks can be significant
@@ -34,7 +34,7 @@ class Judgement:
         notes = [
             "added after the results" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),
-            self._word_of_ranks(), self.claim.cannot, self.claim.remark,
+            self._word_of_ranks(), self.claim.cannot, self.claim.needs, self.claim.remark,
         ]  # fmt: skip
         return "; ".join(filter(None, notes))
 
@@ -42,7 +42,7 @@ class Judgement:
         """Say so if signed ranks decide what Student's t alone does not, or the other way round."""
         if self.p_ranks is None or self.difference is None or len(self.difference.gains) < LEAST_RANKED:
             return ""
-        differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone not in UNCLEAR.values())
+        differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone != NOT_DECIDED)
         return f"ranks differ: p {format_p(self.p_ranks)}" * differ
 
 
@@ -55,17 +55,19 @@ def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgeme
 
 def _correct(one: Judgement, p: float) -> Judgement:
     """Give a claim its p beside all others, which may leave its verdict undecided."""
-    is_doubtful = p >= 1 - CONFIDENCE and one.verdict not in UNCLEAR.values()
+    is_doubtful = p >= 1 - CONFIDENCE and one.verdict != NOT_DECIDED
     return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 
 
 def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
     difference = studies[claim.study].difference(claim) if claim.study in studies else None
-    if difference is None or claim.cannot:
+    if difference is None or claim.cannot or claim.needs:
         verdict = CANNOT if claim.cannot else NOT_RUN
         return Judgement(claim, difference, verdict, verdict)
     verdict, stated = claim.answer(difference)
     gains = list(difference.gains.values())
+    if verdict == DEPENDS:
+        return Judgement(claim, difference, verdict, verdict, p_of_both_ways(gains, difference.quantity.matters))
     return Judgement(claim, difference, verdict, verdict, p_of_mean(gains, stated), p_of_ranks(gains, stated))
 
 

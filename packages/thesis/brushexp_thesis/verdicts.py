@@ -11,9 +11,10 @@ from typing import Any
 from brushexp_studies import paired
 from omegaconf import DictConfig
 
-from brushexp.contracts.files import SHIPPED, as_shown, read_text, write_text, yaml_of
+from brushexp.contracts.files import as_shown, conf_folders, read_text, write_text, yaml_of
 from brushexp.contracts.results import markdown_table, quantities, words_of
 from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
+from brushexp_thesis.evidence import RARE
 from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
@@ -27,7 +28,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     claims = read_claims(Path(cfg.claims) if cfg.claims else SHIPPED_CLAIMS)
     paintings = yaml_of(read_text(Path(cfg.paintings or SHIPPED_PAINTINGS), "give a list of pictures"), list)
     studies = studies_in([Path(path) for path in cfg.runs], folder)
-    questions = {path.stem: question_of(path) for path in (SHIPPED / "experiment").glob("*.yaml")}
+    experiments = [path for conf in conf_folders() for path in conf.glob("experiment/*.yaml")]
+    questions = {path.stem: question_of(path) for path in experiments}
     page = Path(cfg.page) if cfg.page else folder / "ablations.md"
     typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith(("output=", "overwrite="))]
     command = shlex.join(["brushexp", *typed])
@@ -81,9 +83,10 @@ def _verdict_row(one: Judgement) -> dict[str, str]:
 
 
 def _open_row(one: Judgement) -> dict[str, str]:
-    why = {"why, and what it would need": one.remarks}
-    typed = {"command": f"brushexp {EXPERIMENT}{one.claim.study}"}
-    return {"claim": one.claim.says, "thesis": one.claim.section} | (why if one.verdict == CANNOT else typed)
+    told = {"claim": one.claim.says, "thesis": one.claim.section}
+    if one.verdict == CANNOT:
+        return told | {"why, and what it would need": one.remarks}
+    return told | {"command, or what it needs": one.claim.needs or f"brushexp {EXPERIMENT}{one.claim.study}"}
 
 
 def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
@@ -91,7 +94,7 @@ def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
     named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
     metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
     matters = ", ".join(f"{metric.name} {metric.matters:g}" for metric in metrics if metric.matters)
-    numbers = {"confidence": paired.CONFIDENCE, "level": 1 - paired.CONFIDENCE, "matters": matters}
+    numbers = {"confidence": paired.CONFIDENCE, "level": 1 - paired.CONFIDENCE, "matters": matters, "rare": RARE}
     text = EXPLANATION.read_text(encoding="utf-8").format(rule=paired.rule_for(paired.PICTURE), **numbers)
     return [_prose(paragraph) for paragraph in text.split("\n\n")]
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from brushexp_thesis.evidence import holm, median_of, p_of_mean, p_of_ranks
+from brushexp_thesis.evidence import RARE, holm, median_of, p_of_both_ways, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import as_listed
 from scipy.stats import bootstrap, ttest_1samp, wilcoxon
 
@@ -36,6 +36,14 @@ def test_p_of_equivalence_is_below_a_level_where_the_interval_is_within_the_marg
     p = p_of_mean(GAINS, (-margin, margin))
     low, high = ttest_1samp(GAINS, 0).confidence_interval(1 - p) if p < 1 else (-math.inf, math.inf)
     assert max(-low, high) == pytest.approx(margin) or (p == 1 and np.mean(GAINS) > margin)
+
+
+@pytest.mark.parametrize(("gaining", "losing"), [(6, 4), (4, 6), (3, 0), (0, 0)])
+def test_p_of_both_ways_is_twice_that_of_the_rarer_one(gaining, losing):
+    gains = [1.0] * gaining + [-1.0] * losing + [0.05] * (12 - gaining - losing)
+    rarer = min(gaining, losing)
+    expected = sum(math.comb(12, k) * RARE**k * (1 - RARE) ** (12 - k) for k in range(rarer, 13))
+    assert p_of_both_ways(gains, 0.1) == pytest.approx(min(1, 2 * expected))
 
 
 def test_settings_have_the_words_and_the_order_of_the_study():

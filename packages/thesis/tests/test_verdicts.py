@@ -17,7 +17,7 @@ from brushexp_thesis.verdicts import SHIPPED_PAINTINGS, study_rows
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from refusals import refuses
-from scipy.stats import t
+from scipy.stats import binom, t
 from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
 
@@ -33,6 +33,7 @@ mine:
 other:
   - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
   - {says: what nobody measures, section: 8, cannot: it would need people}
+  - {says: what nobody has run, section: 8, needs: a week of a GPU would answer it}
 """
 TYPED = ["image=/x/y/a.png", "hydra/sweeper=optuna", 'style.image="/x/my photo.jpg"', 'loss=["/x/a","b"]']
 TYPED += ["hydra.sweeper.settings=['a=1 renderer.checkpoint=/a/b/n.safetensors','a=2']"]
@@ -66,6 +67,7 @@ def make_sweep(folder, typed=(), jobs=12, **options):
     ("open", CLEAR, "better"), ("open", SAME, "no difference"),
     ("better", (0.5,), "not decided"), ("no worse", (0.5, -0.4, 0.3, 0.1), "not decided"),
     ("better", (1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends on the picture"),
+    ("better", (0.2, 0.2, 0.2, -0.2, -0.2, -0.2, *9 * (0.0,)), "does not hold"),
 ])  # fmt: skip
 def test_a_claim_is_judged_by_its_difference(expects, gains, verdict):
     assert claim(expects).answer(gap(*gains))[0] == verdict
@@ -79,7 +81,7 @@ def test_at_least_so_many_times(ratio, verdict):
 
 
 @pytest.mark.parametrize(("expects", "gains", "stated"), [
-    ("better", CLEAR, (0, math.inf)), ("better", WORSE, (-math.inf, 0)), ("better", SAME, (-0.1, 0.1)),
+    ("better", CLEAR, (0, math.inf)), ("better", WORSE, (-math.inf, 0.1)), ("better", SAME, (-math.inf, 0.1)),
     ("no worse", CLEAR, (-0.1, math.inf)), ("no worse", WORSE, (-math.inf, 0)), ("open", WORSE, (-math.inf, 0)),
 ])  # fmt: skip
 def test_a_verdict_has_the_p_of_what_it_states(expects, gains, stated):
@@ -120,6 +122,32 @@ def test_claims_of_a_page_are_corrected_together():
     assert {two.verdict for two in eight} == {"not decided"}
     assert eight[0].p == pytest.approx(8 * alone.p)
     assert eight[0].remarks == "alone: holds"
+
+
+def test_a_claim_of_a_gain_that_is_shown_to_be_none_fails_by_the_p_of_that_alone():
+    gains = dict(zip("abcdef", (0.06, 0.05, 0.07, 0.06, 0.05, 0.07), strict=True))
+    (one,) = judge([claim("better", study="s", setting="x=1", against="y=1")], {"s": study_of(gains)})
+    assert (one.difference.verdict, one.verdict) == ("same", "does not hold")
+    assert one.p == pytest.approx(p_of_mean(list(gains.values()), (-math.inf, 0.1)))
+
+
+def test_an_answer_that_depends_on_the_picture_has_an_error_rate_and_is_corrected_with_all_others():
+    gains = dict(zip("abcdefghijkl", (*5 * (1.0,), *5 * (-1.0,), 0.0, 0.0), strict=True))
+    one = claim("better", study="s", setting="x=1", against="y=1")
+    (alone,) = judge([one], {"s": study_of(gains)})
+    assert (alone.verdict, alone.p_ranks) == ("depends on the picture", None)
+    assert alone.p == pytest.approx(2 * binom.sf(4, 12, 0.05))
+    few = dict(zip("abcdefghijkl", (*3 * (1.0,), *3 * (-1.0,), *6 * (0.0,)), strict=True))
+    both = judge([claim("open", study="s", setting="x=1", against="y=1")] * 2, {"s": study_of(few)})
+    assert [two.remarks for two in both] == ["alone: depends on the picture"] * 2
+    assert {two.verdict for two in both} == {"not decided"}
+
+
+def test_a_claim_that_a_study_could_answer_is_not_run_and_says_what_the_study_needs():
+    gains = dict.fromkeys("abcdef", 0.5)
+    one = claim("better", study="s", setting="x=1", against="y=1", needs="a faster machine would answer it")
+    (judged,) = judge([one], {"s": study_of(gains)})
+    assert (judged.verdict, judged.p, judged.remarks) == ("not run", None, "a faster machine would answer it")
 
 
 def test_a_claim_that_cannot_be_answered_says_why_and_weighs_upon_no_other():
@@ -200,7 +228,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     words = (f"claims={tmp_path}/claims.yaml", f"page={tmp_path}/docs/ablations.md")
     result = run_task(verdicts, "task=verdicts", f"runs={tmp_path}/studies", *words)
     text = (tmp_path / "docs" / "ablations.md").read_text()
-    assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 1)
+    assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 2)
     assert "| claim | verdict | measured | metric | p of all | study | thesis | remarks |" in text
     assert "| o1 is better | holds | better: +0.50 [" in text
     assert "| o1 is better | order=o1 against order=o0 | PSNR, dB | +0.50 [" in text
@@ -208,9 +236,10 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
     assert "![Differences of mine](ablations/mine.png)" in text
     assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
-    assert "Verdicts on 4 claims: holds 2, not run 1, cannot be answered here 1." in text
+    assert "Verdicts on 5 claims: holds 2, not run 2, cannot be answered here 1." in text
     assert "| what nobody measures | 8 | it would need people |" in text
     assert "| something else | 9 | brushexp experiment=other |" in text
+    assert "| what nobody has run | 8 | a week of a GPU would answer it |" in text
     assert "## other" not in text
     assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
     message = "there is no sweep of an experiment=; run one first"

@@ -18,7 +18,7 @@ from brushexp.system.reading import (
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, note_files
 from brushexp.system.spellings import find_path
 from brushexp.system.terminal import IN_LOG, as_shown
-from brushexp.system.words import SHIPPED
+from brushexp.system.words import SHIPPED, conf_folders
 
 __all__ = [
     "CHECKPOINT",
@@ -33,6 +33,7 @@ __all__ = [
     "check_file",
     "check_format_version",
     "check_plain",
+    "conf_folders",
     "counting",
     "dataset_of",
     "explaining",
