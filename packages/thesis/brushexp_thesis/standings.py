@@ -40,6 +40,16 @@ IGNORED_KEYS = {
     *("checkpoint_every", "metric"),
 }  # these are none of the settings that distinguish two rows
 
+AUTHORS = {  # of the papers and programs that painters re-implement
+    "gatys": "Gatys et al.",
+    "greedy": "Fogleman",
+    "haeberli": "Haeberli",
+    "hertzmann": "Hertzmann",
+    "kotovenko": "Kotovenko et al.",
+    "litwinowicz": "Litwinowicz",
+    "zou": "Zou et al.",
+}
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -68,7 +78,9 @@ class Row:
 
     @property
     def words(self) -> dict[str, str]:
-        return {"painter": self.painter, "settings": self.settings, "strokes": count_of(self.strokes)}
+        author = AUTHORS.get(self.painter.partition("_")[0])  # a preset begins with the name of its painter
+        painter = f"{self.painter} (after {author})" if author else self.painter
+        return {"painter": painter, "settings": self.settings, "strokes": count_of(self.strokes)}
 
     @property
     def label(self) -> str:

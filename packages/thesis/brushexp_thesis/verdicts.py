@@ -1,6 +1,7 @@
 """``task=verdicts``: write claims with verdicts, tables and plots of studies as a page, from finished runs."""
 
 import logging
+import math
 import shlex
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -20,6 +21,8 @@ from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
 log = logging.getLogger(__name__)
 SHIPPED_PAINTINGS = Path(__file__).with_name("paintings.yaml")
+SECONDS = ("cpu_seconds", "seconds")
+NOISE_OF_SECONDS = 1.3  # ratio: on a busy machine the same work took 0.79 and 1.12 times the CPU seconds
 EXPLANATION = Path(__file__).with_name("templates") / "verdicts.md"
 
 
@@ -95,6 +98,7 @@ def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
     metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
     matters = ", ".join(f"{metric.name} {metric.matters:g}" for metric in metrics if metric.matters)
     numbers = {"confidence": paired.CONFIDENCE, "level": 1 - paired.CONFIDENCE, "matters": matters, "rare": RARE}
+    numbers["noise"] = NOISE_OF_SECONDS
     text = EXPLANATION.read_text(encoding="utf-8").format(rule=paired.rule_for(paired.PICTURE), **numbers)
     return [_prose(paragraph) for paragraph in text.split("\n\n")]
 
@@ -134,6 +138,12 @@ def _extent(study: Study) -> str:
     return f"{units}, {study.n_finished}{of_all} runs{failures}; {study.cost}."
 
 
+def _change(one: paired.Difference) -> str:
+    """Write a mean change with its interval, which ratios of seconds near 1 do not get: see `NOISE_OF_SECONDS`."""
+    is_noise = one.metric in SECONDS and abs(one.mean) < math.log(NOISE_OF_SECONDS)
+    return one.format_gain(one.mean) + (f" {one.bounds}" if not is_noise else "")
+
+
 def study_rows(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
     """Make a row per setting: the mean of the first metric where all were run, and differences to the first setting."""
     of_metric = dict.fromkeys(one.metric for one in differences)
@@ -148,8 +158,7 @@ def study_rows(study: Study, differences: Sequence[paired.Difference]) -> list[d
         row = {"setting": str(option), first.name: f"{mean:.{first.digits}f}"}
         for key in metrics:
             one = by_cell.get((option, key))
-            change = "reference" if one is None else f"{one.format_gain(one.mean)} {one.bounds}"
-            row[f"{quantities()[key].name}, change"] = change
+            row[f"{quantities()[key].name}, change"] = "reference" if one is None else _change(one)
         gains = [] if (one := by_cell.get((option, metrics[0]))) is None else list(one.gains.values())
         rows.append(row | {"better on": f"{sum(gain > 0 for gain in gains)} of {len(gains)}" if gains else ""})
     return rows

@@ -126,7 +126,7 @@ def test_the_page_fits_sorts_and_asks_nothing(runs, tmp_path, opened):
     column = watched.page.locator("#section-1 table").first.locator("th", has_text="PSNR")
     column.get_by_role("button").click()
     names = "[...document.querySelector('#section-1 tbody').rows].map(row => row.cells[0].textContent)"
-    assert watched.evaluate(names) == ["Theirs", "Theirs", "gradient", "greedy"]
+    assert watched.evaluate(names) == ["Theirs", "Theirs", "gradient", "greedy (after Fogleman)"]
     style = "getComputedStyle(document.querySelector('.published').cells[0]).fontStyle"
     assert watched.evaluate(style) == "italic"
     assert watched.page.get_by_text("On <one> machine.").is_visible()

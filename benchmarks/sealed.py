@@ -1,0 +1,118 @@
+"""Paint the sealed set, once: pictures on which nothing has been chosen.
+
+    python benchmarks/sealed.py collect unpacked/ sealed/    (unpacked: the packages that sealed.yaml names)
+    python benchmarks/sealed.py paint sealed/ outputs/sealed
+
+`collect` copies the pictures of the list from wherever they lie below a folder. `paint` notes in sealed.json, before
+the first stroke, when and by which version the set is painted; then it paints each picture as `WORDS` say, and writes
+the figures of each picture to sealed.csv. A set that has been painted is refused. `--again REASON` paints it all the
+same and notes the reason: from then on it is a development set, and whoever reports it says so.
+"""
+
+import argparse
+import hashlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from brushexp_thesis.study_records import studies_in
+
+from brushexp import __version__
+from brushexp.contracts.files import json_of, read_text, yaml_of
+from brushexp.system.files import write_json
+
+LIST = Path(__file__).with_suffix(".yaml")
+WORDS = ("experiment=kodak24", "resolution=768", "threads=1", "logger=[]", "report=false")
+
+
+def digests_in(listed: Path) -> dict[str, str]:
+    """Read the SHA-256 of each file of a list of pictures."""
+    lines = yaml_of(read_text(listed, "give a list of pictures with their SHA-256"), list)
+    return {name: digest for line in lines for name, digest in line.items()}
+
+
+def digest_of(path: Path) -> str:
+    """Compute the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def collect(packages: Path, into: Path, listed: Path = LIST) -> None:
+    """Copy the pictures of a list from wherever they lie below a folder; exit if some are not there."""
+    digests = digests_in(listed)
+    found = {path.name: path for path in packages.rglob("*") if digests.get(path.name) and path.is_file()
+             and digest_of(path) == digests[path.name]}  # fmt: skip
+    if missing := sorted(digests.keys() - found.keys()):
+        sys.exit(f"{packages} lacks {', '.join(missing)}; unpack the packages that {listed.name} names there")
+    into.mkdir(parents=True, exist_ok=True)
+    for name, path in found.items():
+        shutil.copyfile(path, into / name)
+
+
+def paint(
+    pictures: Path, output: Path, again: str = "", listed: Path = LIST, words: Sequence[str] = WORDS,
+    run: Callable[[Sequence[str]], int] = subprocess.call,
+) -> None:  # fmt: skip
+    """Paint the pictures of a list and write their figures beside it; exit if they have been painted before."""
+    openings = listed.with_suffix(".json")
+    before = json_of(read_text(openings, "")) if openings.is_file() else []
+    if before and not again:
+        first = before[0]
+        sys.exit(
+            f"{listed.name} was painted on {first['date']} by version {first['version']}, and its figures are in "
+            f"{listed.stem}.csv; to paint it again is to make a development set of it: say why with --again REASON"
+        )
+    digests = digests_in(listed)
+    wrong = [name for name, digest in digests.items()
+             if not (pictures / name).is_file() or digest_of(pictures / name) != digest]  # fmt: skip
+    if wrong:
+        sys.exit(
+            f"{pictures} has not the files of {listed.name}: {', '.join(wrong)}; `sealed.py collect` puts them there"
+        )
+    paths = ",".join(str(pictures.resolve() / name) for name in digests)
+    typed = [*words, f"pictures=[{paths}]", f"output={output.resolve()}"]
+    opening = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), "version": __version__, "words": list(words)}
+    opening |= {"commit": commit_of(listed.parent), "again": again}
+    write_json(openings, [*before, opening])
+    if code := run([sys.executable, "-m", "brushexp", *typed]):
+        sys.exit(
+            f"the run ended with {code}; {openings.name} counts the set as painted, since pictures may have been seen"
+        )
+    (study,) = studies_in([output], output).values()
+    study.record(listed.with_suffix(".csv"))
+
+
+def commit_of(folder: Path) -> str:
+    """Name the commit that is checked out in a folder, with ``-dirty`` if files differ; "" outside of a repository."""
+    described = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=40"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return described.stdout.strip()
+
+
+def main() -> None:
+    """Collect or paint, as the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    collecting = commands.add_parser("collect", help="copy the pictures together")
+    collecting.add_argument("packages", type=Path)
+    collecting.add_argument("into", type=Path)
+    painting = commands.add_parser("paint", help="paint them, once")
+    painting.add_argument("pictures", type=Path)
+    painting.add_argument("output", type=Path)
+    painting.add_argument("--again", default="", metavar="REASON", help="paint a set that has been painted")
+    given = parser.parse_args()
+    if given.command == "collect":
+        collect(given.packages, given.into)
+    else:
+        paint(given.pictures, given.output, given.again)
+
+
+if __name__ == "__main__":
+    main()
