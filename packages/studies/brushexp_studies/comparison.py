@@ -1,5 +1,6 @@
 """What the report of a sweep gains: verdicts, fronts, curves, effects and a sheet of all its paintings."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pandas import DataFrame
@@ -21,11 +22,13 @@ def write_comparisons(folder: Path, frame: DataFrame) -> None:
     write_contact_sheet(folder, frame)
 
 
-def write_front_and_curves(folder: Path, frame: DataFrame) -> Path | None:
+def write_front_and_curves(
+    folder: Path, frame: DataFrame, cost: str | None = None, metrics: Sequence[str] = ()
+) -> Path | None:
     """Write front, curves and quality at equal time of some runs; return the table of the front."""
     write_anytime(folder, frame)
     write_curves(folder, frame)
-    return write_front(folder, frame)
+    return write_front(folder, frame, cost, metrics)
 
 
 def differences_on_page(frame: DataFrame) -> PageTable | None:

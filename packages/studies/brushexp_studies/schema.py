@@ -15,3 +15,5 @@ class CompareTask(Task):
     module = "brushexp_studies.task"
     alone = "runs"
     runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
+    cost: str | None = key(None, "metric on the axis of the fronts, such as n_strokes or bits; null = CPU seconds")
+    fronts: list[str] = key([], "metrics that have a front, such as [ssim,perceptual]; [] = PSNR and perceptual")

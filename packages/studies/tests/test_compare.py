@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from brushexp_studies import task
 from brushexp_studies.anytime import quality_at, time_to, write_anytime
-from brushexp_studies.pareto import front, front_table, write_front
+from brushexp_studies.pareto import EVERY_RUN, Trade, front, front_table, trade_of, write_front
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
@@ -143,7 +143,8 @@ def test_both_fronts_are_marked_and_sorted_by_seconds_and_unfinished_runs_left_o
     for k, status in enumerate(("failed", "interrupted", "completed")):
         psnr = None if status == "completed" else 20.0
         make_run(tmp_path, {"steps": str(90 + k)}, status=status, psnr=psnr, seconds=0.1, target=100)
-    table = front_table(collect(tmp_path))
+    frame = collect(tmp_path)
+    table = front_table(frame, trade_of(frame))
     assert table["overrides"].str.partition(" ")[0].tolist() == ["steps=1", "steps=2", "steps=3", "steps=4"]
     assert table["front_psnr"].tolist() == [True, True, False, False]
     assert table["front_perceptual"].tolist() == [True, True, True, False]
@@ -153,8 +154,47 @@ def test_both_fronts_are_marked_and_sorted_by_seconds_and_unfinished_runs_left_o
 def test_numbers_are_means_over_seeds(tmp_path):
     for steps, seed, psnr in ((1, 0, 20.0), (1, 1, 22.0), (2, 0, 30.0)):
         make_run(tmp_path, {"steps": str(steps), "seed": str(seed)}, psnr=psnr, seconds=float(seed + steps))
-    table = front_table(collect(tmp_path))
+    table = front_table(collect(tmp_path), Trade("seconds", ("psnr",)))
     assert table[["psnr", "seconds", "runs"]].to_numpy().tolist() == [[21.0, 1.5, 2], [30.0, 2.0, 1]]
+
+
+def test_the_cost_is_cpu_seconds_where_every_run_has_them_or_what_a_key_says(tmp_path):
+    rows = ((1, 9.0, 1.0, 100), (2, 2.0, 2.0, 50), (3, 3.0, 3.0, 200))
+    for steps, seconds, cpu, n in rows:
+        numbers = {"seconds": seconds, "cpu_seconds": cpu, "n_strokes": n, "psnr": 20.0 + steps, "l1": 0.1 * steps}
+        make_run(tmp_path, {"steps": str(steps)}, target=100, **numbers)
+    frame = collect(tmp_path)
+    assert trade_of(frame) == Trade("cpu_seconds", ("psnr",))
+    assert front_table(frame, trade_of(frame))["front_psnr"].tolist() == [True] * 3
+    by_strokes = front_table(frame, trade_of(frame, "n_strokes", ["l1"]))  # 100 strokes have the least error
+    assert list(zip(by_strokes["overrides"], by_strokes["front_l1"], strict=True)) == [
+        ("steps=2", True), ("steps=1", True), ("steps=3", False),
+    ]  # fmt: skip
+    assert write_front(tmp_path, frame, "n_strokes", ["l1"]).read_text().startswith("Cost: strokes painted, means")
+    refuses("no run has fid_effl0; choose from psnr, l1, ", trade_of, frame, None, ["fid_effl0"])
+    make_run(tmp_path, {"steps": "4"}, target=100, psnr=30.0, seconds=1.0)
+    assert trade_of(collect(tmp_path)).cost == "seconds"
+
+
+def test_networks_have_a_front_of_quality_against_speed(tmp_path, compare):
+    (tmp_path / "networks").mkdir()
+    for size, speed, fid in (("16", 900.0, 30.0), ("32", 500.0, 20.0), ("48", 400.0, 25.0)):
+        words = {"task": "evaluate", "renderer.width": size}
+        make_run(tmp_path / "networks", words, fid_effl0=fid, strokes_per_second=speed)
+    frame = collect(tmp_path / "networks")
+    assert trade_of(frame) == Trade("strokes_per_second", ("fid_effl0",))
+    folder, _ = compare(f"runs={tmp_path}/networks")
+    rows = [(row["picture"], row["front_fid_effl0"]) for row in read_csv(folder / "pareto.csv")]
+    assert rows == [(EVERY_RUN, "True"), (EVERY_RUN, "True"), (EVERY_RUN, "False")]
+
+
+@pytest.mark.parametrize(("loss", "is_told"), [("[mse,perceptual]", True), ("mse", False)])
+def test_a_loss_that_is_measured_in_its_own_features_is_remarked(tmp_path, loss, is_told):
+    for k, chosen in enumerate(("l1", loss)):
+        numbers = {"psnr": 20.0, "perceptual": 0.2, "seconds": 1.0 + k}
+        make_run(tmp_path, {"loss": chosen}, target=100, **numbers)
+    text = write_front(tmp_path, collect(tmp_path)).read_text()
+    assert ("Settings with loss=perceptual minimise the features of perceptual distance." in text) == is_told
 
 
 def test_pictures_are_never_mixed(tmp_path):

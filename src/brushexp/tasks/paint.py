@@ -17,6 +17,7 @@ from brushexp.painting.changes import changed_settings
 from brushexp.painting.components import tell_of_slow_steps
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
+from brushexp.painting.idle_parts import tell_of_idle_parts
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
@@ -126,6 +127,9 @@ class Opening(L.Callback):
     def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
         if pl_module.device.type == "cpu" and self.cfg.seconds is None and not is_job():
             tell_of_slow_steps(pl_module.components.stages, len(pl_module.strokes()))
+        if self.cfg.seconds is None and not is_job():
+            height, width = pl_module.pictures["target"].shape[1:]
+            tell_of_idle_parts(pl_module.components, pl_module.strokes(), (height, width))
         self.write(pl_module)
 
     def write(self, painter: PaintingModule) -> None:

@@ -49,6 +49,14 @@ class Rounds(Density):
     def first(self, budget: int, steps: int) -> int:
         return max(1, round(self.start * budget)) if self._rounds(steps) else budget
 
+    def idle_reason(self, steps: int) -> str:
+        if self._rounds(steps):
+            return ""
+        if not self.until:
+            return "adds and removes no strokes with density.until=0"
+        least = math.ceil(STEPS_BETWEEN_ROUNDS / self.until)
+        return f"adds and removes no strokes in {steps} steps; it begins from steps={least} on"
+
     def _rounds(self, steps: int) -> int:
         return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
 

@@ -59,6 +59,10 @@ class Density(ABC):
         """Return the number of strokes to begin with, 1 to ``budget``, in a painting of so many steps."""
         return budget
 
+    def idle_reason(self, steps: int) -> str:
+        """Say, after the name of the policy, why it changes no stroke in a painting of so many steps; "" if it does."""
+        return ""
+
     def due(self, step: int, steps: int) -> bool:
         """Tell whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
         return True

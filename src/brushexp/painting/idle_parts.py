@@ -1,0 +1,26 @@
+"""Tell of chosen parts that do nothing, or more than was typed, in the painting at hand."""
+
+import logging
+
+from brushexp.painting.components import Components
+from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry.blame import name_member
+from brushexp.strokes.catalogue import Strokes
+
+log = logging.getLogger(__name__)
+
+
+def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
+    """Log which parts change nothing for ``strokes`` on a canvas of ``size`` (H, W), and steps that nobody typed."""
+    steps = sum(stage.steps for stage in parts.stages)
+    if steps and (reason := parts.density.idle_reason(steps)):
+        log.warning("%s %s", name_member("density", parts.density), reason)
+    is_whole = isinstance(parts.sampler, Whole)
+    if steps and not is_whole and len(strokes) and parts.sampler.steps_per_round(strokes, size) == 1:
+        told = "moves all %d strokes at each step, as sampler=whole does; it is for more strokes and larger pictures"
+        log.warning(f"%s {told}", name_member("sampler", parts.sampler), len(strokes))
+    first, *others = parts.stages
+    if others and others[-1].steps > first.steps:
+        last = others[-1]
+        told = "%d steps with renderer=%s and then %d with renderer=%s, %d in all; fewer: finish_steps=%d"
+        log.warning(told, first.steps, first.name, last.steps, last.name, steps, max(1, first.steps // 2))
