@@ -40,6 +40,7 @@ class Gatys(Painter):
     """
 
     kind = "gradients, of features"
+    author = "Gatys et al."
     differentiates = True
 
     style: Annotated[str | None, PICTURE] = None

@@ -43,6 +43,7 @@ class Greedy(Painter):
     """
 
     kind = "trial and error"
+    author = "Fogleman"
 
     candidates: Annotated[int, at_least(1)] = 32
     climbs: Annotated[int, at_least(0)] = 8

@@ -35,6 +35,7 @@ class Haeberli(Painter):
     """
 
     kind = "local rules"
+    author = "Haeberli"
 
     places: Annotated[str, one_of("jittered", "random")] = "jittered"
     largest: Annotated[float, above(0, 1000)] = 3.0

@@ -50,6 +50,7 @@ class Hertzmann(Painter):
     """
 
     kind = "local rules, and the canvas"
+    author = "Hertzmann"
 
     radii: Annotated[tuple[float, ...], above(0, 1e4)] = (8.0, 4.0, 2.0, 1.0)
     scale: Annotated[float | None, above(0, 1e4)] = None

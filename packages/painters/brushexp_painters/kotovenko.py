@@ -41,6 +41,7 @@ class Kotovenko(Painter):
     """
 
     kind = "gradients, of features and pixels"
+    author = "Kotovenko et al."
     differentiates = True
 
     style: Annotated[str | None, PICTURE] = None

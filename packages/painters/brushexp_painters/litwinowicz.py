@@ -44,6 +44,7 @@ class Litwinowicz(Painter):
     """
 
     kind = "local rules"
+    author = "Litwinowicz"
 
     length: Annotated[tuple[float, float], between(0, 1000)] = (2.0, 5.0)
     thickness: Annotated[tuple[float, float], between(0.01, 1000)] = (1.5, 2.0)

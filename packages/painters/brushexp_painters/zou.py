@@ -45,6 +45,7 @@ class ProgressiveBlocks(Painter):
     """
 
     kind = "gradients, stroke by stroke"
+    author = "Zou et al."
     differentiates = True
 
     levels: Annotated[int | None, between(1, 1000)] = None

@@ -16,6 +16,7 @@ from brushexp_studies.anytime import TIMES, quality_at
 from brushexp_studies.paired import interval
 from pandas import DataFrame
 
+from brushexp.contracts import plugins
 from brushexp.contracts.results import (
     MISSING,
     Curve,
@@ -40,15 +41,17 @@ IGNORED_KEYS = {
     *("checkpoint_every", "metric"),
 }  # these are none of the settings that distinguish two rows
 
-AUTHORS = {  # of the papers and programs that painters re-implement
-    "gatys": "Gatys et al.",
-    "greedy": "Fogleman",
-    "haeberli": "Haeberli",
-    "hertzmann": "Hertzmann",
-    "kotovenko": "Kotovenko et al.",
-    "litwinowicz": "Litwinowicz",
-    "zou": "Zou et al.",
-}
+
+def credited(painter: str) -> str:
+    """Add the author whom a painter re-implements; the name of a preset begins with that of its painter.
+
+    >>> credited("hertzmann_wash"), credited("gradient"), credited("gone")
+    ('hertzmann_wash (after Hertzmann)', 'gradient', 'gone')
+    """
+    known = {plugin.name: plugin for plugin in plugins("painter")}
+    chosen = known.get(painter) or known.get(painter.partition("_")[0])
+    author = getattr(chosen.cls, "author", "") if chosen else ""
+    return f"{painter} (after {author})" if author else painter
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,7 @@ class Row:
 
     @property
     def words(self) -> dict[str, str]:
-        author = AUTHORS.get(self.painter.partition("_")[0])  # a preset begins with the name of its painter
-        painter = f"{self.painter} (after {author})" if author else self.painter
-        return {"painter": painter, "settings": self.settings, "strokes": count_of(self.strokes)}
+        return {"painter": credited(self.painter), "settings": self.settings, "strokes": count_of(self.strokes)}
 
     @property
     def label(self) -> str:

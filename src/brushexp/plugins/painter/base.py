@@ -66,6 +66,7 @@ class Painter(ABC):
     """
 
     kind: ClassVar[str] = "not stated"  # how it decides, in two or three words
+    author: ClassVar[str] = ""  # of the paper or program that it re-implements, whom the leaderboard names
     differentiates: ClassVar[bool] = False  # whether it asks for gradients of pictures; what computes them is compiled
 
     @classmethod
