@@ -239,7 +239,9 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "claims": (
         text("claims.yaml", CLAIMS),
         lambda path: assert_all(
-            one.at_least > 0 and (one.metric or one.cannot) for claims in read_claims(path).values() for one in claims
+            one.at_least > 0 and (one.metric or one.cannot or one.needs)
+            for claims in read_claims(path).values()
+            for one in claims
         ),
     ),
     "jobs": (
