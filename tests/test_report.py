@@ -11,7 +11,7 @@ import pytest
 from browser import NARROW, WIDE
 from brushexp_studies import contact_sheet
 from brushexp_studies.contact_sheet import LIMIT, THUMBNAIL_SIDE, SheetCell, draw_sheet
-from brushexp_studies.pareto import front_table
+from brushexp_studies.pareto import front_table, trade_of
 from films import pixels_of
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import RunMode
@@ -378,7 +378,8 @@ def test_the_table_sorts_filters_and_shows_what_was_typed_as_text(sweep, opened)
 
 def test_runs_are_compared_and_settings_pointed_at(sweep, opened):
     page = opened(sweep).page
-    table = front_table(collect(sweep.parent))
+    frame = collect(sweep.parent)
+    table = front_table(frame, trade_of(frame))
     labels = page.locator(".point.on").evaluate_all("found => found.map(e => e.getAttribute('aria-label'))")
     assert {label.partition(":")[0] for label in labels} == set(table["overrides"][table["front_psnr"]])
     assert all(label.endswith("on the front") for label in labels)
