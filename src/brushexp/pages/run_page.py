@@ -172,13 +172,20 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 
 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Draw PSNR against steps and seconds, and each loss against steps."""
+    """Draw PSNR against steps, seconds and strokes, and each loss against steps.
+
+    The curve by strokes is of a density policy that chooses their number: without the least important ones, which the
+    others do not make up for, and with a hundred more, before steps improve them.
+    """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
     charts = [
         drawings.line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
         drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
+    if pairs := metrics.get("strokes_psnr"):
+        by_strokes = drawings.line_chart("PSNR by strokes", *zip(*pairs, strict=True), "strokes", "dB")
+        charts.append(by_strokes and by_strokes | {"note": metrics.get("verdict", "")})
     losses = {name.removeprefix("loss/"): loss for name, loss in curves.items() if name.startswith("loss/")}
     charts += [drawings.line_chart(f"Loss {name}", steps, loss, "steps") for name, loss in losses.items()]
     return [chart for chart in charts if chart]

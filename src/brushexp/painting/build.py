@@ -127,6 +127,8 @@ def _stroke_optimizer(
         seed=cfg.seed,
         focus=focus,
         budget=budget,
+        psnr=cfg.psnr,
+        is_timed=cfg.seconds is not None,
         coarse=cfg.coarse,
         clip=clip_of(cfg),
         changes=changes,

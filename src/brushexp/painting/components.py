@@ -44,6 +44,7 @@ BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 LONG_MINUTES = 2  # steps that take longer are announced
 MANY_DRAWINGS = 10_000  # drawings of a stroke below which their time is not measured
+PIXELS_OF_A_STROKE = 16  # for each stroke at least, where a density policy chooses their number
 AUTO = "auto"  # value of warm_up that leaves it to the renderer
 
 
@@ -186,6 +187,9 @@ def first_strokes(
         strokes = load_strokes(Path(cfg.catalogue), (height, width))
         return strokes, stroke_budget(cfg, painted, density, len(strokes))
     n = stroke_budget(cfg, painted, density)
+    if density.chooses_number and cfg.strokes is None:
+        most = max(1, height * width // PIXELS_OF_A_STROKE)
+        n = most if cfg.max_strokes is None else min(most, cfg.max_strokes)
     first = density.first(n, planned_steps(cfg))
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = take_built(cfg.init)

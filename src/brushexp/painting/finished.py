@@ -129,6 +129,7 @@ def finish(
         | style_distances(painter, cfg, colors)
         | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
     )
+    numbers |= painter.components.density.findings()
     numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
     def compute_metrics() -> dict[str, object]:

@@ -74,6 +74,10 @@ class Schedule:
         self.ends[stage:] = [end - (steps - done) for end in self.ends[stage:]]
         return True
 
+    def replan(self, steps: int) -> None:
+        """Let the last stage end after so many steps in all, or now."""
+        self.ends[-1] = max(steps, self.step, *self.ends[:-1])
+
     def state_dict(self) -> dict[str, Any]:
         seconds = {"seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
         return {"ends": list(self.ends), "step": self.step} | seconds

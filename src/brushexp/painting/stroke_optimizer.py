@@ -86,6 +86,8 @@ class StrokeOptimizer(PaintingModule):
         seed: int,  # it decides everything random in the steps
         focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
+        psnr: float | None = None,  # dB for which a density policy that chooses their number looks for strokes
+        is_timed: bool = False,  # whether seconds decide how many steps there are
         coarse: float = 0.0,
         clip: GradientClip | None = None,
         changes: Mapping[str, Change] = MappingProxyType({}),
@@ -100,6 +102,7 @@ class StrokeOptimizer(PaintingModule):
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue, self.budget = catalogue, budget or len(catalogue)
         self.coarse, self.clip, self.painted, self.is_untouched = coarse, clip, painted, is_untouched
+        self.wanted_psnr, self.is_timed = psnr, is_timed
         self.is_handed_over = False  # whether no step follows
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._use_stage(schedule.stage)
@@ -240,11 +243,26 @@ class StrokeOptimizer(PaintingModule):
 
     def _densify(self, optimizer: optim.Optimizer) -> None:
         """Let the density policy add and remove strokes."""
-        picture, schedule = self.picture, self.schedule
-        seen = (self.latest(), picture.target, picture.focus, self.strokes())
-        state = DensificationState(*seen, self.budget, schedule.step, schedule.steps, self._judged)
-        if (update := self.components.density.revise(state)) is not None:
+        if (update := self.components.density.revise(self._seen(self.latest()))) is not None:
             self._revise(update.keep, update.new, optimizer)
+            if update.steps is not None:
+                self.schedule.replan(update.steps)
+
+    def _seen(self, image: Tensor) -> DensificationState:
+        """Describe the painting, which looks like ``image`` (3, H, W), to the density policy."""
+        picture, schedule = self.picture, self.schedule
+        return DensificationState(
+            image=image,
+            target=picture.target,
+            focus=picture.focus,
+            strokes=self.strokes(),
+            budget=self.budget,
+            step=schedule.step,
+            steps=schedule.steps,
+            importance=self._judged,
+            psnr=self.wanted_psnr,
+            may_replan=not self.is_timed,
+        )
 
     def _judged(self) -> Tensor:
         """Measure how important each stroke is (N,)."""
@@ -290,6 +308,8 @@ class StrokeOptimizer(PaintingModule):
         if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
+        if self.components.density.chooses_number:
+            self.components.density.conclude(self._seen(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
         """Return what steps depend on beside the strokes and the optimiser, as plain data."""

@@ -78,6 +78,8 @@ def paint_into(
     write_page_and_film(folder, finished, page=cfg.report)
     finished.conclude(folder)  # until then the run counts as one at work
     log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
+    if verdict := finished.metrics.get("verdict"):
+        log.info("%s", verdict)
     conclude(fitted.painter, folder, cfg, fitted.failure, fitted.painter.schedule.step)
     say_where(folder, len(finished.job.strokes), start)
     return finished
@@ -109,7 +111,8 @@ def optimise(
     painter = build_painter(cfg).to(device)
     has_plan = painter.resumable
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
-    goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=has_plan)
+    stops_at = None if has_plan and painter.components.density.chooses_number else cfg.psnr
+    goals = goals_of(early_stop=cfg.early_stop, psnr=stops_at, seconds=cfg.seconds, has_plan=has_plan)
     both = [timelapse, *goals, *callbacks]
     trainer = make_trainer(cfg, device, folder, loggers, both, checkpoints=has_plan, clips=False)
     heartbeat.say("preparing the first step")

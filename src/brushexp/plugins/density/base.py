@@ -26,14 +26,20 @@ class DensificationState:
     step: int  # steps that are done, 1 or more
     steps: int  # in all; a run with a limit of seconds corrects it
     importance: Callable[[], Tensor]
+    psnr: float | None = None  # dB that the painting should reach; None for no such wish
+    may_replan: bool = True  # whether an update may change the number of steps; seconds decide it otherwise
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which of the present ones to keep (N,), bool, and new ones."""
+    """A change of the set of strokes: which of the present ones to keep (N,), bool, and new ones.
+
+    ``steps`` is how many steps the painting takes in all, where the change alters the plan.
+    """
 
     keep: Tensor
     new: Strokes
+    steps: int | None = None
 
 
 class Density(ABC):
@@ -49,6 +55,7 @@ class Density(ABC):
     tensor([ True, False])
     """
 
+    chooses_number: bool = False  # whether it finds how many strokes the picture needs, up to a budget
     uses_importance: bool = False  # whether `revise` asks for the importance of strokes, which is then compiled before
 
     @classmethod
@@ -66,6 +73,16 @@ class Density(ABC):
     def due(self, step: int, steps: int) -> bool:
         """Tell whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
         return True
+
+    def conclude(self, state: DensificationState) -> None:  # noqa: B027
+        """Look at the strokes that the run leaves, and at the picture that they make."""
+
+    def findings(self) -> dict[str, Any]:
+        """Return what the policy has found out, by names in metrics.json, once it has concluded.
+
+        ``verdict`` is a sentence for people, and ``strokes_psnr`` pairs of a number of strokes and its PSNR in dB.
+        """
+        return {}
 
     @abstractmethod
     def revise(self, state: DensificationState) -> DensificationUpdate | None:

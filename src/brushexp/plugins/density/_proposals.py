@@ -1,0 +1,133 @@
+"""Propose strokes of any size, and tell what each would gain."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from torch import Tensor
+
+from brushexp.pictures.structure import along_edges, structure_tensor, worst_of_cells
+from brushexp.plugins.density.base import DensificationState
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes
+
+SIDE_RATIO = 1.5  # of the sides of two patches that follow each other
+SMALLEST_SIDE = 2.0  # pixels of a patch
+LARGEST_SHARE = 0.5  # of the picture's shorter side, which the largest patch has
+ASPECTS = ((1.0, 1.0), (3.0, 1.0), (1.0, 3.0))  # width and height of patches, in their sides
+SQUARE = 1.5  # ratio of its sides below which a patch counts as a square
+ELONGATION = 1.3  # length of the stroke of a square patch, in the side, along the edges of the picture
+STRUCTURE = 1.5  # pixels over which the direction of edges is measured
+OPACITY = 0.95
+NOISE = 1e-6  # gain that rounding errors may make
+CANDIDATES = 200  # patches of each size from which strokes are chosen, more than are wanted
+OVERLAP = 0.3  # share of a patch that may lie on better ones
+ROOM = 2.0  # window of a new stroke, in its length
+SMALLEST_WINDOW = 16.0  # pixels
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Patches:
+    """M rectangles of one colour, and by how much each lowers the squared error."""
+
+    top: Array  # (M,) whole pixels, as below
+    bottom: Array  # (M,) of the first row below the patch
+    left: Array  # (M,)
+    right: Array  # (M,) of the first column beside the patch
+    gain: Array  # (M,)
+
+    def __getitem__(self, chosen: Array) -> "Patches":
+        return Patches(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
+    @staticmethod
+    def join(parts: Sequence["Patches"]) -> "Patches":
+        """Join patches."""
+        return Patches(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Patches)))
+
+
+def proposals(state: DensificationState, most: int, least: float) -> tuple[Strokes, Tensor]:
+    """Propose at most ``most`` strokes that each gain more than ``least``, the best first, and tell their gains (M,).
+
+    The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls if a
+    rectangle of the stroke's size is painted in the target's mean colour.
+    """
+    target = state.target.cpu().numpy().astype(np.float64)
+    weight = np.ones(target.shape[1:]) if state.focus is None else state.focus.cpu().numpy().astype(np.float64)
+    error = np.square(target - state.image.cpu().numpy()).sum(0)
+    found = patches_of(target, error, weight, most, least)
+    chosen = found[_apart(found, most, target.shape[1:])]
+    like = state.strokes.position
+    return _strokes(chosen, target, like), like.new_tensor(chosen.gain)
+
+
+def patches_of(target: Array, error: Array, weight: Array, most: int, least: float) -> Patches:
+    """Find patches that gain more than ``least``: the best of each size, one in a cell of a lattice at most.
+
+    A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
+    (C, H, W), both weighted by (H, W). So the gain is what sums over rectangles say.
+    """
+    from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
+
+    size = target.shape[1:]
+    maps = np.concatenate([(error - np.square(target).sum(0))[None], target, np.ones_like(target[:1])]) * weight
+    found: list[Patches] = []
+    side, largest = SMALLEST_SIDE, max(SMALLEST_SIDE, LARGEST_SHARE * min(size))
+    while side <= largest:
+        for across, down in ASPECTS:
+            height, width = (min(round(side * part), extent) for part, extent in zip((down, across), size, strict=True))
+            sums = [uniform_filter(each, (height, width), mode="constant") * (height * width) for each in maps]
+            excess, *color, total = sums
+            gain = excess + np.square(color).sum(0) / total.clip(1e-9)
+            _, column, row = worst_of_cells(gain, round(side))
+            pays = gain[row, column] > max(least, NOISE)
+            row, column = row[pays], column[pays]
+            best = np.argsort(-gain[row, column], kind="stable")[: CANDIDATES + most]
+            row, column = row[best], column[best]
+            top, left = row - height // 2, column - width // 2
+            extents = top.clip(0), (top + height).clip(max=size[0]), left.clip(0), (left + width).clip(max=size[1])
+            found.append(Patches(*extents, gain[row, column]))
+        side *= SIDE_RATIO
+    return Patches.join(found)
+
+
+def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
+    """Choose at most ``most`` patches, those that gain most, which hardly lie on each other."""
+    taken = np.zeros(size, bool)
+    chosen: list[int] = []
+    for number in np.argsort(-patches.gain, kind="stable").tolist():
+        if len(chosen) == most:
+            break
+        there = taken[patches.top[number] : patches.bottom[number], patches.left[number] : patches.right[number]]
+        if there.mean() <= OVERLAP:
+            there[:] = True
+            chosen.append(number)
+    return np.array(chosen, int)
+
+
+def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
+    """Make strokes in place of patches: a square one lies along the edges of the picture."""
+    height, width = patches.bottom - patches.top, patches.right - patches.left
+    long, thick = np.maximum(height, width), np.minimum(height, width)
+    row, column = (patches.bottom + patches.top) // 2, (patches.right + patches.left) // 2
+    edge = along_edges(structure_tensor(target, STRUCTURE)[:, row, column])
+    is_square = long < SQUARE * thick
+    angle = np.where(is_square, edge, np.where(height > width, math.pi / 2, 0.0))
+    reach = np.where(is_square, (ELONGATION - 0.5) * long, long - thick / 2) / 2
+    end = np.stack([np.cos(angle), np.sin(angle)], 1) * reach[:, None]
+    curve = like.new_tensor(np.stack([-end, np.zeros_like(end), end], 1))
+    window = like.new_tensor(np.maximum(SMALLEST_WINDOW, ROOM * long))
+    place = like.new_tensor(np.stack([patches.right + patches.left, patches.bottom + patches.top], 1)) / 2
+    color = like.new_tensor(_mean_colors(patches, target))
+    return strokes_along(curve, like.new_tensor(thick), color, OPACITY, window=window, position=place)
+
+
+def _mean_colors(patches: Patches, target: Array) -> Array:
+    """Compute the mean colours (M, C) of a target (C, H, W) in patches."""
+    sums = np.pad(target, ((0, 0), (1, 0), (1, 0))).cumsum(1).cumsum(2)
+    top, bottom, left, right = patches.top, patches.bottom, patches.left, patches.right
+    total = sums[:, bottom, right] - sums[:, top, right] - sums[:, bottom, left] + sums[:, top, left]
+    means: Array = (total / ((bottom - top) * (right - left))).T
+    return means

@@ -1,0 +1,235 @@
+"""Keep the strokes that are worth their bits."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import torch
+from torch import Tensor
+
+from brushexp.bounds import at_least
+from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.density._proposals import proposals
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+BITS = 150  # bits of a stroke, rounded and packed: metric=bits finds 143 for each of 106 strokes of look=plain
+FIRST = 16  # strokes to begin with
+ROUND = 10  # steps between two rounds
+BATCH = 8  # least number of strokes that a round may add
+GROWTH = 0.5  # share of the strokes that a round of growth may add
+PROMISE = 0.5  # least gain of a proposal, in the price of a stroke: steps improve it
+SWAP = 0.3  # importance below which a stroke goes, in the gain of the worst proposal that is taken
+GROWN = 0.03  # share of the strokes: growth is over when rounds add fewer
+PATIENCE = 2  # such rounds in a row
+GROWING = 0.45  # share of the steps at most in which the strokes grow in number
+SETTLING = 120  # least number of steps after that
+SETTLED = 1.35  # by how much the squared error falls in them
+REMOVED = 0.1  # share of the strokes that a later round may remove
+ADDED = 0.15  # share of the strokes that it may add
+ADDING = 0.75  # share of the steps after which no strokes are added for their price
+LATEST = 0.9  # share of the steps after which the strokes stay until the last one
+EXTRA = 40  # steps after a correction at the end
+LONGEST = 1.5  # most steps with those of corrections, in the planned ones
+SPARE = 0.015  # share of the strokes that is worth such steps
+RECOVERED = 0.3  # share of the removed importance that the other strokes make up for
+MARGIN = 0.01  # dB above the wanted PSNR
+ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
+HUNDRED = 100  # strokes of which the verdict says what they would gain
+POINTS = 12  # points of the curve without the least important strokes
+
+
+@register("density", "worth")
+@dataclass(kw_only=True)
+class Worth(Density):
+    """Find how many strokes the picture needs: as many as are worth their bits, or as reach a wanted PSNR.
+
+    The painting minimises distortion + price * rate, where distortion is the squared error, summed over pixels and
+    channels and weighted by the focus, and the rate is 150 bits for each stroke.
+
+    - It begins with 16 strokes. Every 10 steps it proposes strokes of all sizes where they lower the error most, adds
+      up to half as many as there are, and removes those without which the error grows by less than their price.
+    - When rounds add next to nothing, growth is over, and as many steps follow as there were. Strokes that are no
+      longer worth their price go.
+    - With ``psnr=`` the price follows from the PSNR: growth ends where the steps to come should reach it; later rounds
+      remove the least important strokes while the rest is good enough, and add some where it is not. Corrections at the
+      end, each with 40 steps, go on until the PSNR is reached and no more strokes can go.
+
+    ``strokes=`` or ``max_strokes=`` is the largest number, otherwise one for every 16 pixels; ``steps=`` is the largest
+    number of steps, of which corrections may take half as many more.
+
+    Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), for strokes.
+
+    Args:
+        price: squared error that a bit must save, summed over pixels and channels from 0 to 1.
+    """
+
+    price: Annotated[float, at_least(0)] = 1e-3
+    _limit: int = field(default=0, init=False)  # planned steps
+    _grown: int = field(default=0, init=False)  # step after which growth was over; 0 before
+    _idle: int = field(default=0, init=False)  # rounds in a row that added next to nothing
+    _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
+    _findings: dict[str, Any] = field(default_factory=dict, init=False)
+    _reason: str = field(default="", init=False)
+    chooses_number = True
+    uses_importance = True
+
+    def first(self, budget: int, steps: int) -> int:
+        return min(FIRST, budget)
+
+    def idle_reason(self, steps: int) -> str:
+        if steps >= 2 * ROUND:
+            return ""
+        return f"stays at {FIRST} strokes in {steps} steps; it begins to add strokes from steps={2 * ROUND} on"
+
+    def due(self, step: int, steps: int) -> bool:
+        return step % ROUND == 0 or step >= steps
+
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
+        self._limit = max(self._limit, state.steps)
+        self._history.append((len(state.strokes), _psnr_of(_mean_error(state))))
+        if state.step >= state.steps:
+            return self._correct(state) if state.may_replan and state.psnr is not None else None
+        if not self._grown:
+            return self._grow(state)
+        if state.step >= LATEST * state.steps:
+            return None
+        return self._settle(state) if state.psnr is None else self._approach(state, state.psnr)
+
+    def _grow(self, state: DensificationState) -> DensificationUpdate:
+        """Add the best proposals, as many as there may be, and remove what is not worth its price."""
+        n, importance = len(state.strokes), state.importance()
+        most = max(0, min(state.budget - n, max(BATCH, round(GROWTH * n))))
+        if state.psnr is None:
+            price = BITS * self.price
+            new, _ = proposals(state, most, PROMISE * price)
+        else:
+            missing = _total_error(state) - SETTLED * _allowed(state, state.psnr)
+            new, gain = _as_many_as_gain(missing, *proposals(state, most, 0.0))
+            price = SWAP * float(gain.min()) if len(new) else 0.0
+        keep = _worth_more(importance, price)
+        added = len(new) - int((~keep).sum())
+        self._idle = self._idle + 1 if added < max(1, GROWN * n) else 0
+        is_reached = state.psnr is not None and not len(new)
+        if self._idle < PATIENCE and not is_reached and n < state.budget and state.step < GROWING * self._limit:
+            return DensificationUpdate(keep, new)
+        self._grown = state.step
+        steps = min(self._limit, state.step + max(SETTLING, state.step))
+        return DensificationUpdate(keep, new, steps if state.may_replan else None)
+
+    def _settle(self, state: DensificationState) -> DensificationUpdate:
+        """Remove strokes that are no longer worth their price, and for a while add those that are."""
+        n, price = len(state.strokes), BITS * self.price
+        most = min(state.budget - n, max(BATCH, round(ADDED * n))) if state.step < ADDING * state.steps else 0
+        new, _ = proposals(state, max(0, most), price)
+        return DensificationUpdate(_worth_more(state.importance(), price), new)
+
+    def _approach(self, state: DensificationState, psnr: float) -> DensificationUpdate:
+        """Add or remove strokes so that the steps to come should end at the wanted PSNR."""
+        left = min(1.0, 2 * (1 - state.step / state.steps))
+        expected = _total_error(state) / (1 + (SETTLED - 1) * left)
+        slack = _allowed(state, psnr) - expected
+        return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
+
+    def _correct(self, state: DensificationState) -> DensificationUpdate | None:
+        """Add strokes to a painting that is not good enough, remove those that a better one can spare, or end."""
+        assert state.psnr is not None
+        n, steps = len(state.strokes), state.step + EXTRA
+        if steps > LONGEST * self._limit:
+            return None
+        slack = _allowed(state, state.psnr) - _total_error(state)
+        update = self._more(state, -slack) if slack < 0 else self._fewer(state, slack)
+        changed = len(update.new) + int((~update.keep).sum())
+        is_worth_it = changed >= max(1, SPARE * n) or len(update.new)
+        return DensificationUpdate(update.keep, update.new, steps) if is_worth_it else None
+
+    def _more(self, state: DensificationState, missing: float) -> DensificationUpdate:
+        """Add as many of the best proposals as lower the squared error by what is ``missing``."""
+        n = len(state.strokes)
+        most = max(0, min(state.budget - n, max(BATCH, round(ADDED * n))))
+        new, _ = _as_many_as_gain(missing, *proposals(state, most, 0.0))
+        return DensificationUpdate(state.strokes.opacity.new_ones(n, dtype=torch.bool), new)
+
+    def _fewer(self, state: DensificationState, slack: float) -> DensificationUpdate:
+        """Remove the least important strokes, as many as let the squared error grow by the ``slack``."""
+        importance, n = state.importance(), len(state.strokes)
+        ranks = importance.argsort(stable=True)
+        spare = int((importance[ranks].clamp_min(0).cumsum(0) <= slack).sum())
+        keep = torch.ones_like(importance, dtype=torch.bool)
+        keep[ranks[: max(0, min(spare, max(1, round(REMOVED * n)), n - 1))]] = False
+        return DensificationUpdate(keep, Strokes.none(state.strokes.position))
+
+    def conclude(self, state: DensificationState) -> None:
+        """Measure what the least important strokes are worth, and what a hundred more would gain."""
+        n, values = len(state.strokes), state.target.numel()
+        mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
+        _, gain = proposals(state, HUNDRED, 0.0)
+        fewer = sorted({round(n * share / POINTS) for share in range(1, POINTS)} - {0})
+        gained = _psnr_of(max(0.0, mean - float(gain.sum()) / values))
+        curve = [(n - k, _psnr_of(mean + float(ranked[k - 1]) / values)) for k in fewer[::-1]]
+        curve += [(n, _psnr_of(mean)), (n + len(gain), gained)] if len(gain) else [(n, _psnr_of(mean))]
+        self._reason = self._explain(state, _psnr_of(mean))
+        self._findings = {
+            "strokes_needed": n,
+            "next_hundred_db": gained - _psnr_of(mean),
+            "strokes_psnr": [[count, round(psnr, 3)] for count, psnr in curve],
+            "growth": [[count, round(psnr, 3)] for count, psnr in self._history],
+            "verdict": self._sentence(n, gained - _psnr_of(mean)),
+        }
+
+    def _explain(self, state: DensificationState, reached: float) -> str:
+        at_limit = len(state.strokes) >= state.budget
+        if state.psnr is None:
+            if at_limit:
+                return f"as many as max_strokes={state.budget} allows; more are worth a price of {self.price:g}"
+            return f"each saves more than its price, {self.price:g} of squared error a bit"
+        if reached >= state.psnr:
+            return f"the fewest that were found for psnr={state.psnr:g}"
+        limit = f"max_strokes={state.budget}" if at_limit else f"steps={self._limit}"
+        return f"psnr={state.psnr:g} is not reached, only {reached:.2f} dB, within {limit}"
+
+    def findings(self) -> dict[str, Any]:
+        return self._findings
+
+    def _sentence(self, n: int, gain: float) -> str:
+        strokes = f"{n:,} stroke{'s' * (n != 1)}"
+        return f"{strokes}: {self._reason}; the next hundred would gain about {gain:.2f} dB"
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"limit": self._limit, "grown": self._grown, "idle": self._idle, "history": self._history}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._limit, self._grown, self._idle = state["limit"], state["grown"], state["idle"]
+        self._history = [(int(count), float(psnr)) for count, psnr in state["history"]]
+
+
+def _mean_error(state: DensificationState) -> float:
+    return float((state.image - state.target).square().mean())
+
+
+def _psnr_of(mean_squared_error: float) -> float:
+    """Compute the PSNR in dB, as a picture of 8 bits has it; 59 dB at most."""
+    return psnr_of(mean_squared_error + ROUNDING)
+
+
+def _total_error(state: DensificationState) -> float:
+    return _mean_error(state) * state.target.numel()
+
+
+def _allowed(state: DensificationState, psnr: float) -> float:
+    """Compute the squared error, summed over pixels and channels, of a painting of 8 bits that has a PSNR."""
+    return (10 ** (-(psnr + MARGIN) / 10) - ROUNDING) * state.target.numel()
+
+
+def _worth_more(importance: Tensor, price: float) -> Tensor:
+    """Tell which strokes (N,) matter more than their price; the most important one stays in any case."""
+    keep = importance > price
+    if len(keep):
+        keep[importance.argmax()] = True
+    return keep
+
+
+def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
+    """Take the first proposals whose gains come to what is ``missing``, or all of them."""
+    count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
+    return new[:count], gain[:count]
