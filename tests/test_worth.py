@@ -9,7 +9,11 @@ import torch
 from painters import BACKGROUND, assert_resumes, error_of, take
 from painters import painter_of as some_painter
 from scenes import random_strokes
+from typed import configured
 
+from brushexp.config.vocabulary import meaning_of
+from brushexp.pages.run_page import _curves
+from brushexp.painting.build import build_painter
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density._proposals import patches_of, proposals
@@ -174,3 +178,30 @@ def test_few_steps_add_no_strokes_and_a_line_says_so():
     assert Worth().idle_reason(20) == ""
     alone = state_of(torch.zeros(3, 8, 8), torch.ones(3, 8, 8), strokes=Strokes.none(), step=10)
     assert len(Worth().revise(replace(alone, budget=9)).keep) == 0
+
+
+@pytest.mark.parametrize(("word", "meaning", "price"), [
+    ("strokes=auto", "density=worth", 1e-3),
+    ("worth=sketch", "density=worth_sketch", 4e-3),
+    ("worth=normal", "density=worth", 1e-3),
+    ("worth=fine", "density=worth_fine", 2.5e-4),
+])  # fmt: skip
+def test_words_for_the_price(word, meaning, price):
+    assert meaning_of(word) == meaning
+    cfg = configured([meaning])
+    assert cfg.density["_target_"] == "density/worth"
+    assert cfg.density.price == price
+
+
+@pytest.mark.parametrize(("words", "budget"), [([], 96), (["max_strokes=20"], 20), (["strokes=30"], 30)])
+def test_the_largest_number_is_typed_or_follows_from_the_pixels(words, budget):
+    painter = build_painter(configured(["density=worth", "psnr=30", "faces=off", *words]), torch.rand(3, 32, 48))
+    assert (painter.budget, len(painter.catalogue), painter.wanted_psnr) == (budget, 16, 30)
+
+
+def test_the_page_shows_the_curve_by_strokes_and_says_where_it_ended():
+    charts = _curves({}, {"strokes_psnr": [[10, 20.0], [20, 25.0], [120, 26.0]], "verdict": "20 strokes: enough"})
+    assert [(chart["title"], chart["x"], chart["note"]) for chart in charts] == [
+        ("PSNR by strokes, dB", [10, 20, 120], "20 strokes: enough")
+    ]
+    assert _curves({}, {"strokes_psnr": [[1, 20.0]], "verdict": "1 stroke"}) == []

@@ -184,7 +184,8 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
         drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
     if pairs := metrics.get("strokes_psnr"):
-        by_strokes = drawings.line_chart("PSNR by strokes", *zip(*pairs, strict=True), "strokes", "dB")
+        counts, decibels = zip(*pairs, strict=True)
+        by_strokes = drawings.line_chart("PSNR by strokes", counts, decibels, "strokes", "dB")
         charts.append(by_strokes and by_strokes | {"note": metrics.get("verdict", "")})
     losses = {name.removeprefix("loss/"): loss for name, loss in curves.items() if name.startswith("loss/")}
     charts += [drawings.line_chart(f"Loss {name}", steps, loss, "steps") for name, loss in losses.items()]

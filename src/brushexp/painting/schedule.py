@@ -75,8 +75,17 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Let the last stage end after so many steps in all, or now."""
-        self.ends[-1] = max(steps, self.step, *self.ends[:-1])
+        """Change the present stage so that there are so many steps in all; it ends now at the earliest.
+
+        >>> schedule = Schedule([100, 10])
+        >>> schedule.step = 30
+        >>> schedule.replan(60)
+        >>> schedule.ends
+        [50, 60]
+        """
+        stage = self.stage
+        shift = max(steps - self.steps, self.step - self.ends[stage])
+        self.ends[stage:] = [end + shift for end in self.ends[stage:]]
 
     def state_dict(self) -> dict[str, Any]:
         seconds = {"seconds": self.seconds, "cpu_seconds": self.cpu_seconds}

@@ -67,6 +67,7 @@ class Worth(Density):
     price: Annotated[float, at_least(0)] = 1e-3
     _limit: int = field(default=0, init=False)  # planned steps
     _grown: int = field(default=0, init=False)  # step after which growth was over; 0 before
+    _is_cut_short: bool = field(default=False, init=False)  # whether steps ended growth
     _idle: int = field(default=0, init=False)  # rounds in a row that added next to nothing
     _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
@@ -114,6 +115,7 @@ class Worth(Density):
         if self._idle < PATIENCE and not is_reached and n < state.budget and state.step < GROWING * self._limit:
             return DensificationUpdate(keep, new)
         self._grown = state.step
+        self._is_cut_short = self._idle < PATIENCE and not is_reached and n < state.budget
         steps = min(self._limit, state.step + max(SETTLING, state.step))
         return DensificationUpdate(keep, new, steps if state.may_replan else None)
 
@@ -168,7 +170,7 @@ class Worth(Density):
         gained = _psnr_of(max(0.0, mean - float(gain.sum()) / values))
         curve = [(n - k, _psnr_of(mean + float(ranked[k - 1]) / values)) for k in fewer[::-1]]
         curve += [(n, _psnr_of(mean)), (n + len(gain), gained)] if len(gain) else [(n, _psnr_of(mean))]
-        self._reason = self._explain(state, _psnr_of(mean))
+        self._reason = self._explain(state, _psnr_of(mean), float(gain[0]) if len(gain) else 0.0)
         self._findings = {
             "strokes_needed": n,
             "next_hundred_db": gained - _psnr_of(mean),
@@ -177,11 +179,13 @@ class Worth(Density):
             "verdict": self._sentence(n, gained - _psnr_of(mean)),
         }
 
-    def _explain(self, state: DensificationState, reached: float) -> str:
+    def _explain(self, state: DensificationState, reached: float, best_gain: float) -> str:
         at_limit = len(state.strokes) >= state.budget
         if state.psnr is None:
-            if at_limit:
+            if at_limit and best_gain > BITS * self.price:
                 return f"as many as max_strokes={state.budget} allows; more are worth a price of {self.price:g}"
+            if self._is_cut_short:
+                return f"as many as grew in steps={self._limit}; more are worth a price of {self.price:g}"
             return f"each saves more than its price, {self.price:g} of squared error a bit"
         if reached >= state.psnr:
             return f"the fewest that were found for psnr={state.psnr:g}"
@@ -196,10 +200,17 @@ class Worth(Density):
         return f"{strokes}: {self._reason}; the next hundred would gain about {gain:.2f} dB"
 
     def state_dict(self) -> dict[str, Any]:
-        return {"limit": self._limit, "grown": self._grown, "idle": self._idle, "history": self._history}
+        return {
+            "limit": self._limit,
+            "grown": self._grown,
+            "is_cut_short": self._is_cut_short,
+            "idle": self._idle,
+            "history": self._history,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._limit, self._grown, self._idle = state["limit"], state["grown"], state["idle"]
+        self._is_cut_short = state["is_cut_short"]
         self._history = [(int(count), float(psnr)) for count, psnr in state["history"]]
 
 
