@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Result = dict[str, Any]
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 REMOVED = "(removed)"  # value of an override "~key"
-TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
+TEXTS = ("status", "error", "loss", "picture", "verdict")  # keys of a result that are words
 LARGEST_NUMBER = 1e300  # larger numbers of a result are taken for missing
 LONGEST_VALUE = 40  # letters of a value in a label; a longer one is cut at its beginning
 
