@@ -33,7 +33,7 @@ from brushexp.contracts.runs import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 SHOWN = ["psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16"]
-SHOWN += ["bits", "seconds", "cpu_seconds"]
+SHOWN += ["bits", "psnr_decoded", "seconds", "cpu_seconds"]
 COLUMNS = {key: quantities()[key] for key in SHOWN} | {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 IGNORED_KEYS = {
     *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them

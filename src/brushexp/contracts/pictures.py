@@ -29,7 +29,7 @@ from brushexp.pictures.load import (
     size_of_picture,
 )
 from brushexp.pictures.region import Region
-from brushexp.pictures.similarity import psnr_of
+from brushexp.pictures.similarity import picture_psnr, psnr_of
 from brushexp.pictures.structure import FarStructure, along_edges, sampled_at, structure_tensor, worst_of_cells
 from brushexp.pictures.video import FAST_START, filming, largest_side
 
@@ -75,6 +75,7 @@ __all__ = [
     "open_picture",
     "packaged_file",
     "palette",
+    "picture_psnr",
     "picture_size",
     "picture_suffixes",
     "pictures_of",

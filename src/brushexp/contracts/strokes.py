@@ -52,7 +52,7 @@ from brushexp.strokes.prior import (
     width_of,
     width_parameter,
 )
-from brushexp.strokes.saved import Saved, config_of
+from brushexp.strokes.saved import Saved, alpha_of, config_of, png_of
 from brushexp.strokes.storage import CATALOGUE_NAME, load_catalogue, save_catalogue
 from brushexp.system.precision import at_least_single
 
@@ -73,6 +73,7 @@ __all__ = [
     "Measure",
     "Saved",
     "Strokes",
+    "alpha_of",
     "at_least_single",
     "bend_of",
     "centre_of",
@@ -96,6 +97,7 @@ __all__ = [
     "neighbours_of",
     "parameters_of",
     "pitch_of",
+    "png_of",
     "point_at",
     "rewindow",
     "roomy_window",

@@ -133,7 +133,7 @@ def finish(
     numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
     def compute_metrics() -> dict[str, object]:
-        results = measure(metrics, flat, target, focus=canvas.focus, strokes=strokes) | numbers
+        results = measure(metrics, flat, target, focus=canvas.focus, strokes=strokes, job=job.bare()) | numbers
         total = None if start is None else time.monotonic() - start
         return results | {"seconds_total": total, "peak_memory_mb": peak_memory(), "provenance": dict(provenance)}
 

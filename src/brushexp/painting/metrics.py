@@ -9,6 +9,7 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.metric.base import STANDARD, Comparison, Metric
 from brushexp.registry import build_named, take_built
 from brushexp.registry.blame import name_member
@@ -31,14 +32,16 @@ def standard_metrics() -> dict[str, Metric]:
 @torch.no_grad()
 def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,
-    *, focus: Tensor | None = None, strokes: Strokes | None = None,
+    *, focus: Tensor | None = None, strokes: Strokes | None = None, job: ExportJob | None = None,
 ) -> dict[str, float | str | None]:  # fmt: skip
     """Compare two 8-bit RGB pictures (H, W, 3); return numbers by their names in metrics.json.
+
+    ``job`` draws the first picture, without light and paper.
 
     A warning names a metric that is not a number.
     """
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
-    comparison = Comparison(image, goal, focus, strokes)
+    comparison = Comparison(image, goal, focus, strokes, job)
     numbers: dict[str, float | str | None] = {}
     for name, metric in metrics.items():
         if all(getattr(comparison, field) is not None for field in metric.needs):

@@ -36,6 +36,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
     "accuracy": Quantity("accuracy", 4, "higher"),
     "auc": Quantity("AUC", 4, "higher"),
     "l2": Quantity("L2", 6, "lower", 0.05, ratio=True),
+    "psnr_decoded": Quantity("PSNR of the decoded strokes", 2, "higher", 0.1, unit="dB"),
     "psnr_alpha": Quantity("PSNR of alpha", 2, "higher", 0.1, unit="dB"),
     "psnr_color": Quantity("PSNR of colour", 2, "higher", 0.1, unit="dB"),
     "bristles_thick": Quantity("bristle energy, thick", 3, ""),

@@ -1,5 +1,7 @@
 """Store a finished catalogue as HDF5, with all that is needed to render it again; docs/formats.md.
 
+Packages may publish further forms of catalogues, by the endings of their files.
+
 Texts have a fixed length, because HDF5 has no checksums for others: one wrong byte there can make it loop for ever.
 """
 
@@ -26,7 +28,8 @@ from brushexp.strokes.saved import (
 )
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.reading import check_format_version, explaining, in_short, read_text
+from brushexp.system.published import published
+from brushexp.system.reading import check_file, check_format_version, explaining, in_short, read_text
 from brushexp.system.spellings import find_path
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
@@ -34,6 +37,7 @@ CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
 MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
 ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
+CATALOGUES = "brushexp.catalogues"  # entry points: ending of a file -> function that reads a catalogue from its bytes
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
 
 
@@ -79,6 +83,11 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):
             return parse(text).check()
+    if (point := published(CATALOGUES).get(path.suffix.lower().removeprefix("."))) is not None:
+        check_file(path, cure, LARGEST_TEXT)
+        with explaining(path, again):
+            saved: Saved = point.load()(path.read_bytes())
+            return saved.check()
     with opened(path, cure) as file, explaining(path, again):
         return _read(file, cure).check()
 

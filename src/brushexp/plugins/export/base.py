@@ -96,7 +96,7 @@ class ExportJob:
             parts = cuts(self.strokes, self.size, self.renderer)
             painting = ((top, self.on_paper(Rows(top, rows, self.size), flat)) for top, rows, _ in parts)
         else:
-            canvas = self.size, self.saved.background, self.renderer, self._compositor
+            canvas = self.size, self.saved.background, self.renderer, self.compositor
             painting = bands(self.strokes, self.bottom_up.flip(0), *canvas)
         if self.size[0] * self.size[1] < LARGE:
             return painting
@@ -121,7 +121,8 @@ class ExportJob:
         return height
 
     @property
-    def _compositor(self) -> Compositor:
+    def compositor(self) -> Compositor:
+        """What lays paint over paint: the blend, in the colour space."""
         return Compositor(self.blend, self.space)
 
     def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -149,7 +150,7 @@ class ExportJob:
     def _colors(self, rows: Rows) -> Tensor:
         place, reached = self._places
         number = torch.arange(len(place)) if reached is None else within(reached, rows.top, rows.count)
-        band, canvas = (rows.top, rows.count, self.size[1]), (self.saved.background, self.renderer, self._compositor)
+        band, canvas = (rows.top, rows.count, self.size[1]), (self.saved.background, self.renderer, self.compositor)
         return band_of(self.strokes, place, number, band, *canvas)
 
     @cached_property

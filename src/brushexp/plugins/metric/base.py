@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from torch import Tensor
 
+from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.catalogue import Strokes
 
 STANDARD = ("psnr", "psnr_focus", "ssim", "l1", "edges", "perceptual")  # chosen by default, and first in tables
@@ -20,6 +21,7 @@ class Comparison:
     target: Tensor  # (3, H, W) likewise
     focus: Tensor | None = None  # (H, W) weights of the pixels; None for equal ones
     strokes: Strokes | None = None  # strokes of the painting; None for a picture from elsewhere
+    job: ExportJob | None = None  # what draws ``image``, without light and paper; None for a picture from elsewhere
 
 
 class Metric(ABC):
@@ -45,8 +47,8 @@ class Metric(ABC):
     higher_is_better: ClassVar[bool]
     matters: ClassVar[float] = 0.0  # least difference of two settings that counts
     needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which it is omitted
-    remarks: ClassVar[Mapping[str, str]] = {}  # further entries of metrics.json
     label: str = ""  # its name in metrics.json, if not that of the plugin
+    remarks: Mapping[str, str | float] = {}  # further entries of metrics.json, once it has been called
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:

@@ -1,0 +1,279 @@
+"""Rate and distortion of coded strokes beside picture codecs: the PSNR of what is decoded, by bits per pixel.
+
+    python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paints and codes; adds to the records
+    python benchmarks/rate.py show records.csv figure.png                        # tables in Markdown, and the figure
+
+Pictures are icons that the script draws, photographs of scikit-image, and, from a folder, some of Kodak's, all made
+small. Each is painted with several numbers of strokes, and these are coded at two losses by rounding; files of JPEG,
+WebP, AVIF and JPEG 2000 come from Pillow at many qualities. Rates are those of whole files. What the records have is
+not done again. Bjontegaard's difference of rates (2001) is the mean difference of log rate over the range of PSNR that
+two curves share, here of monotone cubic curves; intervals are of 2,000 bootstrap samples of the pictures of a set.
+"""
+
+import argparse
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw
+from scipy.interpolate import PchipInterpolator
+from skimage import data
+
+SIDE = 192  # pixels of the longer side
+KODAK = ("kodim05", "kodim08", "kodim15", "kodim23")
+PHOTOGRAPHS = ("astronaut", "chelsea", "coffee")
+STROKES = (40, 160, 640)
+LOSSES = (0.15, 1.0)  # PSNR that rounding may cost, dB
+STEPS = 200
+RATES = (0.1, 0.25, 0.5, 1.0, 2.0)  # bits per pixel, of the table
+SUPERSAMPLING = 4
+SAMPLES = 2_000  # of the bootstrap
+FIELDS = ("set", "picture", "width", "height", "codec", "setting", "bits_per_pixel", "psnr")
+CODECS: dict[str, tuple[str, list[dict[str, object]]]] = {
+    "JPEG": ("JPEG", [{"quality": q, "optimize": True} for q in (1, 3, 6, 10, 15, 22, 30, 40, 50, 60, 70, 80, 87, 93)]),
+    "WebP": ("WEBP", [{"quality": q, "method": 6} for q in (0, 3, 8, 15, 25, 35, 50, 65, 75, 83, 89, 94, 98)]),
+    "AVIF": ("AVIF", [{"quality": q, "speed": 4} for q in (1, 6, 12, 20, 28, 36, 45, 55, 65, 75, 83, 90, 95)]),
+    "JPEG 2000": (
+        "JPEG2000",
+        [{"quality_mode": "rates", "quality_layers": [24 / bpp], "irreversible": True, "mct": 1} for bpp in
+         (0.06, 0.1, 0.16, 0.25, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7, 4.0)],
+    ),
+}  # fmt: skip
+OURS = "strokes"
+Record = dict[str, str]
+Curve = list[tuple[float, float]]  # bits per pixel and PSNR
+
+
+def icons() -> dict[str, Image.Image]:
+    """Draw four flat pictures: a ring, a flag, a chart and a badge."""
+    side = SIDE * SUPERSAMPLING
+    drawings: dict[str, Callable[[ImageDraw.ImageDraw], None]] = {
+        "ring": _ring, "flag": _flag, "chart": _chart, "badge": _badge,
+    }  # fmt: skip
+    pictures = {}
+    for name, draw in drawings.items():
+        picture = Image.new("RGB", (side, side), "white")
+        draw(ImageDraw.Draw(picture))
+        pictures[name] = picture.resize((SIDE, SIDE), Image.Resampling.BOX)
+    return pictures
+
+
+def _ring(draw: ImageDraw.ImageDraw) -> None:
+    draw.ellipse((100, 100, 668, 668), fill="#d7263d")
+    draw.ellipse((220, 220, 548, 548), fill="white")
+    draw.rectangle((360, 60, 408, 708), fill="#1b998b")
+
+
+def _flag(draw: ImageDraw.ImageDraw) -> None:
+    draw.rectangle((60, 160, 708, 608), fill="#003f88")
+    draw.polygon([(60, 160), (384, 384), (60, 608)], fill="#fdc500")
+    draw.ellipse((460, 284, 660, 484), fill="white")
+
+
+def _chart(draw: ImageDraw.ImageDraw) -> None:
+    draw.rectangle((0, 0, 768, 768), fill="#f4f1de")
+    bars = ((200, "#e07a5f"), (420, "#3d405b"), (330, "#81b29a"), (560, "#f2cc8f"))
+    for place, (height, color) in enumerate(bars):
+        draw.rectangle((110 + 145 * place, 670 - height, 210 + 145 * place, 670), fill=color)
+    draw.line((80, 672, 700, 672), fill="#222222", width=12)
+
+
+def _badge(draw: ImageDraw.ImageDraw) -> None:
+    draw.rounded_rectangle((80, 80, 688, 688), radius=140, fill="#2d2a6e")
+    angles = np.arange(10) * np.pi / 5 - np.pi / 2
+    radii = np.where(np.arange(10) % 2, 110, 260)
+    draw.polygon(
+        [(384 + r * np.cos(a), 384 + r * np.sin(a)) for r, a in zip(radii, angles, strict=True)], fill="#ffd23f"
+    )
+
+
+def pictures(kodak: Path | None) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield set, name and pixels (H, W, 3) of each picture, of all sets in turn."""
+    drawn = [("icons", name, np.asarray(picture)) for name, picture in icons().items()]
+    taken = [("scikit-image", name, _shrunk(Image.fromarray(getattr(data, name)()), SIDE)) for name in PHOTOGRAPHS]
+    paths = [] if kodak is None else [kodak / f"{name}.png" for name in KODAK]
+    given = [("Kodak", path.stem, _shrunk(Image.open(path).convert("RGB"), SIDE)) for path in paths]
+    for turn in zip_longest(drawn, taken, given):
+        yield from (picture for picture in turn if picture is not None)
+
+
+def _shrunk(picture: Image.Image, side: int) -> np.ndarray:
+    zoom = side / max(picture.size)
+    size = round(picture.width * zoom), round(picture.height * zoom)
+    return np.asarray(picture.resize(size, Image.Resampling.LANCZOS))
+
+
+def psnr(picture: np.ndarray, target: np.ndarray) -> float:
+    """Compute the PSNR in dB of two 8-bit pictures."""
+    return float(-10 * np.log10(np.square((picture.astype(float) - target) / 255).mean() + 1e-12))
+
+
+def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
+    """Yield codec, setting, bits per pixel and PSNR of the files of Pillow."""
+    for codec, (form, qualities) in CODECS.items():
+        for options in qualities:
+            Image.fromarray(target).save(file := io.BytesIO(), form, **options)
+            decoded = np.asarray(Image.open(file).convert("RGB"))
+            setting = str(options.get("quality", options.get("quality_layers")))
+            yield codec, setting, 8 * len(file.getvalue()) / target[..., 0].size, psnr(decoded, target)
+
+
+def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
+    """Paint, code and decode: yield the same of strokes."""
+    import brushexp  # noqa: PLC0415  (tables need none of it)
+    from brushexp.contracts import build_named  # noqa: PLC0415
+    from brushexp.contracts.families import Comparison  # noqa: PLC0415
+
+    for count in STROKES:
+        painting = brushexp.paint(target, look="plain", strokes=count, steps=STEPS, threads=1, seed=0)
+        job = painting.finished.job.bare()
+        image, goal = (torch.from_numpy(np.array(one)).permute(2, 0, 1) / 255 for one in (job.picture(), target))
+        for loss in LOSSES:
+            metric = build_named("metric", "bits", {"loss": loss})
+            rate = metric(Comparison(image, goal, None, job.strokes, job))
+            yield OURS, f"{count} strokes, {loss} dB", rate, metric.remarks["psnr_decoded"]
+
+
+def paint(records: Path, kodak: Path | None) -> None:
+    """Append to the records what they lack."""
+    done = {(row["set"], row["picture"], row["codec"]) for row in read(records)} if records.exists() else set()
+    with records.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if not done:
+            writer.writerow(FIELDS)
+        for group, name, target in pictures(kodak):
+            for method in (by_codecs, by_strokes):
+                if (group, name, OURS if method is by_strokes else "JPEG") in done:
+                    continue
+                rows = [
+                    (group, name, target.shape[1], target.shape[0], codec, setting, f"{rate:.4f}", f"{quality:.3f}")
+                    for codec, setting, rate, quality in method(target)
+                ]
+                writer.writerows(rows)  # of a picture all or none
+                file.flush()
+            print(group, name, flush=True)
+
+
+def read(records: Path) -> list[Record]:
+    """Read the records."""
+    with records.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
+    """Collect the points of each set, picture and codec that no other point of the curve beats, by rate."""
+    points = defaultdict(list)
+    for row in rows:
+        points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))
+    best = {}
+    for key, curve in points.items():
+        front: Curve = []
+        for rate, quality in sorted(curve):
+            if not front or quality > front[-1][1]:
+                front.append((rate, quality))
+        best[key] = front
+    return best
+
+
+def quality_at(curve: Curve, rate: float) -> float:
+    """Interpolate the PSNR at a rate; nan outside of the curve."""
+    rates, qualities = np.array(curve).T
+    if not rates[0] <= rate <= rates[-1]:
+        return float("nan")
+    return float(PchipInterpolator(np.log(rates), qualities)(np.log(rate)))
+
+
+def difference_of_rates(curve: Curve, against: Curve) -> float:
+    """Compute Bjontegaard's mean difference of log rate; nan where the curves share no range of PSNR."""
+    low = max(curve[0][1], against[0][1])
+    high = min(curve[-1][1], against[-1][1])
+    if high <= low:
+        return float("nan")
+    means = []
+    for one in (curve, against):
+        rates, qualities = np.array(one).T
+        means.append(PchipInterpolator(qualities, np.log(rates)).integrate(low, high) / (high - low))
+    return float(means[0] - means[1])
+
+
+def show(records: Path, figure: Path | None) -> None:
+    """Print the tables; draw the figure."""
+    found = curves(read(records))
+    groups = list(dict.fromkeys(group for group, _, _ in found))
+    codecs = [OURS, *CODECS]
+    print("| set | pictures | bits per pixel |", " | ".join(codecs), "|\n|---|---:|---:|" + "---:|" * len(codecs))
+    for group in groups:
+        names = list(dict.fromkeys(name for one, name, _ in found if one == group))
+        for rate in RATES:
+            table = np.array([[quality_at(found[group, name, codec], rate) for codec in codecs] for name in names])
+            everywhere = ~np.isnan(table).any(0)
+            if not everywhere[0]:
+                continue
+            cells = [f"{mean:.1f}" if whole else "–" for mean, whole in zip(table.mean(0), everywhere, strict=True)]
+            print(f"| {group} | {len(names)} | {rate:g} |", " | ".join(cells), "|")
+    print("\n| set | against | rate of strokes at equal PSNR | 95 % | pictures |\n|---|---|---:|---:|---:|")
+    random = np.random.default_rng(0)
+    for group in groups:
+        names = list(dict.fromkeys(name for one, name, _ in found if one == group))
+        for codec in codecs[1:]:
+            logs = np.array(
+                [difference_of_rates(found[group, name, OURS], found[group, name, codec]) for name in names]
+            )
+            logs = logs[~np.isnan(logs)]
+            if not len(logs):
+                print(f"| {group} | {codec} | no PSNR that both reach | | 0 |")
+                continue
+            means = logs[random.integers(0, len(logs), (SAMPLES, len(logs)))].mean(1)
+            low, high = np.exp(np.quantile(means, [0.025, 0.975]))
+            print(f"| {group} | {codec} | x {np.exp(logs.mean()):.2f} | {low:.2f} to {high:.2f} | {len(logs)} |")
+    if figure is not None:
+        draw(found, groups, codecs, figure)
+
+
+def draw(found: dict[tuple[str, str, str], Curve], groups: list[str], codecs: list[str], figure: Path) -> None:
+    """Draw the curves of all pictures, a panel for each set."""
+    import matplotlib  # noqa: PLC0415
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    drawing, panels = pyplot.subplots(1, len(groups), figsize=(4.2 * len(groups), 4), squeeze=False)
+    for panel, group in zip(panels[0], groups, strict=True):
+        for number, codec in enumerate(codecs):
+            label: str | None = codec
+            for (one, _, other), curve in found.items():
+                if (one, other) == (group, codec):
+                    style = {"linewidth": 2.2, "marker": "o", "markersize": 3} if codec == OURS else {"linewidth": 0.9}
+                    panel.plot(
+                        *np.array(curve).T, color=f"C{3 if codec == OURS else (number + 6) % 10}", label=label, **style
+                    )
+                    label = None
+        panel.set(xscale="log", xlim=(0.04, 4), ylim=(14, 52), xlabel="bits per pixel", title=group)
+        panel.grid(alpha=0.3)
+    panels[0][0].set_ylabel("PSNR of what is decoded, dB")
+    panels[0][0].legend(fontsize=8)
+    drawing.tight_layout()
+    drawing.savefig(figure, dpi=90)
+
+
+def main() -> None:
+    """Paint, or show what was painted."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["paint", "show"])
+    parser.add_argument("records", type=Path, help="CSV file")
+    parser.add_argument("figure", type=Path, nargs="?", help="PNG file of the figure")
+    parser.add_argument("--kodak", type=Path, help="folder with Kodak's pictures")
+    options = parser.parse_args()
+    if options.what == "paint":
+        paint(options.records, options.kodak)
+    else:
+        show(options.records, options.figure)
+
+
+if __name__ == "__main__":
+    main()

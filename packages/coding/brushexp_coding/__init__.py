@@ -1,0 +1,1 @@
+"""Bits of a painting: strokes are rounded and coded as a file, which is read and painted again."""

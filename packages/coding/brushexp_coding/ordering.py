@@ -1,0 +1,74 @@
+"""Order strokes so that neighbours follow each other, without changing the picture."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from torch import linspace
+
+from brushexp.contracts.families import Renderer
+from brushexp.contracts.strokes import Strokes, point_at
+
+CELL = 4  # pixels of a side
+PIECES = 16  # of a curve, whose ends stand for it
+
+
+def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> np.ndarray:
+    """Find another order (N,) of strokes, the bottom one first before and after, in which most follow a near one.
+
+    Strokes that may touch the same cell of the canvas (H, W) keep their order, and all others may be exchanged: where
+    no pixel has paint of both, it does not matter which is laid first.
+    """
+    middle = strokes_middle(strokes)
+    waits, followers = _constraints(strokes, size, renderer)
+    free = [stroke for stroke in range(len(strokes)) if not waits[stroke]]
+    order, here = np.empty(len(strokes), np.int64), np.zeros(2)
+    for place in range(len(strokes)):
+        away = middle[free] - here
+        stroke = free.pop(int((away * away).sum(1).argmin()))
+        order[place], here = stroke, middle[stroke]
+        for follower in followers[stroke]:
+            waits[follower] -= 1
+            if not waits[follower]:
+                free.append(follower)
+    return order
+
+
+def strokes_middle(strokes: Strokes) -> np.ndarray:
+    """Compute the middles (N, 2) of the curves in pixels."""
+    start, control, end = (getattr(strokes, name).double() for name in ("start", "control", "end"))
+    half = 0.5 * strokes.scale.double()[:, None]
+    return (strokes.position.double() + half * (start + 2 * control + end) / 4).numpy()
+
+
+def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> tuple[list[int], list[list[int]]]:
+    """Count for each stroke those right below it in some cell, and list those right above it."""
+    top: dict[int, int] = {}
+    waits, followers = [0] * len(strokes), [list[int]() for _ in range(len(strokes))]
+    for stroke, cells in enumerate(touched_cells(strokes, size, renderer)):
+        below = {top[cell] for cell in cells if cell in top}
+        waits[stroke] = len(below)
+        for other in below:
+            followers[other].append(stroke)
+        top.update(dict.fromkeys(cells, stroke))
+    return waits, followers
+
+
+def touched_cells(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[list[int]]:
+    """List for each stroke the cells of the canvas (H, W) that it may touch, and perhaps a few more."""
+    layers = renderer(strokes)
+    curve = layers.curve.detach().double()
+    points = point_at(curve[:, None], linspace(0, 1, PIECES + 1).double()[None]).numpy()  # (N, PIECES + 1, 2)
+    between = np.linalg.norm(np.diff(points, axis=1), axis=2).max(1) / 2  # farthest of a piece from its ends
+    bend = np.linalg.norm((curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]).numpy(), axis=1)
+    reach = layers.reach.detach().double().numpy() + between + bend / (4 * PIECES**2) + CELL / np.sqrt(2)
+    columns, rows = -(-size[1] // CELL), -(-size[0] // CELL)
+    limits = np.array([columns, rows])
+    first = np.floor((points.min(1) - reach[:, None]) / CELL).clip(0, limits).astype(int)
+    last = np.ceil((points.max(1) + reach[:, None]) / CELL).clip(0, limits).astype(int)
+    for path, far, (left, up), (right, down) in zip(points, reach, first, last, strict=True):
+        x, y = (np.arange(left, right) + 0.5) * CELL, (np.arange(up, down) + 0.5) * CELL
+        across = (x[:, None] - path[:, 0]) ** 2
+        along = (y[:, None] - path[:, 1]) ** 2
+        nearest = (along[:, None] + across[None]).min(2, initial=np.inf)
+        row, column = np.nonzero(nearest <= far * far)
+        yield ((row + up) * columns + column + left).tolist()

@@ -1,0 +1,85 @@
+"""Predict the numbers of a stroke from those of strokes before it, so that small ones are left to be coded."""
+
+from enum import IntEnum
+
+import numpy as np
+
+from brushexp_coding.entropy import LARGEST
+
+BEFORE = 1024  # strokes among which the nearest one is sought
+
+
+class Prediction(IntEnum):
+    """From what the numbers of a column are predicted."""
+
+    NOTHING = 0
+    LAST = 1  # the stroke before
+    NEAREST = 2  # of the strokes before, the one whose middle lies nearest
+
+
+def nearest_before(middle: np.ndarray) -> np.ndarray:
+    """Find for each stroke the nearest (N,) of the `BEFORE` strokes before it, the last of equals; 0 for the first.
+
+    ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are taken, so every machine finds the same.
+    """
+    count = len(middle)
+    best, least = np.zeros(count, np.int64), np.full(count, np.inf)
+    for back in range(1, min(BEFORE, count - 1) + 1):
+        away = middle[back:] - middle[:-back]
+        squares = away * away
+        distance = squares[:, 0] + squares[:, 1]
+        nearer = np.nonzero(distance < least[back:])[0]
+        best[nearer + back] = nearer
+        least[nearer + back] = distance[nearer]
+    return best
+
+
+def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> np.ndarray | None:
+    """Return for each of ``count`` strokes the earlier one (N,) that predicts it; None for no prediction."""
+    if prediction == Prediction.LAST:
+        return np.maximum(np.arange(count) - 1, 0)
+    return nearest if prediction == Prediction.NEAREST else None
+
+
+def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
+    """Compute numbers * 2**octaves, rounded, in whole numbers, and within what can be coded."""
+    finer = numbers << np.maximum(octaves, 0)
+    half = (1 << np.maximum(-octaves, 1)) >> 1
+    coarser = (numbers + half) >> np.maximum(-octaves, 0)
+    return np.where(octaves < 0, coarser, finer).clip(1 - LARGEST // 2, LARGEST // 2 - 1)
+
+
+def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
+    """Subtract from numbers (N, K) those of each stroke's source, in steps of the stroke itself; the first stays."""
+    if source is None or len(numbers) < 2:
+        return numbers
+    residuals = numbers.copy()
+    residuals[1:] -= rescaled(numbers[source], octaves[source] - octaves)[1:]
+    return residuals
+
+
+def restored(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
+    """Undo `residuals_of`."""
+    if source is None or len(residuals) < 2:
+        return residuals
+    numbers, finer = residuals.copy(), octaves[source] - octaves
+    for stroke in range(1, len(numbers)):
+        numbers[stroke] += rescaled(numbers[source[stroke]], finer[stroke])
+    return numbers
+
+
+def decorrelated(residuals: np.ndarray) -> np.ndarray:
+    """Turn differences of red, green and blue (N, 3) into luma and two chromas, without loss (YCoCg-R)."""
+    red, green, blue = residuals.T
+    orange = red - blue
+    middle = blue + (orange >> 1)
+    magenta = green - middle
+    return np.stack([middle + (magenta >> 1), orange, magenta], axis=1)
+
+
+def correlated(decorrelated_: np.ndarray) -> np.ndarray:
+    """Undo `decorrelated`."""
+    luma, orange, magenta = decorrelated_.T
+    middle = luma - (magenta >> 1)
+    blue = middle - (orange >> 1)
+    return np.stack([blue + orange, magenta + middle, blue], axis=1)

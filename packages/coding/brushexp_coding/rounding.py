@@ -1,0 +1,176 @@
+"""Round strokes to whole numbers, and make strokes of them again."""
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.contracts.strokes import (
+    FARTHEST_POSITION,
+    FIELDS,
+    Strokes,
+    curve_of,
+    drift_of,
+    half_width_of,
+    softness_of,
+    strokes_along,
+)
+from brushexp_coding.entropy import LARGEST
+
+FINE = 64  # place of the step 1 on the ladder of steps
+RUNGS = (1.0, 1.1875, 1.4140625, 1.6796875)  # four steps of an octave, exact in double precision
+MAX_COARSENESS = 8  # octaves to either side by which a stroke may be coarser than another
+
+
+class Column(IntEnum):
+    """Numbers of a stroke, lengths in pixels. Those from OFFSET_X on are coded for renderers that draw in windows."""
+
+    THICKNESS = 0
+    CHORD_X = 1  # from start to end
+    CHORD_Y = 2
+    BEND_X = 3  # from the middle of the chord to the control point
+    BEND_Y = 4
+    SOFTNESS = 5
+    MIDDLE_X = 6  # of the curve
+    MIDDLE_Y = 7
+    OPACITY = 8
+    RED = 9
+    GREEN = 10
+    BLUE = 11
+    WIDENING = 12
+    DRIFT_RED = 13
+    DRIFT_GREEN = 14
+    DRIFT_BLUE = 15
+    OFFSET_X = 16  # from the middle of the curve to that of the window
+    OFFSET_Y = 17
+    SIDE = 18  # of the window
+
+
+DRIFT = tuple(range(Column.DRIFT_RED, Column.DRIFT_BLUE + 1))
+PAINT = (Column.RED, Column.GREEN, Column.BLUE, *DRIFT)
+OF_WINDOWS = (Column.OFFSET_X, Column.OFFSET_Y, Column.SIDE)
+REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """N strokes as whole numbers, the bottom one first: a value is number * step of its column * 2**coarseness.
+
+    A stroke has two octaves of coarseness, one of its shape and one of its paint, since where a stroke lies matters by
+    its contrast with what is around it, and its colour by the area that is seen of it.
+    """
+
+    numbers: np.ndarray  # (N, C) int64, C the number of columns
+    coarseness: np.ndarray  # (N, 2) int64, of the shape and of the paint
+    rungs: np.ndarray  # (C,) int64 places of the columns' steps on the ladder, see `step_at`
+    windows: bool  # whether the windows are those of the file; otherwise they fit closely around the curves
+    brushes: np.ndarray | None = None  # (N,) int64; None where the renderer does not choose by it
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Steps (N, C) of each number, float64."""
+        base = np.array([step_at(int(rung)) for rung in self.rungs])
+        return np.ldexp(base[None], self.octaves.astype(np.int32))
+
+    @property
+    def middles(self) -> np.ndarray:
+        """Middles (N, 2) of the curves in pixels, float64."""
+        place = slice(Column.MIDDLE_X, Column.MIDDLE_Y + 1)
+        return self.numbers[:, place] * self.steps[:, place]
+
+    @property
+    def octaves(self) -> np.ndarray:
+        """Coarseness (N, C) of each number."""
+        return self.coarseness[:, is_paint(self.numbers.shape[1]).astype(int)]
+
+    def strokes(self) -> Strokes:
+        """Make the strokes that the numbers stand for, as a file of them is painted."""
+        strokes = strokes_of(torch.from_numpy(self.numbers * self.steps), windows=self.windows)
+        strokes = strokes.map(lambda value: value.float())
+        return strokes if self.brushes is None else replace(strokes, brush=torch.from_numpy(self.brushes))
+
+
+def is_paint(columns: int) -> np.ndarray:
+    """Tell which of so many columns are of the paint."""
+    return np.isin(np.arange(columns), PAINT)
+
+
+def step_at(rung: int) -> float:
+    """Return the step at a place on the ladder, of four steps an octave."""
+    octave, part = divmod(rung - FINE, len(RUNGS))
+    return RUNGS[part] * 2.0**octave
+
+
+def rung_near(step: float) -> int:
+    """Return the place of the largest step of the ladder that is not larger than ``step``, of all from 0 to 255."""
+    ladder = np.array([step_at(rung) for rung in range(256)])
+    return max(0, int(np.searchsorted(ladder, step * (1 + 1e-9), side="right")) - 1)
+
+
+def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
+    """Compute the values (N, C) of the columns, in double precision."""
+    strokes = strokes.map(lambda value: value.detach().cpu().double())
+    start, control, end = curve_of(strokes).unbind(1)
+    middle = (start + 2 * control + end) / 4
+    paint = [strokes.opacity[:, None], strokes.color, strokes.widening[:, None], drift_of(strokes)]
+    shape = [2 * half_width_of(strokes)[:, None], end - start, control - (start + end) / 2]
+    values = [*shape, softness_of(strokes)[:, None], middle, *paint]
+    values += [strokes.position - middle, strokes.scale[:, None]] if windows else []
+    return torch.cat(values, dim=1)
+
+
+def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
+    """Make strokes of the values (N, C) of the columns, differentiable; what is out of range comes to its end."""
+    column = values.unbind(1)
+    middle, chord, bend = (values[:, at : at + 2] for at in (Column.MIDDLE_X, Column.CHORD_X, Column.BEND_X))
+    control = middle + bend / 2
+    start, end = middle - bend / 2 - chord / 2, middle - bend / 2 + chord / 2
+    thickness, softness = column[Column.THICKNESS].clamp(min=0), column[Column.SOFTNESS].clamp(min=0)
+    curve = torch.stack([start, control, end], dim=1)
+    low, high = curve.amin(1), curve.amax(1)
+    if windows:
+        position = middle + values[:, Column.OFFSET_X : Column.OFFSET_Y + 1]
+        side = column[Column.SIDE]
+    else:
+        position = (low + high) / 2
+        side = (high - low).amax(1) + thickness + ROOM
+    position = position.clamp(-FARTHEST_POSITION, FARTHEST_POSITION)
+    side = side.maximum(softness / FIELDS["softness"].high).clamp(FIELDS["scale"].low, FARTHEST_POSITION)
+    strokes = strokes_along(
+        curve - position[:, None],
+        thickness,
+        values[:, Column.RED : Column.BLUE + 1],
+        column[Column.OPACITY].clamp(0, 1),
+        window=side,
+        position=position,
+    )
+    rest = {"softness": softness / side, "widening": column[Column.WIDENING].clamp(-1, 1)}
+    drift = values[:, Column.DRIFT_RED : Column.DRIFT_BLUE + 1].clamp(-0.5, 0.5)
+    strokes = replace(strokes, **rest, drift=drift)
+    bounded = {
+        name: getattr(strokes, name).clamp(FIELDS[name].low, FIELDS[name].high)
+        for name in ("start", "control", "end", "width", "softness")
+    }
+    return replace(strokes, **bounded)
+
+
+ROOM = 2.0  # pixels of a window beyond the stroke
+
+
+def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:
+    """Round values (N, C) to whole numbers of their steps (N, C)."""
+    numbers = np.rint(values.detach().numpy() / steps)
+    return np.clip(numbers, 1 - LARGEST // 2, LARGEST // 2 - 1).astype(np.int64)
+
+
+def facing_right(values: Tensor) -> Tensor:
+    """Turn strokes (N, C) so that they lead to the right, which changes no picture of a renderer without textures."""
+    back = (values[:, Column.CHORD_X] < 0) | ((values[:, Column.CHORD_X] == 0) & (values[:, Column.CHORD_Y] < 0))
+    signs = torch.ones_like(values)
+    signs[:, list(REVERSED)] = torch.where(back, -1.0, 1.0).to(values)[:, None]
+    return values * signs
