@@ -33,9 +33,7 @@ class ViewTask(Task):
     alone = "catalogue"
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
-    catalogue: str | None = key(
-        None, "folder of a run or sweep, or a catalogue (.h5, .json); null = the newest in outputs/", PAGE
-    )
+    catalogue: str | None = key(None, "folder of a run or sweep, or a catalogue; null = the newest in outputs/", PAGE)
     output: str = key("${scratch:}", "folder that keeps the page; by default none does")
     port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
     open: bool = key(True, "open the page in the browser; false = only print the address")

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from brushexp.contracts import UserError, build_named
-from brushexp.contracts.files import METRICS_FILE, to_bytes, write_json, write_picture
+from brushexp.contracts.files import METRICS_FILE, catalogue_suffixes, to_bytes, write_json, write_picture
 from brushexp.contracts.painting import export_job, measure, standard_metrics
 from brushexp.contracts.pictures import load_picture, picture_suffixes
 from brushexp.contracts.runs import Status
 from brushexp.contracts.strokes import load_catalogue
-
-CATALOGUES = (".h5", ".json")
 
 
 def add_paintings(
@@ -45,7 +43,7 @@ def add_paintings(
 
 def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
     """Draw a painting (H, W, 3) in 8 bits at the size of its target, without light, and count its strokes."""
-    if path.suffix.lower() in CATALOGUES:
+    if path.suffix.lower() in catalogue_suffixes():
         saved = load_catalogue(path, "add")
         job = export_job(saved, resolution=max(shape)).bare()
         pixels, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
@@ -70,7 +68,8 @@ def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
             f"add={painting} is a folder and target={target} is none; give a folder with files of the same names"
         )
     targets = {path.stem: path for path in sorted(Path(target).iterdir()) if path.suffix.lower() in picture_suffixes()}
-    paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in {*picture_suffixes(), *CATALOGUES}]
+    known = {*picture_suffixes(), *catalogue_suffixes()}
+    paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in known]
     if not paths:
         raise UserError(f"add={painting}: there is no painting in it; give pictures or catalogues")
     for before, path in pairwise((Path(), *paths)):

@@ -29,8 +29,8 @@ def load(source: str | PathLike[str]) -> Painting:
     Nothing is painted again; the painting is drawn only where its ``painting.png`` is missing.
 
     Args:
-        source: the folder of a run, a ``catalogue.h5`` or ``strokes.json``, or the name of a catalogue that ships. A
-            catalogue without the other files of its run has no ``target`` and no ``metrics``.
+        source: the folder of a run, a ``catalogue.h5``, ``strokes.json`` or ``strokes.bits``, or the name of a
+            catalogue that ships. One without the other files of its run has no ``target`` and no ``metrics``.
 
     Raises:
         UserError: what is wrong with a file, or which plugin it needs.

@@ -42,11 +42,11 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.system.caches import has_home
+from brushexp.system.published import catalogue_suffixes
 from brushexp.system.words import table_of_words
 
 ALL_PIXELS = "working_resolution=null"  # of sweeps, unless another is typed: their jobs compare with earlier ones
 RESUME_SWEEP = "resume=sweep"
-CATALOGUES = (".h5", ".json")
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of them
 OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
 
@@ -67,7 +67,7 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
     if not is_path(word) and (meant := meaning_of(word)):
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()
-    if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
+    if path.suffix.lower() in catalogue_suffixes() or any((path / name).exists() for name in RESULTS):
         cure = f"brushexp view or export {word}, or go on with its strokes: PICTURE catalogue={word} in place of {word}"
         raise UserError(f"{word} is a painting, a run or a sweep, and no picture; type {cure}")
     if is_picture and alone:

@@ -5,6 +5,7 @@ from brushexp.system.earlier import todays_settings
 from brushexp.system.files import TEMPORARY, replacing, to_bytes, write_bytes, write_json, write_picture, write_text
 from brushexp.system.hdf5 import HDF5, check_chunk, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.progress import counting, showing, with_progress
+from brushexp.system.published import catalogue_suffixes
 from brushexp.system.reading import (
     check_file,
     check_format_version,
@@ -29,6 +30,7 @@ __all__ = [
     "TEMPORARY",
     "CheckpointFormat",
     "as_shown",
+    "catalogue_suffixes",
     "check_chunk",
     "check_file",
     "check_format_version",

@@ -15,9 +15,9 @@ from PIL import Image, IptcImagePlugin, PngImagePlugin
 from brushexp.pictures.carriers import SHOT
 from brushexp.pictures.limits import open_of_any_size
 from brushexp.system.files import PNG, write_bytes
+from brushexp.system.published import catalogue_suffixes
 
 KEYWORDS = ("Title", "Author", "Copyright", "Creation Time", "Description")  # of PNG
-CATALOGUES = (".h5", ".json")
 LONGEST_ENTRY, LARGEST_XMP = 2000, 2**20  # letters of an entry, bytes of a packet
 EXIF = {"Author": 315, "Copyright": 33432, "Description": 270, "Title": 40091, "Creation Time": 306}  # tags of TIFF
 WIDE_TITLE, TAKEN = 40091, 36867  # tags: Windows' title, in UTF-16, and when a photograph was taken
@@ -39,7 +39,7 @@ def credits_of(image: str) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     path = Path(os.path.expanduser(image))
-    path = path.with_name("painting.png") if path.suffix in CATALOGUES else path
+    path = path.with_name("painting.png") if path.suffix in catalogue_suffixes() else path
     if not os.path.isfile(path):
         return found
     with suppress(Exception), open_of_any_size(path) as picture:  # what is damaged in it says nothing

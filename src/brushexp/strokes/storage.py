@@ -28,7 +28,7 @@ from brushexp.strokes.saved import (
 )
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.published import published
+from brushexp.system.published import CATALOGUES, published
 from brushexp.system.reading import check_file, check_format_version, explaining, in_short, read_text
 from brushexp.system.spellings import find_path
 
@@ -37,7 +37,6 @@ CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
 MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
 ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
-CATALOGUES = "brushexp.catalogues"  # entry points: ending of a file -> function that reads a catalogue from its bytes
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import opened
+from brushexp.contracts.files import catalogue_suffixes, opened
 from brushexp.contracts.strokes import load_catalogue
 from brushexp_recovery.benchmark.prediction import (
     GREY,
@@ -25,7 +25,6 @@ from brushexp_recovery.recover.storage import GROUP, read_recovered
 
 Array = NDArray[Any]
 
-CATALOGUES = (".h5", ".json")
 BASE = np.array([65536, 256, 1])  # make one number of red, green and blue
 
 
@@ -34,10 +33,10 @@ def read_prediction(path: Path, size: tuple[int, int], image: Array | None = Non
 
     Labels: .npy or .npz (``labels``), -1 the ground, or .png, where black is the ground and each grey level or colour
     is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, beside or instead of labels,
-    and if there are ``color``, ``opacity``, ``area``, ``confidence``, ``ordered``. Catalogues: .h5, .json.
+    and if there are ``color``, ``opacity``, ``area``, ``confidence``, ``ordered``. Catalogues: of any form.
     """
     suffix = path.suffix.lower()
-    if suffix in CATALOGUES:
+    if suffix in catalogue_suffixes():
         saved = load_catalogue(path, key)
         if saved.size == size and is_recovered(path):
             return prediction_from_recovered(read_recovered(path))

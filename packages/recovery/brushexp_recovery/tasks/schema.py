@@ -14,7 +14,6 @@ from brushexp_recovery.find.photograph import size_of_photograph
 
 WIDTH_HELP = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"
 SIZE_HELP = "the same as width and height, 92x73"
-CATALOGUES = (".h5", ".json")
 
 
 @dataclass
@@ -62,9 +61,11 @@ class MeasureTask(Task):
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
+        from brushexp.contracts.files import catalogue_suffixes  # noqa: PLC0415
+
         image = str(typed.get("image") or "")
         files = [Path(file) for file in ([image] if Path(image).exists() else image.split(","))]
-        return all(file.is_file() and file.suffix.lower() not in CATALOGUES for file in files)
+        return all(file.is_file() and file.suffix.lower() not in catalogue_suffixes() for file in files)
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
