@@ -5,8 +5,9 @@
 
 Pictures are icons that the script draws, photographs of scikit-image, and, from a folder, some of Kodak's, all made
 small. Each is painted with several numbers of strokes, which are coded; files of JPEG, WebP, AVIF and JPEG 2000 come
-from Pillow at many qualities. Rates are those of whole files. What the records have is not done again. Bjontegaard's difference of rates (2001) is the mean difference of log rate over the range of PSNR that
-two curves share, here of monotone cubic curves; intervals are of 2,000 bootstrap samples of the pictures of a set.
+from Pillow at many qualities. Rates are those of whole files. What the records have is not done again. Bjontegaard's
+difference of rates (2001) is the mean difference of log rate over the range of PSNR that two curves share, here of
+monotone cubic curves; intervals are of 2,000 bootstrap samples of the pictures of a set.
 """
 
 import argparse
@@ -33,16 +34,26 @@ RATES = (0.1, 0.25, 0.5, 1.0, 2.0)  # bits per pixel, of the table
 SUPERSAMPLING = 4
 SAMPLES = 2_000  # of the bootstrap
 FIELDS = ("set", "picture", "width", "height", "codec", "setting", "bits_per_pixel", "psnr")
+LAYERS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7, 4.0)  # bits per pixel
+ALL_CHROMA = {"subsampling": "4:4:4"}  # by default, colours have a quarter of the pixels
 CODECS: dict[str, tuple[str, list[dict[str, object]]]] = {
-    "JPEG": ("JPEG", [{"quality": q, "optimize": True} for q in (1, 3, 6, 10, 15, 22, 30, 40, 50, 60, 70, 80, 87, 93)]),
+    "JPEG": (
+        "JPEG",
+        [{"quality": q, "optimize": True} for q in (1, 3, 6, 10, 15, 22, 30, 40, 50, 60, 70, 80, 87, 93)]
+        + [{"quality": q, "optimize": True, **ALL_CHROMA} for q in (3, 10, 22, 40, 60, 80, 93)],
+    ),
     "WebP": ("WEBP", [{"quality": q, "method": 6} for q in (0, 3, 8, 15, 25, 35, 50, 65, 75, 83, 89, 94, 98)]),
-    "AVIF": ("AVIF", [{"quality": q, "speed": 4} for q in (1, 6, 12, 20, 28, 36, 45, 55, 65, 75, 83, 90, 95)]),
+    "AVIF": (
+        "AVIF",
+        [{"quality": q, "speed": 4} for q in (1, 6, 12, 20, 28, 36, 45, 55, 65, 75, 83, 90, 95)]
+        + [{"quality": q, "speed": 6, **ALL_CHROMA} for q in (6, 28, 55, 75, 90, 95)],
+    ),
     "JPEG 2000": (
         "JPEG2000",
-        [{"quality_mode": "rates", "quality_layers": [24 / bpp], "irreversible": True, "mct": 1} for bpp in
-         (0.06, 0.1, 0.16, 0.25, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7, 4.0)],
+        [{"quality_mode": "rates", "quality_layers": [24 / bits], "irreversible": True, "mct": 1} for bits in LAYERS],
     ),
-}  # fmt: skip
+}
+LOSSLESS = "WebP, lossless"
 OURS = "strokes"
 Record = dict[str, str]
 Curve = list[tuple[float, float]]  # bits per pixel and PSNR
@@ -118,8 +129,12 @@ def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
         for options in qualities:
             Image.fromarray(target).save(file := io.BytesIO(), form, **options)
             decoded = np.asarray(Image.open(file).convert("RGB"))
-            setting = str(options.get("quality", options.get("quality_layers")))
+            setting = " ".join(
+                str(options[key]) for key in ("quality", "quality_layers", "subsampling") if key in options
+            )
             yield codec, setting, 8 * len(file.getvalue()) / target[..., 0].size, psnr(decoded, target)
+    Image.fromarray(target).save(file := io.BytesIO(), "WEBP", lossless=True)
+    yield LOSSLESS, "", 8 * len(file.getvalue()) / target[..., 0].size, np.inf
 
 
 def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
@@ -229,6 +244,10 @@ def show(records: Path, figure: Path | None) -> None:
             means = logs[random.integers(0, len(logs), (SAMPLES, len(logs)))].mean(1)
             low, high = np.exp(np.quantile(means, [0.025, 0.975]))
             print(f"| {group} | {codec} | x {np.exp(logs.mean()):.2f} | {low:.2f} to {high:.2f} | {len(logs)} |")
+    print("\n| set | bits per pixel of WebP without loss, mean |\n|---|---:|")
+    for group in groups:
+        rates = [curve[0][0] for (one, _, codec), curve in found.items() if (one, codec) == (group, LOSSLESS)]
+        print(f"| {group} | {np.mean(rates):.2f} |")
     if figure is not None:
         draw(found, groups, codecs, figure)
 

@@ -18,14 +18,14 @@ LEAST = 1e-7  # mean squared error that rounding may add to a painting that is i
 
 @register("metric", "bits")
 class BitsPerPixel(Metric):
-    """Bits per pixel of the strokes as a file, strokes.bits, whose painting is worse by ``loss`` at most.
+    """Bits per pixel of the strokes, rounded and coded as a file (strokes.bits).
 
-    Beside it stands ``psnr_decoded``, the PSNR of what is painted of that very file: these two belong together, and
-    `psnr` is that of the strokes before they are rounded.
+    They are rounded as coarsely as ``loss`` allows. Beside the bits stands ``psnr_decoded``, the PSNR of what is
+    painted from that very file: these two belong together, and `psnr` is that of the strokes before they are rounded.
 
     Args:
         loss: PSNR that rounding may cost, dB.
-        steps: of gradient descent after rounding; 0 is quick and takes a tenth more bits.
+        steps: of gradient descent after rounding; 0 is quick and takes more bits.
     """
 
     title, digits = "bits per pixel", 3

@@ -10,6 +10,7 @@ from brushexp.contracts.strokes import Strokes, point_at
 
 CELL = 4  # pixels of a side
 PIECES = 16  # of a curve, whose ends stand for it
+CHOICES = 1024  # strokes of which the nearest is taken, at most
 
 
 def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> np.ndarray:
@@ -23,7 +24,7 @@ def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Render
     free = [stroke for stroke in range(len(strokes)) if not waits[stroke]]
     order, here = np.empty(len(strokes), np.int64), np.zeros(2)
     for place in range(len(strokes)):
-        away = middle[free] - here
+        away = middle[free[:CHOICES]] - here
         stroke = free.pop(int((away * away).sum(1).argmin()))
         order[place], here = stroke, middle[stroke]
         for follower in followers[stroke]:
