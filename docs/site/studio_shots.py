@@ -28,7 +28,7 @@ def paint(page: Page, number: int, look: str) -> None:
 
 def finish(page: Page, number: int) -> None:
     """Wait for the files."""
-    page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=300_000)
+    page.locator(f"a[href='/works/{number}/files/painting.png']").wait_for(timeout=300_000)
 
 
 def shot(page: Page) -> Image.Image:

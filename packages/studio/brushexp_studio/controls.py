@@ -115,7 +115,9 @@ class Controls:
         self.complain(str(answer.get("error", "")))
         if "photo" in answer:
             try:
-                take(self.visit.photos[str(answer["photo"])])
+                photo = self.visit.photos[str(answer["photo"])]
+                take(photo)
+                self.complain(photo.remark)
             except UserError as error:
                 self.complain(str(error))
 

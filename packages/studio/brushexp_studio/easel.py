@@ -6,9 +6,10 @@ from typing import Any
 
 from nicegui import ui
 
-from brushexp_studio.elements import Button, Drop, Frames, Mask, Tag, Wipe, chips
-from brushexp_studio.visit import COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
-from brushexp_studio.works import DONE, FAILED, GLANCE, PRINT_SIDE, WAITING, Work
+from brushexp_studio.downloads import BROKEN, MADE, MAKING, Form, describe_file, possible_forms
+from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
+from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
+from brushexp_studio.works import DONE, FAILED, GLANCE, WAITING, Work
 
 FILES = {  # names on the page; a film is one of two kinds
     "painting.png": "PNG",
@@ -18,7 +19,6 @@ FILES = {  # names on the page; a film is one of two kinds
     "timelapse.gif": "Film",
     "report.html": "Page",
 }
-PRINTS = {"png": f"PNG, {PRINT_SIDE} pixels", "pdf": "PDF"}
 
 
 class Easel:
@@ -27,13 +27,15 @@ class Easel:
     def __init__(self, visit: Visit, receive: Any) -> None:
         self.visit, self.receive = visit, receive
         self.state: tuple[Any, ...] = ()
+        self.made: tuple[tuple[str, str], ...] = ()  # forms of files, and how far they are
         with Tag("section", "easel", aria_label="The picture"):
             self.views = Tag("div", "chips", role="group", aria_label="What is shown")
             self.place = Tag("div", "place")
             self.caption = Tag("p", "caption hint")
-            self.files = Tag("div", "files row")
+            self.files = Tag("section", "files", aria_label="Download")
             self.strip = Tag("div", "strip", role="group", aria_label="Paintings of this session")
         self.live: Tag | None = None
+        self.making: dict[str, tuple[Tag, Tag]] = {}  # words and bars of files that are being made, by their forms
         visit.listeners.append(self.show)
         self.show()
 
@@ -48,7 +50,8 @@ class Easel:
                 Button(VIEWS[view], partial(self._choose, view), pressed=view == self.visit.view, classes="choice")
         self.live = None
         self.place.clear()
-        show = {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, REPLAY: self._replay}
+        show = {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, BLEND: self._blend}
+        show[REPLAY] = self._replay
         with self.place:
             show[self.visit.view]()
         self._show_files()
@@ -58,11 +61,16 @@ class Easel:
     def renew(self) -> None:
         """Show the latest picture of the painting, and the rest anew if more than that has changed."""
         work, works = self.visit.work, self.visit.works
+        made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
+        if made != self.made:
+            self.made = made
+            self._show_files()
         if state != self.state:
             self.state = state
             self.show()
             return
+        self._renew_files()
         if work and work.frames and self.live:
             self.live.set(src=work.address)
         has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own
@@ -119,6 +127,11 @@ class Easel:
         self.visit.against = self.visit.works[number] if number else None
         self.visit.notify()
 
+    def _blend(self) -> None:
+        work = self._work
+        pictures = {"photograph": work.wishes.subject.address, "painting": work.address}
+        Blend(**pictures, saved=f"/works/{work.number}/blend/").style(f"--ratio: {work.ratio}")
+
     def _replay(self) -> None:
         work = self._work
         shown = {number: caption for number, (_, caption) in work.frames.items() if number != GLANCE}
@@ -127,21 +140,62 @@ class Easel:
 
     def _show_files(self) -> None:
         self.files.clear()
+        self.making = {}
         work = self.visit.work
         if work is None or work.status != DONE or self.visit.view == PHOTOGRAPH:
             return
         with self.files:
-            Tag("span", "hint", text="Download")
-            for name, title in FILES.items():
-                if name in work.files:
-                    target = "_blank" if Path(name).suffix == ".html" else None
-                    Tag("a", "button", title, href=f"/works/{work.number}/files/{name}", target=target)
-            for form, title in PRINTS.items():
-                Tag("a", "button", title, href=f"/works/{work.number}/print.{form}", download="")
-            Tag("a", "button", "Everything, zip", href=f"/works/{work.number}.zip")
+            Tag("h2", text="Download")
+            with Tag("ul", "downloads"):
+                for name, title in FILES.items():
+                    if name in work.files:
+                        self._show_file(name, title, work)
+                for key, form in possible_forms().items():
+                    self._show_form(key, form, work)
             with Tag("p", "command-line"):
                 Tag("code", text=work.wishes.command())
                 Button("Copy", lambda: ui.clipboard.write(work.wishes.command()), classes="choice")
+
+    def _show_file(self, name: str, title: str, work: Work) -> None:
+        target = "_blank" if Path(name).suffix == ".html" else None
+        with Tag("li"):
+            Tag("a", "button", title, href=f"/works/{work.number}/files/{name}", target=target)
+            Tag("small", text=describe_file(work.files[name], work.wishes.canvas))
+
+    def _show_form(self, key: str, form: Form, work: Work) -> None:
+        """Add a file that is made on request: a button, then its progress, then a link."""
+        download = work.downloads.get(key)
+        with Tag("li"):
+            if download and download.status == MADE:
+                Tag("a", "button", form.title, href=f"/works/{work.number}/made/{key}", download="")
+            else:
+                button = Button(form.title, partial(self._make, key, work))
+                button.allow(download is None or download.status == BROKEN)
+            if download and download.status == MAKING:
+                with Tag("span", "making"):
+                    words = Tag("small", text=download.words, role="status")
+                    self.making[key] = words, Tag("progress", aria_label=f"Share of {form.title} that is made", max=1)
+            else:
+                Tag("small", text=download.trouble if download and download.trouble else form.what)
+
+    def _make(self, key: str, work: Work) -> None:
+        self.visit.wanted.add((work.number, key))
+        self.visit.works.make(work, key)
+        self.renew()
+
+    def _renew_files(self) -> None:
+        """Show how far files are that are being made, and save those of this tab that are made."""
+        work, works = self.visit.work, self.visit.works
+        for key, (words, bar) in self.making.items():
+            if work and (download := work.downloads.get(key)):
+                words.set_text(download.words)
+                bar.set(value=f"{download.share:.3f}")
+        for number, key in [*self.visit.wanted]:
+            download = works[number].downloads[key]
+            if download.status != MAKING:
+                self.visit.wanted.discard((number, key))
+            if download.status == MADE:
+                ui.download.from_url(f"/works/{number}/made/{key}")
 
     def _show_strip(self) -> None:
         self.strip.clear()

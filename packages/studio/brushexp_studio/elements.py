@@ -1,4 +1,4 @@
-"""Define the elements of the page: plain HTML, in the style of the pages of runs, and five with scripts."""
+"""Define the elements of the page: plain HTML, in the style of the pages of runs, and six with scripts."""
 
 from collections.abc import Callable
 from functools import partial
@@ -63,6 +63,10 @@ class Wipe(Scripted, component="web/wipe.js"):
 
 class Frames(Scripted, component="web/frames.js"):
     """Pictures one after another: addresses ``frames``, and ``captions``."""
+
+
+class Blend(Scripted, component="web/blend.js"):
+    """A slider from a photograph to its painting: addresses ``photograph``, ``painting``, and ``saved`` of a blend."""
 
 
 class Mask(Scripted, component="web/mask.js"):

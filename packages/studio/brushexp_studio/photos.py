@@ -1,10 +1,13 @@
 """Store pictures that users upload, and samples: each is read once, and kept as a plain PNG."""
 
 import itertools
+import logging
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import RLock
+from threading import RLock, get_ident
 from typing import Any
 
 import numpy as np
@@ -34,6 +37,7 @@ class Photo:
     name: str  # of the user's file or of a sample; the path of a painting
     path: Path
     size: tuple[int, int]  # height, width
+    remark: str = ""  # what its file has told: that it is cut short, or may be damaged
 
     @property
     def ratio(self) -> float:
@@ -95,7 +99,7 @@ class Photos:
         return path.stem
 
     def _store(self, path: Path, key: str, name: str) -> Photo:
-        with self._reading:
+        with self._reading, remarks() as told:
             pixels = read_picture(path, key="picture")
             if pixels.dtype != np.uint8:
                 pixels = np.rint(pixels * 255).astype(np.uint8)
@@ -105,7 +109,27 @@ class Photos:
         file = self.folder / key / f"{in_plain_letters(Path(name).stem)}.png"  # the page of the painting shows its name
         file.parent.mkdir(exist_ok=True)
         write_picture(file, np.asarray(picture))
-        return Photo(key, name, file, (picture.height, picture.width))
+        remark = " ".join(told).replace(f"picture={path}", name)
+        return Photo(key, name, file, (picture.height, picture.width), remark)
+
+
+@contextmanager
+def remarks() -> Iterator[list[str]]:
+    """List the warnings of this thread while a file is read, such as that it is cut short."""
+    told: list[str] = []
+    thread = get_ident()
+
+    class Listener(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.thread == thread:
+                told.append(record.getMessage())
+
+    listener, root = Listener(logging.WARNING), logging.getLogger("brushexp")
+    root.addHandler(listener)
+    try:
+        yield told
+    finally:
+        root.removeHandler(listener)
 
 
 def in_plain_letters(name: str) -> str:

@@ -1,10 +1,8 @@
 """Serve the studio on this machine alone: pictures and files for the browser, and uploads from it."""
 
-import io
 import socket
 import time
 import warnings
-import zipfile
 from asyncio import get_running_loop
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +26,7 @@ from brushexp.contracts import UserError
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
 from brushexp_studio.serving import HOST, port_error
 from brushexp_studio.tab import add_page
-from brushexp_studio.works import Work, Works
+from brushexp_studio.works import Works
 
 LOOKS = Path(__file__).parent / "looks"  # samples, of docs/site/look_samples.py
 NAMES = [HOST, "localhost", "[::1]"]  # of this machine; pages of others may use another name for it
@@ -68,16 +66,20 @@ def application(photos: Photos, works: Works) -> FastAPI:
         filename = f"{works[number].name}-{path.name}"
         return FileResponse(path, filename=filename, content_disposition_type=disposition)
 
-    @app.get("/works/{number}/print.{form}")
-    def large(number: int, form: str) -> Response:
+    @app.get("/works/{number}/made/{form}")
+    def made(number: int, form: str) -> Response:
         work = works[number]
-        return FileResponse(work.print_as(form), filename=f"{work.name}-print.{form}")
+        download = work.downloads[form]
+        if download.path is None:
+            raise KeyError(form)
+        name = work.name if form == "zip" else f"{work.name}-print"
+        return FileResponse(download.path, filename=f"{name}.{form}")
 
-    @app.get("/works/{number}.zip")
-    def everything(number: int) -> Response:
+    @app.get("/works/{number}/blend/{percent}.png")
+    def blend(number: int, percent: int) -> Response:
         work = works[number]
-        headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
-        return Response(zip_of(work), media_type="application/zip", headers=headers)
+        headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}-{percent}.png"}
+        return Response(work.blend(percent), media_type="image/png", headers=headers)
 
     _take_uploads(app, photos)
     app.mount("/looks", StaticFiles(directory=LOOKS))
@@ -143,15 +145,6 @@ async def _receive(request: Request, use: Any) -> dict[str, Any]:
         return {"error": f"the studio cannot keep this file: {error.strerror}"}
     except ClientDisconnect:
         return {}
-
-
-def zip_of(work: Work) -> bytes:
-    """Pack all files of a painting."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, path in work.files.items():
-            archive.write(path, Path(work.name) / name)
-    return file.getvalue()
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from brushexp_studio.photos import Photo, Photos
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import Work, Works
 
-PHOTOGRAPH, PAINTING, COMPARE, REPLAY = "photograph", "painting", "compare", "replay"
-VIEWS = {PHOTOGRAPH: "Photograph", PAINTING: "Painting", COMPARE: "Compare", REPLAY: "Replay"}
+PHOTOGRAPH, PAINTING, COMPARE, BLEND, REPLAY = "photograph", "painting", "compare", "blend", "replay"
+VIEWS = {PHOTOGRAPH: "Photograph", PAINTING: "Painting", COMPARE: "Compare", BLEND: "Blend", REPLAY: "Replay"}
 
 
 @dataclass
@@ -26,6 +26,7 @@ class Visit:
     is_there: bool = True  # whether the tab is open
     tab: str | None = None  # what the browser calls it, also when it loads the page again
     reading: int = 0  # chosen pictures that are still being read
+    wanted: set[tuple[int, str]] = field(default_factory=set)  # files to save once they are made: painting, form
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
     def notify(self) -> None:
@@ -73,5 +74,6 @@ class Visit:
         if self.work:
             views += [PAINTING]
             views += [COMPARE] if self.work.frames else []
+            views += [BLEND] if "painting.png" in self.work.files else []
             views += [REPLAY] if len(self.work.frames) > 1 and not self.work.is_open else []
         return views

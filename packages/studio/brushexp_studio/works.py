@@ -1,5 +1,6 @@
 """The paintings of a session: one at a time is painted, in a thread beside the page; others wait for their turn."""
 
+import io
 import logging
 import time
 from contextlib import closing
@@ -14,6 +15,7 @@ from PIL import Image
 import brushexp
 from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
+from brushexp_studio.downloads import BROKEN, MADE, PRINTS, Download, Stopped, make_file
 from brushexp_studio.photos import JPEG, in_plain_letters
 from brushexp_studio.wishes import Wishes
 
@@ -23,7 +25,6 @@ MOST_FRAMES = 120  # per painting; of more every second one is removed
 GLANCE = -1  # number of the picture that is shown before a painting's own
 WITHDRAWN = "withdrawn"  # status of a painting that was stopped before it began
 LONGEST_QUEUE = 20  # paintings that wait
-PRINT_SIDE = 4096  # pixels of the longer side of a print
 WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing", "done", "failed"
 
 
@@ -42,7 +43,7 @@ class Work:
     share: float = 0.0  # of the work that is done, 0 to 1
     seconds_left: float | None = None
     painting: Any = None  # the finished one, as `brushexp.Painting`
-    printing: Lock = field(default_factory=Lock)
+    downloads: dict[str, Download] = field(default_factory=dict)  # files that were asked for, by their forms
 
     @property
     def is_open(self) -> bool:
@@ -76,17 +77,21 @@ class Work:
     @property
     def files(self) -> dict[str, Path]:
         """The files that can be downloaded, by their names within the folder."""
-        paths = sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
-        return {str(path.relative_to(self.folder)): path for path in paths}
+        if self.status != DONE:
+            return {}
+        paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
+        names = {path.relative_to(self.folder): path for path in paths}
+        return {str(name): path for name, path in names.items() if name.parts[0] != PRINTS}
 
-    def print_as(self, form: str) -> Path:
-        """Draw the strokes large, as a PNG or PDF, at first use; KeyError for what cannot be printed."""
-        if form not in ("png", "pdf") or self.painting is None:
-            raise KeyError(form)
-        folder = self.folder / "print"
-        with self.printing:
-            found = sorted(folder.glob(f"*.{form}"))
-            return found[0] if found else Path(self.painting.export(form, folder, size=PRINT_SIDE)[0])
+    def blend(self, percent: int) -> bytes:
+        """Lay the painting over its photograph with an opacity of 0 to 100 percent, as PNG, as the page shows it."""
+        with Image.open(self.files["painting.png"]) as picture:
+            painting = picture.convert("RGB")
+        with Image.open(self.wishes.subject.path) as picture:
+            photograph = picture.convert("RGB").resize(painting.size, Image.Resampling.LANCZOS)
+        file = io.BytesIO()
+        Image.blend(photograph, painting, min(max(percent, 0), 100) / 100).save(file, "PNG")
+        return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
         """Return a picture, or the next one that is left if it has been removed; KeyError if none follows."""
@@ -114,6 +119,8 @@ class Works:
         self.is_warm = Event()
         self._thread: Thread | None = None
         self._closing = Event()
+        self._making = Lock()  # one file at a time
+        self._makers: list[Thread] = []
 
     @property
     def current(self) -> Work | None:
@@ -157,6 +164,17 @@ class Works:
             self.all.remove(work)
         self.version += 1
 
+    def make(self, work: Work, form: str) -> Download:
+        """Begin to make a file of a finished painting, unless it is made, or is being made, already."""
+        download = work.downloads.get(form)
+        if download is None or download.status == BROKEN:
+            download = work.downloads[form] = Download(form)
+            self.version += 1
+            maker = Thread(target=self._make, args=(work, download), name=f"making {form}", daemon=True)
+            self._makers.append(maker)
+            maker.start()
+        return download
+
     def close(self) -> None:
         """End the paintings and the thread."""
         self._closing.set()
@@ -164,6 +182,27 @@ class Works:
             self.stop(work)
         if self._thread:
             self._thread.join()
+        for maker in self._makers:
+            maker.join()
+
+    def _make(self, work: Work, download: Download) -> None:
+        def tell(share: float) -> None:
+            if self._closing.is_set():
+                raise Stopped
+            download.share = share
+            self.version += 1
+
+        try:
+            with self._making:
+                tell(0.0)
+                download.path = make_file(work, download.form, tell)
+            download.status = MADE
+        except Exception as error:
+            download.status = BROKEN
+            download.trouble = str(error) if isinstance(error, UserError) else "it could not be made; try again"
+            if not isinstance(error, (UserError, Stopped)):
+                log.exception("making %s failed", download.form)
+        self.version += 1
 
     def _warm(self) -> None:
         for look in ("oil", "plain"):  # their renderers are those of all looks

@@ -79,7 +79,7 @@ def paint(page, number, look):
 
 
 def finish(page, number):
-    page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=120_000)
+    page.locator(f"a[href='/works/{number}/files/painting.png']").wait_for(timeout=120_000)
 
 
 def fits(page):
@@ -133,7 +133,8 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     done, steps = re.match(r"step (\d+) of (\d+)", page.locator(".caption").inner_text()).groups()
     assert int(done) < int(steps), "stopped, and kept"
     with page.expect_download() as download:
-        page.get_by_role("link", name="Everything, zip").click()
+        page.get_by_role("button", name="Everything, zip").click()
+    page.get_by_role("link", name="Everything, zip").wait_for()  # to save it again
     assert download.value.suggested_filename == "写真_cat-plain-1.zip"
     with zipfile.ZipFile(download.value.path()) as archive:
         names = {Path(name).name for name in archive.namelist()}
@@ -148,14 +149,36 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load
 
 
+def test_a_large_file_says_how_far_it_is_before_it_is_saved(tab):
+    page = tab(PHONE, accept_downloads=True)
+    choose(page, "Picture", "coffee")
+    paint(page, 2, "oil")
+    page.get_by_text(re.compile(r"^vector file; [\d.]+ [Mk]B, of bitmaps for the bristles$")).wait_for()
+    with page.expect_download(timeout=120_000) as download:
+        page.get_by_role("button", name="PDF", exact=True).click()
+        page.get_by_text(re.compile(r"^Making the PDF … \d+ %$")).wait_for(timeout=1000)
+        assert page.get_by_role("button", name="PDF", exact=True).is_disabled()
+    assert re.search(r"-oil-2-print\.pdf$", download.value.suggested_filename)
+    assert Path(download.value.path()).read_bytes()[:5] == b"%PDF-"
+    choose(page, "What is shown", "Blend")
+    share = page.get_by_role("slider", name="From photograph to painting")
+    share.press("Home")
+    assert share.get_attribute("aria-valuetext") == "0 % painting"
+    share.press("ArrowRight")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download as seen").click()
+    assert download.value.suggested_filename.endswith("-oil-2-1.png")
+    fits(page)
+
+
 def test_two_paintings_are_compared_and_replayed(tab):
     page = tab(PHONE, color_scheme="dark", has_touch=True)
     choose(page, "Picture", "chelsea")
-    paint(page, 2, "gouache")
-    paint(page, 3, "ink")
+    paint(page, 3, "gouache")
+    paint(page, 4, "ink")
     choose(page, "What is shown", "Compare")
-    choose(page, "Compare with", "2 · gouache")
-    divider = page.get_by_role("slider", name="Divider between 2 · gouache and 3 · ink")
+    choose(page, "Compare with", "3 · gouache")
+    divider = page.get_by_role("slider", name="Divider between 3 · gouache and 4 · ink")
     divider.focus()
     page.keyboard.press("Home")
     assert divider.get_attribute("aria-valuetext") == "0 % from the left"
@@ -166,7 +189,7 @@ def test_two_paintings_are_compared_and_replayed(tab):
     assert "step 0 of" in moment.get_attribute("aria-valuetext")
     fits(page)
     other = tab()  # which shows the same paintings
-    other.get_by_role("button", name="painting 3 · ink").wait_for()
+    other.get_by_role("button", name="painting 4 · ink").wait_for()
     fits(other)
 
 

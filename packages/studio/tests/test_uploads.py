@@ -9,6 +9,7 @@ import shlex
 import socket
 import sys
 import time
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Event
@@ -23,16 +24,19 @@ from PIL import Image
 from program import ask
 from refusals import refuses
 
+import brushexp
+
 pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp_studio import controls as studio_controls
 from brushexp_studio import task as studio_task
 from brushexp_studio.controls import Controls
+from brushexp_studio.downloads import BROKEN, MADE, make_file
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
 from brushexp_studio.server import application, running
 from brushexp_studio.tab import likelihood
 from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
-from brushexp_studio.works import Work, Works
+from brushexp_studio.works import DONE, Work, Works
 
 pytestmark = pytest.mark.slow
 CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
@@ -183,21 +187,59 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     }  # fmt: skip
 
 
-def test_a_painting_is_printed_large_once(tmp_path):
-    work = Work(1, Wishes(photo=Mock()), tmp_path)
-    with pytest.raises(KeyError):
-        work.print_as("png")
+def made(works, work, form):
+    download = works.make(work, form)
+    for maker in works._makers:
+        maker.join(60)
+    return download
 
-    def export(form, folder, size):
-        folder.mkdir(exist_ok=True)
-        path = folder / f"painting.{form}"
-        path.write_text(f"{path.exists()} {size}")
-        return [path]
 
-    work.painting = Mock(export=export)
-    assert [work.print_as("pdf").read_text() for _ in range(2)] == ["False 4096"] * 2
-    with pytest.raises(KeyError):
-        work.print_as("../x")
+def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
+    painting = brushexp.paint("coffee", look="oil", resolution=64, steps=2)
+    works = Works(tmp_path, {})
+    work = Work(1, Wishes(photo=Mock(path=tmp_path / "photo.png")), tmp_path / "1", status=DONE)
+    work.wishes.photo.configure_mock(name="coffee.png")
+    painting.save(work.folder)
+    work.painting = painting
+    for form, layers in (("png", None), ("ora", 11)):
+        shares = []
+        path = make_file(work, form, shares.append, print_side=96)
+        assert shares == sorted(shares)
+        assert shares[-1] == 1
+        assert len(shares) >= (layers or 1)
+        if form == "png":
+            with Image.open(path) as large:
+                assert max(large.size) == 96
+    zipped = made(works, work, "zip")
+    assert (zipped.status, zipped.share) == (MADE, 1)
+    assert works.make(work, "zip") is zipped
+    with zipfile.ZipFile(zipped.path) as archive:
+        names = {Path(name).name for name in archive.namelist()}
+    assert "painting.png" in names
+    assert "painting.ora" not in names, "what was made on request is not one of the painting's own files"
+    work.painting = None
+    lost = made(works, work, "pdf")
+    assert (lost.status, lost.trouble) == (BROKEN, "this painting was not kept; paint it again")
+    assert works.make(work, "pdf") is not lost, "it is tried again"
+
+
+def test_a_blend_is_the_photograph_the_painting_or_between(tmp_path):
+    work = Work(1, Wishes(photo=Mock(path=tmp_path / "photo.png")), tmp_path, status=DONE)
+    for name, grey in (("photo", 40), ("painting", 240)):
+        Image.new("RGB", (9, 6), (grey,) * 3).save(tmp_path / f"{name}.png")
+    assert [int(grey_of(work.blend(percent))) for percent in (0, 25, 100, 999)] == [40, 90, 240, 240]
+
+
+def grey_of(picture):
+    return np.asarray(Image.open(io.BytesIO(picture)))[0, 0, 0]
+
+
+def test_what_a_file_says_of_its_damage_is_told(tmp_path):
+    (tmp_path / "received").write_bytes(encoded_as("BMP", Image.new("RGB", (60, 40))))
+    photo = Photos(tmp_path).add(tmp_path / "received", "black.bmp")
+    assert (
+        photo.remark == "black.bmp has one colour throughout; if it should have more, the file is damaged; get it again"
+    )
 
 
 @pytest.mark.parametrize("keep", ["/proc/x", __file__])

@@ -7,7 +7,8 @@ export default {
       <div class="transport">
         <button class="button" type="button" @click="play">{{ timer ? "Pause" : "Play" }}</button>
         <input class="slider" type="range" min="0" :max="frames.length - 1" v-model.number="at"
-          aria-label="Moment of the painting" :aria-valuetext="captions[at]" @input="pause">
+          aria-label="Moment of the painting" :aria-valuetext="captions[at]" @input="pause"
+          @keydown="pause">
         <output>{{ captions[at] }}</output>
       </div>
     </div>`,

@@ -1,0 +1,142 @@
+"""Files that take a while to make from a finished painting: each is made in a thread, and says how far it is."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brushexp.contracts import UserError
+from brushexp.contracts.families import ExportJob
+
+if TYPE_CHECKING:
+    from brushexp_studio.works import Work
+
+PRINT_SIDE = 4096  # pixels of the longer side of a print
+PRINT_CM = 2.54 * PRINT_SIDE / 300  # centimetres of that side at 300 dpi, which the PDF states
+PRINTS = "print"  # folder of these files in that of the painting
+MAKING, MADE, BROKEN = "making", "made", "broken"
+
+
+@dataclass(frozen=True)
+class Form:
+    """A kind of file that is made on request."""
+
+    title: str  # on its button
+    what: str  # one line about it
+    is_print: bool = False  # whether it is drawn larger than it was painted
+    draws: int = 1  # times that the picture is drawn for it
+
+
+FORMS = {
+    "png": Form(f"PNG, {PRINT_SIDE} pixels", "the strokes drawn anew, crisp at this size", is_print=True),
+    "pdf": Form("PDF", f"a page for print, {PRINT_CM:.1f} cm on its longer side at 300 dpi", is_print=True),
+    "psd": Form("PSD", "layers for Photoshop and Affinity, broad strokes to fine ones", draws=11),
+    "ora": Form("ORA", "the same layers, for Krita and GIMP", draws=11),
+    "zip": Form("Everything, zip", "all files of the painting in one"),
+}
+
+
+def possible_forms() -> dict[str, Form]:
+    """List the kinds of files that can be made here: PSD needs an extra."""
+    return {key: form for key, form in FORMS.items() if key != "psd" or find_spec("psd_tools")}
+
+
+@dataclass
+class Download:
+    """A file that is being made, or has been."""
+
+    form: str
+    status: str = MAKING
+    share: float = 0.0  # of the work that is done, 0 to 1
+    path: Path | None = None  # once it is made
+    trouble: str = ""  # why it cannot be made, in one line
+
+    @property
+    def words(self) -> str:
+        """What happens, in a few words.
+
+        >>> Download("pdf", share=0.4).words
+        'Making the PDF … 40 %'
+        """
+        name = {"png": "large PNG", "zip": "zip"}.get(self.form, self.form.upper())
+        return f"Making the {name} … {100 * self.share:.0f} %"
+
+
+@dataclass(frozen=True)
+class WatchedJob(ExportJob):
+    """A painting that tells ``watch`` how many rows have been drawn."""
+
+    watch: Callable[[int], None] = field(default=lambda rows: None, kw_only=True)
+
+    def bands(self, flat=None):  # type: ignore[no-untyped-def]
+        for top, band in super().bands(flat):
+            yield top, band
+            self.watch(band.shape[1])
+
+
+class Stopped(Exception):
+    """The studio closes while a file is being made."""
+
+
+def make_file(work: Work, form: str, tell: Callable[[float], None], print_side: int = PRINT_SIDE) -> Path:
+    """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made.
+
+    ``print_side`` is the longer side of a print, in pixels.
+    """
+    folder = work.folder / PRINTS
+    folder.mkdir(parents=True, exist_ok=True)
+    if form == "zip":
+        return zip_files(work, folder / f"{work.name}.zip", tell)
+    if work.painting is None:
+        raise UserError("this painting was not kept; paint it again")
+    kind = FORMS[form]
+    job = work.painting.finished.job
+    side = print_side if kind.is_print else max(job.size)
+    rows = kind.draws * max(1, round(job.size[0] * side / max(job.size)))
+    drawn = 0
+
+    def watch(count: int) -> None:
+        nonlocal drawn
+        drawn += count
+        tell(min(1.0, drawn / rows))
+
+    parts = {part.name: getattr(job, part.name) for part in fields(job)}
+    watched = WatchedJob(**parts, watch=watch)
+    painting = replace(work.painting, finished=replace(work.painting.finished, job=watched))
+    return Path(painting.export(form, folder, size=side)[0])
+
+
+def zip_files(work: Work, path: Path, tell: Callable[[float], None]) -> Path:
+    """Pack all files of a painting, and ``tell`` the share of their bytes that is done."""
+    files = work.files
+    total = max(1, sum(file.stat().st_size for file in files.values()))
+    packed = 0
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, file in files.items():
+            archive.write(file, Path(work.name) / name)
+            packed += file.stat().st_size
+            tell(packed / total)
+    return path
+
+
+def describe_file(path: Path, size: tuple[int, int]) -> str:
+    """Say in one line what a file of a painting of ``size`` (H, W) in pixels is, and how large it is."""
+    megabytes = path.stat().st_size / 1e6
+    amount = f"{megabytes:.1f} MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f} kB"
+    if path.suffix == ".svg":
+        with path.open(encoding="utf-8") as file:
+            is_sprites = "bitmap with its texture" in file.read(2000)  # its description says so
+        kind = "of bitmaps for the bristles" if is_sprites else "a path for each stroke"
+        return f"vector file; {amount}, {kind}"
+    what = {
+        ".png": f"{size[1]} × {size[0]} pixels",
+        ".h5": "the strokes as numbers, to open again with brushexp",
+        ".mp4": "how the painting came to be",
+        ".gif": "how the painting came to be",
+        ".html": "the painting and its strokes on one page, for any browser",
+    }[path.suffix]
+    return f"{what}; {amount}"
