@@ -425,6 +425,47 @@ def test_a_print_has_its_size_on_paper_and_the_same_pixels(name, tmp_path, caplo
     np.testing.assert_array_equal(read, large.picture())
 
 
+def read_png(job, folder, **options):
+    (path,) = build_named("to", "png", options).write(job, folder)
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_path, caplog):
+    job = job_of(some())  # 36 x 52 pixels
+    plain = read_png(job, tmp_path, size_cm="6x2.5", dpi=80.0)
+    bled = read_png(job, tmp_path, size_cm="6x2.5", dpi=80.0, bleed=3.0)  # 9 pixels
+    np.testing.assert_array_equal(bled, np.pad(plain, ((9, 9), (9, 9), (0, 0)), mode="symmetric"))
+    framed = read_png(job, tmp_path, size_cm="6x2.5", dpi=80.0, margin=3.0, bleed=1.0)  # 9 and 3 pixels
+    assert framed.shape == (79 + 6, round(61 * 52 / 36) + 24, 3)
+    assert (framed[:12] == 255).all()
+    assert (framed[:, -12:] == 255).all()
+    np.testing.assert_array_equal(framed[12:-12, 12:-12], job.scaled(61 / 36).picture())
+    filled = read_png(job, tmp_path, size_cm="2.5x2.5", dpi=80.0, fill=True)
+    np.testing.assert_array_equal(filled, job.scaled(79 / 36).picture()[:, 17:-18])
+    with caplog.at_level(logging.INFO):
+        (path,) = build_named("to", "pdf", {"size_cm": "6x2.5", "dpi": 80.0, "bleed": 3.0}).write(job, tmp_path)
+    assert "3.6 x 2.5 cm at 80 dpi, with 3 mm of bleed around it" in caplog.text
+    assert b"/MediaBox [0 0 118.8000 87.3000]" in path.read_bytes()
+    assert b"/TrimBox [8.1000 8.1000 110.7000 79.2000]" in path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"fill": True}, r"fill=true needs a size; add to\.png\.size_cm=60x40"),
+        (
+            {"size_cm": "4x3", "margin": 15.0},
+            r"margin=15 leaves no room on to\.png\.size_cm=4x3; try to\.png\.margin=10",
+        ),
+        ({"bleed": 50.0}, r"bleed=50 is more than the picture; try to\.png\.bleed=3"),
+        ({"size_cm": "1x500", "fill": True}, r"size_cm=1x500 paints 85302 pixels a side, not 1 to 65536"),
+    ],
+)
+def test_sheets_that_cannot_be_are_refused(options, words, tmp_path):
+    refuses(words, lambda: build_named("to", "png", options).write(job_of(some()), tmp_path))
+
+
 def test_a_jpeg_is_near_the_painting_and_says_what_its_colours_are(tmp_path):
     large = job_of(some()).scaled(114 / 52)
     sizes = []

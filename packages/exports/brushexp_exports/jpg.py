@@ -12,7 +12,7 @@ from PIL import Image, ImageCms
 from brushexp.contracts import UserError, between, register
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
-from brushexp.contracts.members import PrintExporter
+from brushexp.contracts.members import SheetExporter
 
 LARGEST_SIDE = 65_500  # pixels, of libjpeg
 MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was made: year, month, day, ...
@@ -20,7 +20,7 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was m
 
 @register("to", "jpg")
 @dataclass(kw_only=True)
-class Jpg(PrintExporter):
+class Jpg(SheetExporter):
     """``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
     Colours are stored for every pixel (4:4:4), because edges of strokes are crisp. Unlike PNG, all of the picture is in
@@ -33,11 +33,11 @@ class Jpg(PrintExporter):
     quality: Annotated[int, between(1, 100)] = 92
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.scale_to_paper(job)
-        if max(job.size) > LARGEST_SIDE:
-            excess = f"to=jpg holds {LARGEST_SIDE} pixels a side, and this picture has {max(job.size)}"
+        sheet = self.sheet(job)
+        if max(sheet.size) > LARGEST_SIDE:
+            excess = f"to=jpg holds {LARGEST_SIDE} pixels a side, and this picture has {max(sheet.size)}"
             raise UserError(f"{excess}; choose a smaller resolution=, or to=png")
-        picture = Image.fromarray(np.concatenate([*self.rows(job)]))
+        picture = Image.fromarray(np.concatenate([*self.rows(sheet)]))
         density = {} if self.density is None else {"dpi": (round(self.density),) * 2}
         with replacing(folder / "painting.jpg") as temporary:
             picture.save(

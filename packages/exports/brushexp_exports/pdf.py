@@ -7,7 +7,7 @@ from pathlib import Path
 from brushexp.contracts import register
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
-from brushexp.contracts.members import CM, DPI, Compression, PrintExporter
+from brushexp.contracts.members import CM, DPI, Compression, Sheet, SheetExporter
 
 log = logging.getLogger(__name__)
 POINTS = 72  # points in an inch
@@ -16,8 +16,10 @@ PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"
 
 @register("to", "pdf")
 @dataclass(kw_only=True)
-class Pdf(PrintExporter):
+class Pdf(SheetExporter):
     """``painting.pdf``: one page of the picture's size on paper, ``to.pdf.size_cm=60x40``, its pixels without loss.
+
+    With a bleed, the page's trim box is the picture without it.
 
     It is painted and packed in bands, as PNG is.
 
@@ -28,16 +30,20 @@ class Pdf(PrintExporter):
     compression: Compression = 6
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.scale_to_paper(job)
-        path, (height, width) = folder / "painting.pdf", job.size
-        self._say_size(job)
-        across, up = (f"{POINTS * side / (self.density or DPI):.4f}" for side in (width, height))
+        sheet = self.sheet(job)
+        path, (height, width) = folder / "painting.pdf", sheet.size
+        self._say_size(sheet)
+        points = POINTS / (self.density or DPI)
+        across, up = (f"{points * side:.4f}" for side in (width, height))
         content = f"{across} 0 0 {up} 0 0 cm /Picture Do".encode()
         image = f"/Type /XObject /Subtype /Image /Width {width} /Height {height} /ColorSpace /DeviceRGB"
         image += " /BitsPerComponent 8 /Interpolate false /Length 6 0 R /Filter /FlateDecode /DecodeParms"
         image += f" << /Predictor {PREDICTOR} /Colors 3 /BitsPerComponent 8 /Columns {width} >>"
         page = f"/Type /Page /Parent 2 0 R /MediaBox [0 0 {across} {up}] /Contents 4 0 R"
         page += " /Resources << /XObject << /Picture 5 0 R >> >>"
+        if sheet.bleed:
+            trim = (sheet.bleed, sheet.bleed, width - sheet.bleed, height - sheet.bleed)
+            page += f" /BleedBox [0 0 {across} {up}] /TrimBox [{' '.join(f'{points * side:.4f}' for side in trim)}]"
         objects = ["/Type /Catalog /Pages 2 0 R", "/Type /Pages /Kids [3 0 R] /Count 1", page]
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(b"%PDF-1.5\n%\xe2\xe3\xcf\xd3\n")
@@ -49,7 +55,7 @@ class Pdf(PrintExporter):
                     file.write(b"stream\n" + content + b"\nendstream\n")
                 if number == 5:
                     file.write(b"stream\n")
-                    length = sum(file.write(piece) for piece in self.pack_rows(self.rows(job), self.compression))
+                    length = sum(file.write(piece) for piece in self.pack_rows(self.rows(sheet), self.compression))
                     file.write(b"\nendstream\n")
                 file.write(b"endobj\n")
             places.append(file.tell())
@@ -60,9 +66,10 @@ class Pdf(PrintExporter):
             file.write(f"{end}startxref\n{start}\n%%EOF\n".encode())
         return [path]
 
-    def _say_size(self, job: ExportJob) -> None:
+    def _say_size(self, sheet: Sheet) -> None:
         """Log the size on paper, and how to choose it where it follows from the pixels."""
         dpi = self.density or DPI
-        height, width = (CM * side / dpi for side in job.size)
+        height, width = (CM * (side - 2 * sheet.bleed) / dpi for side in sheet.size)
+        bleed = f", with {self.bleed:g} mm of bleed around it" if sheet.bleed else ""
         cure = "" if self.size_cm else f"; {self.key}.size_cm=60x40 paints it larger"
-        log.info("painting.pdf: %.1f x %.1f cm at %g dpi%s", width, height, dpi, cure)
+        log.info("painting.pdf: %.1f x %.1f cm at %g dpi%s%s", width, height, dpi, bleed, cure)

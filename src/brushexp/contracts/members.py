@@ -6,7 +6,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density._worst_places import new_strokes
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.export._prints import CM, DPI, Compression, PrintExporter, over_white
+from brushexp.plugins.export._prints import CM, DPI, Compression, PrintExporter, Sheet, SheetExporter, over_white
 from brushexp.plugins.export.svg import profile_of, soft_edge
 from brushexp.plugins.init.layers import FAR_AWAY, InLayers
 from brushexp.plugins.optimizer.torch import TorchOptim
@@ -30,6 +30,8 @@ __all__ = [
     "PrintExporter",
     "Rgb",
     "Rounds",
+    "Sheet",
+    "SheetExporter",
     "Textured",
     "Tiled",
     "TorchOptim",

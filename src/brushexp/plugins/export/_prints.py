@@ -18,6 +18,8 @@ from brushexp.system.files import to_bytes
 
 Compression = Annotated[int, between(1, 9)]
 CM = 2.54  # centimetres in an inch
+MM = 25.4  # millimetres in an inch
+WHITE = 255  # of paper
 DPI = 300.0  # pixels per inch of a size on paper, by default
 THREADS_PER_CM = 14  # threads of painters' linen
 THREAD_PIXELS = 4.0  # pixels from thread to thread where the picture has no size on paper
@@ -61,11 +63,82 @@ class PrintExporter(Exporter):
             raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
         return job.scaled(pixels / max(job.size))
 
-    def rows(self, job: ExportJob, *, transparent: bool = False) -> Iterator[np.ndarray]:
-        """Paint the picture from top to bottom, in bands (h, W, 3) uint8, over white.
+
+@dataclass(frozen=True)
+class Sheet:
+    """Where a picture lies on its paper, in pixels."""
+
+    job: ExportJob  # draws the picture at its size on paper, perhaps more of it than is shown
+    shown: tuple[int, int]  # height and width of what is shown, the middle of the picture
+    margin: int  # white paper on every side
+    bleed: int  # beyond the edges, to be cut off
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width with margin and bleed."""
+        height, width = self.shown
+        around = 2 * (self.margin + self.bleed)
+        return height + around, width + around
+
+
+@dataclass(kw_only=True)
+class SheetExporter(PrintExporter):
+    """Writes a picture on a sheet of paper. Its fields are options of every such exporter.
+
+    Args:
+        fill: whether the picture fills ``size_cm``, and is cropped on two sides; false = all of it, as large as fits.
+        margin: white paper on every side, mm, within ``size_cm``.
+        bleed: the picture mirrored at its edges, mm beyond ``size_cm`` on every side, for a printer who cuts it off; 3
+            is usual. With a margin it is white.
+    """
+
+    fill: bool = False
+    margin: Annotated[float, between(0, 1000)] = 0.0
+    bleed: Annotated[float, between(0, 100)] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.fill and self.size_cm is None:
+            raise UserError(f"{self.key}.fill=true needs a size; add {self.key}.size_cm=60x40")
+
+    @property
+    def density(self) -> float | None:
+        """Pixels per inch that the file states; None if it states none."""
+        return super().density or (DPI if self.margin or self.bleed else None)
+
+    def sheet(self, job: ExportJob) -> Sheet:
+        """Lay the painting on its paper; a UserError if that leaves no picture, or has too many pixels."""
+        dpi = self.density or DPI
+        margin, bleed = (round(length * dpi / MM) for length in (self.margin, self.bleed))
+        if self.size_cm is not None and (self.fill or margin):
+            width, height = (round(float(side) * dpi / CM) - 2 * margin for side in self.size_cm.split("x"))
+            if min(height, width) < 1:
+                reason = f"{self.key}.margin={self.margin:g} leaves no room on {self.key}.size_cm={self.size_cm}"
+                raise UserError(f"{reason}; try {self.key}.margin=10")
+            shares = height / job.size[0], width / job.size[1]
+            job = job.scaled(max(shares) if self.fill else min(shares))
+            shown = (height, width) if self.fill else job.size
+        else:
+            job = self.scale_to_paper(job)
+            shown = job.size
+        if bleed > min(shown) and not margin:
+            raise UserError(f"{self.key}.bleed={self.bleed:g} is more than the picture; try {self.key}.bleed=3")
+        if max(job.size) > LARGEST_SIDE_PIXELS:
+            reason = f"{self.key}.size_cm={self.size_cm} paints {max(job.size)} pixels a side"
+            raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
+        return Sheet(job, shown, margin, bleed)
+
+    def rows(self, sheet: Sheet, *, transparent: bool = False) -> Iterator[np.ndarray]:
+        """Paint the sheet from top to bottom, in bands (h, W, 3) uint8, over white.
 
         If it is ``transparent``, and the painting is, bands are (h, W, 4), straight alpha.
         """
+        picture = crop(self._picture_rows(sheet.job, transparent=transparent), sheet.job.size, sheet.shown)
+        if sheet.margin:
+            return add_white(picture, sheet.margin + sheet.bleed)
+        return mirror(picture, sheet.bleed)
+
+    def _picture_rows(self, job: ExportJob, *, transparent: bool) -> Iterator[np.ndarray]:
         for top, band in job.bands():
             pixels = to_bytes(self.add_weave(band, top, job))
             alpha = job.alpha(top, len(pixels))
@@ -92,6 +165,59 @@ class PrintExporter(Exporter):
         height = weave_height(top - 1, band.shape[1] + 2, band.shape[2] + 2, pitch)
         facing = normals_of(height, self.weave, slice(1, -1))[:, :, 1:-1]
         return torch.from_numpy(shade_picture(band.float().cpu().numpy(), facing, replace(job.light, gloss=0.0)))
+
+
+def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, int]) -> Iterator[np.ndarray]:
+    """Cut the middle ``shown`` (H, W) out of a picture of ``size`` (H, W) that comes in bands (h, W, C).
+
+    >>> picture = np.arange(16).reshape(4, 4, 1)
+    >>> np.concatenate([*crop(iter([picture[:1], picture[1:]]), (4, 4), (2, 4))])[..., 0].tolist()
+    [[4, 5, 6, 7], [8, 9, 10, 11]]
+    """
+    above, left = ((whole - part) // 2 for whole, part in zip(size, shown, strict=True))
+    top = 0
+    for band in bands:
+        rows = band[max(0, above - top) : max(0, above + shown[0] - top), left : left + shown[1]]
+        top += len(band)
+        if len(rows):
+            yield rows
+
+
+def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
+    """Add ``count`` white pixels on every side of a picture that comes in bands (h, W, C)."""
+    edge = np.empty(0)
+    for band in bands:
+        sides = np.pad(band, ((0, 0), (count, count), (0, 0)), constant_values=WHITE)
+        if not edge.size:
+            edge = np.full((count, *sides.shape[1:]), WHITE, np.uint8)
+            yield edge
+        yield sides
+    yield edge
+
+
+def mirror(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
+    """Continue a picture that comes in bands (h, W, C) by its mirror image, ``count`` pixels on every side.
+
+    >>> picture = np.arange(6).reshape(3, 2, 1)
+    >>> np.concatenate([*mirror(iter([picture[:2], picture[2:]]), 1)])[..., 0].tolist()
+    [[0, 0, 1, 1], [0, 0, 1, 1], [2, 2, 3, 3], [4, 4, 5, 5], [4, 4, 5, 5]]
+    """
+    if not count:
+        yield from bands
+        return
+    held, is_begun = None, False
+    for band in bands:
+        sides = np.pad(band, ((0, 0), (count, count), (0, 0)), mode="symmetric")
+        held = sides if held is None else np.concatenate([held, sides])
+        if not is_begun and len(held) >= count:
+            is_begun = True
+            yield held[:count][::-1]
+        if len(held) > count:
+            yield held[:-count]
+            held = held[-count:]
+    if held is not None:
+        yield held
+        yield held[::-1]
 
 
 def over_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from brushexp.pictures.credits import chunks_about, credits_of
-from brushexp.plugins.export._prints import CM, RGB, RGBA, SIGNATURE, Compression, PrintExporter, chunk, header
+from brushexp.plugins.export._prints import CM, RGB, RGBA, SIGNATURE, Compression, SheetExporter, chunk, header
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing
@@ -13,7 +13,7 @@ from brushexp.system.files import replacing
 
 @register("to", "png")
 @dataclass(kw_only=True)
-class Png(PrintExporter):
+class Png(SheetExporter):
     """``painting.png``: the picture, crisp at any ``resolution``: the strokes are scaled, not the pixels.
 
     It is painted and packed in bands, so that memory does not grow with the picture. For print:
@@ -26,8 +26,8 @@ class Png(PrintExporter):
     compression: Compression = 6
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.scale_to_paper(job)
-        path, (height, width) = folder / "painting.png", job.size
+        sheet = self.sheet(job)
+        path, (height, width) = folder / "painting.png", sheet.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(SIGNATURE + header(width, height, RGB if job.saved.alpha is None else RGBA))
@@ -37,7 +37,7 @@ class Png(PrintExporter):
                 file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
             file.writelines(
                 chunk(b"IDAT", piece)
-                for piece in self.pack_rows(self.rows(job, transparent=True), self.compression)
+                for piece in self.pack_rows(self.rows(sheet, transparent=True), self.compression)
                 if piece
             )
             file.write(chunk(b"IEND", b""))
