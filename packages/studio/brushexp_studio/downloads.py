@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 
 from brushexp.contracts import UserError
 from brushexp.contracts.families import ExportJob
+from brushexp_studio.prints import Print
 
 if TYPE_CHECKING:
     from brushexp_studio.works import Work
 
-PRINT_SIDE = 4096  # pixels of the longer side of a print
-PRINT_CM = 2.54 * PRINT_SIDE / 300  # centimetres of that side at 300 dpi, which the PDF states
 PRINTS = "print"  # folder of these files in that of the painting
 MAKING, MADE, BROKEN = "making", "made", "broken"
 
@@ -27,16 +26,16 @@ class Form:
 
     title: str  # on its button
     what: str  # one line about it
-    is_print: bool = False  # whether it is drawn larger than it was painted
+    is_print: bool = False  # whether it has a size on paper
     draws: int = 1  # times that the picture is drawn for it
 
 
 FORMS = {
-    "png": Form(f"PNG, {PRINT_SIDE} pixels", "the strokes drawn anew, crisp at this size", is_print=True),
-    "pdf": Form("PDF", f"a page for print, {PRINT_CM:.1f} cm on its longer side at 300 dpi", is_print=True),
     "psd": Form("PSD", "layers for Photoshop and Affinity, broad strokes to fine ones", draws=11),
     "ora": Form("ORA", "the same layers, for Krita and GIMP", draws=11),
     "zip": Form("Everything, zip", "all files of the painting in one"),
+    "pdf": Form("PDF to print", "one page of this size, for a printer or a print shop", is_print=True),
+    "png": Form("PNG to print", "the same as pixels, crisp at this size", is_print=True),
 }
 
 
@@ -50,6 +49,7 @@ class Download:
     """A file that is being made, or has been."""
 
     form: str
+    paper: Print | None = None  # size of a print
     status: str = MAKING
     share: float = 0.0  # of the work that is done, 0 to 1
     path: Path | None = None  # once it is made
@@ -62,52 +62,45 @@ class Download:
         >>> Download("pdf", share=0.4).words
         'Making the PDF … 40 %'
         """
-        name = {"png": "large PNG", "zip": "zip"}.get(self.form, self.form.upper())
+        name = "zip" if self.form == "zip" else self.form.upper()
         return f"Making the {name} … {100 * self.share:.0f} %"
 
 
 @dataclass(frozen=True)
 class WatchedJob(ExportJob):
-    """A painting that tells ``watch`` how many rows have been drawn."""
+    """A painting that tells ``watch`` of each band that is drawn which share of the picture it is."""
 
-    watch: Callable[[int], None] = field(default=lambda rows: None, kw_only=True)
+    watch: Callable[[float], None] = field(default=lambda share: None, kw_only=True)
 
     def bands(self, flat=None):  # type: ignore[no-untyped-def]
         for top, band in super().bands(flat):
             yield top, band
-            self.watch(band.shape[1])
+            self.watch(band.shape[1] / self.size[0])
 
 
 class Stopped(Exception):
     """The studio closes while a file is being made."""
 
 
-def make_file(work: Work, form: str, tell: Callable[[float], None], print_side: int = PRINT_SIDE) -> Path:
-    """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made.
-
-    ``print_side`` is the longer side of a print, in pixels.
-    """
+def make_file(work: Work, download: Download, tell: Callable[[float], None]) -> Path:
+    """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
-    if form == "zip":
+    if download.form == "zip":
         return zip_files(work, folder / f"{work.name}.zip", tell)
     if work.painting is None:
         raise UserError("this painting was not kept; paint it again")
-    kind = FORMS[form]
-    job = work.painting.finished.job
-    side = print_side if kind.is_print else max(job.size)
-    rows = kind.draws * max(1, round(job.size[0] * side / max(job.size)))
-    drawn = 0
+    finished, drawn = work.painting.finished, 0.0
 
-    def watch(count: int) -> None:
+    def watch(share: float) -> None:
         nonlocal drawn
-        drawn += count
-        tell(min(1.0, drawn / rows))
+        drawn += share / FORMS[download.form].draws
+        tell(min(1.0, drawn))
 
-    parts = {part.name: getattr(job, part.name) for part in fields(job)}
-    watched = WatchedJob(**parts, watch=watch)
-    painting = replace(work.painting, finished=replace(work.painting.finished, job=watched))
-    return Path(painting.export(form, folder, size=side)[0])
+    parts = {part.name: getattr(finished.job, part.name) for part in fields(finished.job)}
+    painting = replace(work.painting, finished=replace(finished, job=WatchedJob(**parts, watch=watch)))
+    options = {} if download.paper is None else download.paper.options(work.ratio)
+    return Path(painting.export(download.form, folder, **options)[0])
 
 
 def zip_files(work: Work, path: Path, tell: Callable[[float], None]) -> Path:

@@ -8,6 +8,7 @@ from nicegui import ui
 
 from brushexp_studio.downloads import BROKEN, MADE, MAKING, Form, describe_file, possible_forms
 from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
+from brushexp_studio.print_controls import PrintControls
 from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
 from brushexp_studio.works import DONE, FAILED, GLANCE, WAITING, Work
 
@@ -33,6 +34,7 @@ class Easel:
             self.place = Tag("div", "place")
             self.caption = Tag("p", "caption hint")
             self.files = Tag("section", "files", aria_label="Download")
+            self.prints = PrintControls(visit, self._show_files)
             self.strip = Tag("div", "strip", role="group", aria_label="Paintings of this session")
         self.live: Tag | None = None
         self.making: dict[str, tuple[Tag, Tag]] = {}  # words and bars of files that are being made, by their forms
@@ -129,8 +131,8 @@ class Easel:
 
     def _blend(self) -> None:
         work = self._work
-        pictures = {"photograph": work.wishes.subject.address, "painting": work.address}
-        Blend(**pictures, saved=f"/works/{work.number}/blend/").style(f"--ratio: {work.ratio}")
+        photograph, saved = work.wishes.subject.address, f"/works/{work.number}/blend/"
+        Blend(photograph=photograph, painting=work.address, saved=saved).style(f"--ratio: {work.ratio}")
 
     def _replay(self) -> None:
         work = self._work
@@ -140,21 +142,30 @@ class Easel:
 
     def _show_files(self) -> None:
         self.files.clear()
+        self.prints.files.clear()
         self.making = {}
         work = self.visit.work
-        if work is None or work.status != DONE or self.visit.view == PHOTOGRAPH:
+        has_files = work is not None and work.status == DONE and self.visit.view != PHOTOGRAPH
+        self.prints.show(work if has_files else None)
+        if work is None or not has_files:
             return
+        forms = possible_forms()
         with self.files:
             Tag("h2", text="Download")
             with Tag("ul", "downloads"):
                 for name, title in FILES.items():
                     if name in work.files:
                         self._show_file(name, title, work)
-                for key, form in possible_forms().items():
-                    self._show_form(key, form, work)
+                for key, form in forms.items():
+                    if not form.is_print:
+                        self._show_form(key, form, work)
             with Tag("p", "command-line"):
                 Tag("code", text=work.wishes.command())
                 Button("Copy", lambda: ui.clipboard.write(work.wishes.command()), classes="choice")
+        with self.prints.files:
+            for key, form in forms.items():
+                if form.is_print:
+                    self._show_form(key, form, work)
 
     def _show_file(self, name: str, title: str, work: Work) -> None:
         target = "_blank" if Path(name).suffix == ".html" else None
@@ -165,6 +176,8 @@ class Easel:
     def _show_form(self, key: str, form: Form, work: Work) -> None:
         """Add a file that is made on request: a button, then its progress, then a link."""
         download = work.downloads.get(key)
+        if download and download.status != MAKING and form.is_print and download.paper != self.visit.paper:
+            download = None  # of another size
         with Tag("li"):
             if download and download.status == MADE:
                 Tag("a", "button", form.title, href=f"/works/{work.number}/made/{key}", download="")
@@ -180,7 +193,7 @@ class Easel:
 
     def _make(self, key: str, work: Work) -> None:
         self.visit.wanted.add((work.number, key))
-        self.visit.works.make(work, key)
+        self.visit.works.make(work, key, self.visit.paper if possible_forms()[key].is_print else None)
         self.renew()
 
     def _renew_files(self) -> None:

@@ -72,7 +72,8 @@ def application(photos: Photos, works: Works) -> FastAPI:
         download = work.downloads[form]
         if download.path is None:
             raise KeyError(form)
-        name = work.name if form == "zip" else f"{work.name}-print"
+        paper = download.paper and download.paper.paper.replace(" ", "_")
+        name = f"{work.name}-{paper}" if paper else work.name
         return FileResponse(download.path, filename=f"{name}.{form}")
 
     @app.get("/works/{number}/blend/{percent}.png")

@@ -15,8 +15,9 @@ from PIL import Image
 import brushexp
 from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
-from brushexp_studio.downloads import BROKEN, MADE, PRINTS, Download, Stopped, make_file
+from brushexp_studio.downloads import BROKEN, MADE, MAKING, PRINTS, Download, Stopped, make_file
 from brushexp_studio.photos import JPEG, in_plain_letters
+from brushexp_studio.prints import Print
 from brushexp_studio.wishes import Wishes
 
 log = logging.getLogger(__name__)
@@ -164,11 +165,15 @@ class Works:
             self.all.remove(work)
         self.version += 1
 
-    def make(self, work: Work, form: str) -> Download:
-        """Begin to make a file of a finished painting, unless it is made, or is being made, already."""
+    def make(self, work: Work, form: str, paper: Print | None = None) -> Download:
+        """Begin to make a file of a finished painting, unless it is made, or is being made, already.
+
+        A print has its size on ``paper``; it is made anew for another size.
+        """
         download = work.downloads.get(form)
-        if download is None or download.status == BROKEN:
-            download = work.downloads[form] = Download(form)
+        is_other = download is not None and download.paper != paper and download.status != MAKING
+        if download is None or is_other or download.status == BROKEN:
+            download = work.downloads[form] = Download(form, paper)
             self.version += 1
             maker = Thread(target=self._make, args=(work, download), name=f"making {form}", daemon=True)
             self._makers.append(maker)
@@ -195,7 +200,7 @@ class Works:
         try:
             with self._making:
                 tell(0.0)
-                download.path = make_file(work, download.form, tell)
+                download.path = make_file(work, download, tell)
             download.status = MADE
         except Exception as error:
             download.status = BROKEN

@@ -30,8 +30,9 @@ pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp_studio import controls as studio_controls
 from brushexp_studio import task as studio_task
 from brushexp_studio.controls import Controls
-from brushexp_studio.downloads import BROKEN, MADE, make_file
+from brushexp_studio.downloads import BROKEN, MADE, Download, make_file
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
+from brushexp_studio.prints import OWN, Print
 from brushexp_studio.server import application, running
 from brushexp_studio.tab import likelihood
 from brushexp_studio.visit import Visit
@@ -65,10 +66,18 @@ def claiming(kind, place, size):
 
 
 WIDEST = b"\xff\xff\xff\xff"
+
+
+def flipped(data, place):
+    """The same bytes but for one bit."""
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
 SENT = {
     "nothing": (b"", "is empty"),
     "half a JPEG": (encoded_as("JPEG")[:900], "is damaged"),
     "half a PNG": (encoded_as("PNG")[:200], "is damaged"),
+    "PNG with a flipped bit": (flipped(encoded_as("PNG"), 60), "does not match its checksums"),
     "GIF of 65535 x 65535": (claiming("GIF", 6, WIDEST), "megapixels"),
     "BMP of 2^31 x 2^31": (claiming("BMP", 18, b"\xff\xff\xff\x7f" * 2), "megapixels"),
     "a page": (b"<script>alert(1)</script>", "is not a picture"),
@@ -187,8 +196,8 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     }  # fmt: skip
 
 
-def made(works, work, form):
-    download = works.make(work, form)
+def made(works, work, form, paper=None):
+    download = works.make(work, form, paper)
     for maker in works._makers:
         maker.join(60)
     return download
@@ -203,13 +212,14 @@ def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
     work.painting = painting
     for form, layers in (("png", None), ("ora", 11)):
         shares = []
-        path = make_file(work, form, shares.append, print_side=96)
+        paper = Print(OWN, side=2.0, bleed=3.0) if form == "png" else None
+        path = make_file(work, Download(form, paper), shares.append)
         assert shares == sorted(shares)
         assert shares[-1] == 1
         assert len(shares) >= (layers or 1)
         if form == "png":
             with Image.open(path) as large:
-                assert max(large.size) == 96
+                assert max(large.size) == 236 + 2 * 35, "2 cm at 300 dpi, and 3 mm on each side"
     zipped = made(works, work, "zip")
     assert (zipped.status, zipped.share) == (MADE, 1)
     assert works.make(work, "zip") is zipped
@@ -217,10 +227,12 @@ def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
         names = {Path(name).name for name in archive.namelist()}
     assert "painting.png" in names
     assert "painting.ora" not in names, "what was made on request is not one of the painting's own files"
+    work.downloads["pdf"] = Download("pdf", Print("A5"), MADE)
+    assert works.make(work, "pdf", Print("A5")).status == MADE
     work.painting = None
-    lost = made(works, work, "pdf")
+    lost = made(works, work, "pdf", Print("A4"))
     assert (lost.status, lost.trouble) == (BROKEN, "this painting was not kept; paint it again")
-    assert works.make(work, "pdf") is not lost, "it is tried again"
+    assert works.make(work, "pdf", Print("A4")) is not lost, "it is tried again"
 
 
 def test_a_blend_is_the_photograph_the_painting_or_between(tmp_path):
