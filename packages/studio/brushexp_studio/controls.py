@@ -26,6 +26,7 @@ class Controls:
         self.visit, self.complain = visit, complain
         self.displayed: dict[str, Photo | None] = {}
         self.asked: Wishes | None = None  # what strokes were planned for last
+        self.samples: dict[str, Tag] = {}  # pictures of the looks
         self.thumbs: dict[str, dict[str, Button]] = {}  # of pictures and of styles, by their keys
         with Tag("section", "controls", aria_label="What to paint, and how"):
             with part("Picture"):
@@ -61,6 +62,8 @@ class Controls:
                 continue
             self.displayed[name] = chosen
             if name == "picture" and chosen:
+                self.visit.drafts.want(chosen, self.visit.looks)
+                self.show_drafts()
                 background_tasks.create(self._renew_strokes())
             key = chosen.key if chosen else NONE
             if key not in self.thumbs.get(name, ()):  # else they stay: a click on one that goes would be lost
@@ -69,6 +72,12 @@ class Controls:
                     self.thumbs[name] = self._thumbs(name, chosen, take)
             for other, button in self.thumbs[name].items():
                 button.press(other == key)
+
+    def show_drafts(self) -> None:
+        """Show the photograph in each look, as far as it has been painted, in place of a sample."""
+        for look, sample in self.samples.items():
+            address = self.visit.drafts.address(self.visit.wishes.photo, look)
+            sample.set(src=address or f"/looks/{look}.webp")
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
         """Add what to choose from: samples, or paintings as styles, and a chosen picture of the visitor's own."""
@@ -106,7 +115,7 @@ class Controls:
 
         button = Button("", choose, pressed=look == self.visit.wishes.look, classes="look-choice")
         with button:
-            Tag("img", src=f"/looks/{look}.webp", alt="")
+            self.samples[look] = Tag("img", src=f"/looks/{look}.webp", alt="")
             Tag("span", text=look)
         return button
 

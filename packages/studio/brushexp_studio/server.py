@@ -23,6 +23,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.contracts import UserError
+from brushexp_studio.drafts import Drafts
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
 from brushexp_studio.serving import HOST, port_error
 from brushexp_studio.tab import add_page
@@ -42,7 +43,7 @@ FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # a picture at 
 READER = ThreadPoolExecutor(1, "reader")  # of uploads: each thread would keep the memory of a large one
 
 
-def application(photos: Photos, works: Works) -> FastAPI:
+def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
     """Serve pictures by their keys and files of paintings, and take uploads."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
@@ -50,6 +51,10 @@ def application(photos: Photos, works: Works) -> FastAPI:
     def photo(key: str, size: str) -> Response:
         picture = photos[key].jpeg(240 if size == "thumb" else 1280)
         return Response(picture, media_type="image/jpeg", headers=FOREVER)
+
+    @app.get("/drafts/{key}/{look}.jpg")
+    def draft(key: str, look: str) -> Response:
+        return Response(drafts.pictures[key, look], media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/masks/{name}.png")
     def mask(name: str) -> Response:
@@ -179,11 +184,13 @@ def open_studio(own: Path, results: Path, port: int, options: dict[str, Any]) ->
     """
     warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI looks at all objects
     photos, works = Photos(own), Works(results, options)
-    app = application(photos, works)
-    add_page(app, photos, works)
+    drafts = Drafts(works)
+    app = application(photos, works, drafts)
+    add_page(app, photos, works, drafts)
     with running(app, port) as address:
         works.warm_up()
         try:
             yield address, works
         finally:
+            drafts.close()
             works.close()

@@ -10,6 +10,7 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pages import TEMPLATES
 from brushexp.contracts.tasks import look_names
 from brushexp_studio.controls import Controls
+from brushexp_studio.drafts import Drafts
 from brushexp_studio.easel import Easel
 from brushexp_studio.elements import Button, Tag
 from brushexp_studio.photos import Photos
@@ -26,7 +27,7 @@ ICON = (
 )
 
 
-def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
+def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None:
     """Add the page of the studio to an application at ``/``."""
     head = "".join(f"<script>{(TEMPLATES / name).read_text()}</script>" for name in ("theme.js", "zoom.js"))
     head += "".join(f"<style>{path.read_text()}</style>" for path in (TEMPLATES / "page.css", WEB / "studio.css"))
@@ -36,7 +37,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
     def studio() -> None:
         ui.add_head_html(head)
         ui.html(bar, sanitize=False)
-        Tab(Visit(photos, works, sorted(look_names(), key=likelihood)))
+        Tab(Visit(photos, works, drafts, sorted(look_names(), key=likelihood)))
 
     ui.run_with(
         app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
@@ -109,6 +110,7 @@ class Tab:
             self.version = self.works.version
             self.visit.join()
             self.easel.renew()
+            self.controls.show_drafts()
             self.renew()
 
     def renew(self) -> None:

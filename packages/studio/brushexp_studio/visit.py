@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from brushexp_studio.drafts import Drafts
 from brushexp_studio.photos import Photo, Photos
 from brushexp_studio.prints import Print
 from brushexp_studio.wishes import Wishes
@@ -18,6 +19,7 @@ class Visit:
 
     photos: Photos
     works: Works
+    drafts: Drafts
     looks: list[str]
     wishes: Wishes = field(default_factory=Wishes)
     view: str = PHOTOGRAPH

@@ -118,6 +118,7 @@ class Works:
         self.count = 0  # paintings begun
         self.version = 0  # grows with every change that the page shows
         self.is_warm = Event()
+        self.easel = Lock()  # one picture is painted at a time, a draft too
         self._thread: Thread | None = None
         self._closing = Event()
         self._making = Lock()  # one file at a time
@@ -224,7 +225,8 @@ class Works:
         work.status = PAINTING
         self.version += 1
         try:
-            self._paint(work)
+            with self.easel:  # a draft ends first
+                self._paint(work)
             work.status = DONE
         except Exception as error:
             work.status = FAILED

@@ -25,12 +25,14 @@ from program import ask
 from refusals import refuses
 
 import brushexp
+from brushexp.errors import UserError
 
 pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp_studio import controls as studio_controls
 from brushexp_studio import task as studio_task
 from brushexp_studio.controls import Controls
 from brushexp_studio.downloads import BROKEN, MADE, Download, make_file
+from brushexp_studio.drafts import Drafts
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
 from brushexp_studio.prints import OWN, Print
 from brushexp_studio.server import application, running
@@ -46,7 +48,8 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 @pytest.fixture
 def uploads(tmp_path, caplog):
     """Address of a studio without the page, in this process; nothing that is sent brings a traceback."""
-    with running(application(Photos(tmp_path), Works(tmp_path, {})), 0) as address:
+    works = Works(tmp_path, {})
+    with running(application(Photos(tmp_path), works, Drafts(works)), 0) as address:
         yield address
         status, body, _ = ask(address, "/photos", "POST", CHELSEA.read_bytes(), X_Name="after all.png")
         assert (status, b"photo" in body) == (200, True)
@@ -147,7 +150,7 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     gate = Event()
     monkeypatch.setattr(Works, "_paint", lambda works, work: gate.wait(60))
     works = Works(tmp_path, {})
-    mine, theirs = (Visit(Mock(), works, [], Wishes(photo=Mock())) for _ in range(2))
+    mine, theirs = (Visit(Mock(), works, Mock(), [], Wishes(photo=Mock())) for _ in range(2))
     mine.arrive("first")
     mine.begun = works.begin(mine.wishes, mine)
     theirs.begun = works.begin(theirs.wishes, theirs)
@@ -160,7 +163,7 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     assert theirs.stoppable() is None, "the other tab is open"
     mine.is_there = False
     assert theirs.stoppable() is mine.begun, "the tab is gone"
-    again = Visit(Mock(), works, [])
+    again = Visit(Mock(), works, Mock(), [])
     again.join()  # before it is known whose it is
     again.arrive("first")
     assert again.stoppable() is again.work is mine.begun, "it was loaded again, while others wait"
@@ -196,6 +199,37 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     }  # fmt: skip
 
 
+def test_drafts_are_painted_while_nobody_paints(tmp_path, monkeypatch):
+    works = Works(tmp_path, {})
+    drafts, begun, go_on = Drafts(works), Event(), Event()
+
+    def iterate(_, look, **keys):
+        if look == "unknown":
+            raise UserError("there is no such look")
+        begun.set()
+        go_on.wait(60)
+        yield Mock(image=np.full((8, 9, 3), len(look), np.uint8))
+
+    monkeypatch.setattr("brushexp.iterate", iterate)
+    photo, looks = Mock(key="photo1", size=(80, 90)), ["unknown", "oil", "ink"]
+    drafts.want(photo, looks)
+    assert not begun.wait(0.5), "the kernels are not compiled yet"
+    works.is_warm.set()
+    assert begun.wait(60)
+    works.all.append(work := Work(1, Wishes(photo=photo), tmp_path))
+    go_on.set()
+    with works.easel:
+        assert drafts.address(photo, "oil") is None, "Paint ends a draft"
+    works.all.remove(work)
+    while len(drafts.pictures) < len(looks):
+        time.sleep(0.01)
+    drafts.close()
+    assert [drafts.address(photo, look) for look in looks] == [
+        None, "/drafts/photo1/oil.jpg", "/drafts/photo1/ink.jpg",
+    ]  # fmt: skip
+    assert drafts.address(None, "oil") is None
+
+
 def made(works, work, form, paper=None):
     download = works.make(work, form, paper)
     for maker in works._makers:
@@ -207,7 +241,7 @@ def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
     painting = brushexp.paint("coffee", look="oil", resolution=64, steps=2)
     works = Works(tmp_path, {})
     work = Work(1, Wishes(photo=Mock(path=tmp_path / "photo.png")), tmp_path / "1", status=DONE)
-    work.wishes.photo.configure_mock(name="coffee.png")
+    work.wishes.photo.configure_mock(name="coffee.png", ratio=1.5)
     painting.save(work.folder)
     work.painting = painting
     for form, layers in (("png", None), ("ora", 11)):
