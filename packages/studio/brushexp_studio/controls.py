@@ -12,7 +12,19 @@ from brushexp.contracts import UserError
 from brushexp_studio.elements import Button, Drop, Slide, Tag, chips
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photo
 from brushexp_studio.visit import PHOTOGRAPH, Visit
-from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, Wishes, own_size, planned_strokes
+from brushexp_studio.wishes import (
+    AS_LOOK,
+    FOCUS,
+    PALETTES,
+    PAPERS,
+    QUALITIES,
+    SIDES,
+    TUBES,
+    TUBES_LOOK,
+    Wishes,
+    own_size,
+    planned_strokes,
+)
 
 SECONDS = "seconds"  # a choice beside the qualities
 NONE = ""  # key of no picture
@@ -48,6 +60,14 @@ class Controls:
                 chips("Focus", FOCUS, visit.wishes.focus, self._take_focus)
             with part("In the style of", "colours and marks of another picture"):
                 self.styles = Tag("div", "thumbs", role="group", aria_label="Style")
+            with Tag("details", "part more"):
+                Tag("summary", text="More: paper, palette, tubes")
+                with part("Paper", "what the paint lies on"):
+                    chips("Paper", PAPERS, visit.wishes.paper, self._take_paper)
+                with part("Palette", "the range of colours"):
+                    chips("Palette", PALETTES, visit.wishes.palette, self._take_palette)
+                with part("Tubes", "mixed from real paints; with a plan to paint it by hand"):
+                    self.tubes = chips("Tubes", TUBES, visit.wishes.tubes, self._take_tubes)
         visit.listeners.append(self.show)
         self.show()
 
@@ -108,16 +128,38 @@ class Controls:
 
     def _look(self, look: str) -> Button:
         async def choose() -> None:
-            self.visit.wishes.look = look
-            for name, button in self.looks.items():
-                button.press(name == look)
-            await self._renew_strokes()
+            if look != TUBES_LOOK:
+                self.visit.wishes.tubes = AS_LOOK
+            await self._take_look(look)
 
         button = Button("", choose, pressed=look == self.visit.wishes.look, classes="look-choice")
         with button:
             self.samples[look] = Tag("img", src=f"/looks/{look}.webp", alt="")
             Tag("span", text=look)
         return button
+
+    async def _take_look(self, look: str) -> None:
+        self.visit.wishes.look = look
+        for name, button in self.looks.items():
+            button.press(name == look)
+        for tubes, button in self.tubes.items():
+            button.press(tubes == self.visit.wishes.tubes)
+        await self._renew_strokes()
+
+    def _take_paper(self, paper: str) -> None:
+        self.visit.wishes.paper = paper
+
+    def _take_palette(self, palette: str) -> None:
+        self.visit.wishes.palette = palette
+
+    async def _take_tubes(self, tubes: str) -> None:
+        """Choose paints, and the look that goes with them; without paints, the first look in its place."""
+        wishes = self.visit.wishes
+        wishes.tubes = tubes
+        if tubes:
+            await self._take_look(TUBES_LOOK)
+        elif wishes.look == TUBES_LOOK:
+            await self._take_look(self.visit.looks[0])
 
     def receive(self, answer: dict[str, Any], take: Callable[[Photo], None]) -> None:
         """Take the photo of an upload, or show its error."""

@@ -27,21 +27,25 @@ class Form:
     title: str  # on its button
     what: str  # one line about it
     is_print: bool = False  # whether it has a size on paper
-    draws: int = 1  # times that the picture is drawn for it
+    draws: int | None = 1  # times that the picture is drawn for it; None if nobody knows before
 
 
 FORMS = {
     "psd": Form("PSD", "layers for Photoshop and Affinity, broad strokes to fine ones", draws=11),
     "ora": Form("ORA", "the same layers, for Krita and GIMP", draws=11),
+    "plan": Form("Plan", "what to mix, in which order to paint, and a drawing to paint by numbers", draws=None),
     "zip": Form("Everything, zip", "all files of the painting in one"),
     "pdf": Form("PDF to print", "one page of this size, for a printer or a print shop", is_print=True),
     "png": Form("PNG to print", "the same as pixels, crisp at this size", is_print=True),
 }
 
 
-def possible_forms() -> dict[str, Form]:
-    """List the kinds of files that can be made here: PSD needs an extra."""
-    return {key: form for key, form in FORMS.items() if key != "psd" or find_spec("psd_tools")}
+def possible_forms(work: Work) -> dict[str, Form]:
+    """List the kinds of files that can be made of a painting here: PSD needs an extra, a plan needs tubes."""
+    missing = {"psd"} if find_spec("psd_tools") is None else set()
+    if not work.has_tubes:
+        missing.add("plan")
+    return {key: form for key, form in FORMS.items() if key not in missing}
 
 
 @dataclass
@@ -51,7 +55,7 @@ class Download:
     form: str
     paper: Print | None = None  # size of a print
     status: str = MAKING
-    share: float = 0.0  # of the work that is done, 0 to 1
+    share: float | None = 0.0  # of the work that is done, 0 to 1; None if nobody knows
     path: Path | None = None  # once it is made
     trouble: str = ""  # why it cannot be made, in one line
 
@@ -62,8 +66,9 @@ class Download:
         >>> Download("pdf", share=0.4).words
         'Making the PDF … 40 %'
         """
-        name = "zip" if self.form == "zip" else self.form.upper()
-        return f"Making the {name} … {100 * self.share:.0f} %"
+        name = self.form if self.form in ("zip", "plan") else self.form.upper()
+        share = "" if self.share is None else f" {100 * self.share:.0f} %"
+        return f"Making the {name} …{share}"
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ class Stopped(Exception):
     """The studio closes while a file is being made."""
 
 
-def make_file(work: Work, download: Download, tell: Callable[[float], None]) -> Path:
+def make_file(work: Work, download: Download, tell: Callable[[float | None], None]) -> Path:
     """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
@@ -90,12 +95,15 @@ def make_file(work: Work, download: Download, tell: Callable[[float], None]) -> 
         return zip_files(work, folder / f"{work.name}.zip", tell)
     if work.painting is None:
         raise UserError("this painting was not kept; paint it again")
-    finished, drawn = work.painting.finished, 0.0
+    finished, draws, drawn = work.painting.finished, FORMS[download.form].draws, 0.0
 
     def watch(share: float) -> None:
         nonlocal drawn
-        drawn += share / FORMS[download.form].draws
-        tell(min(1.0, drawn))
+        if draws is None:
+            tell(None)
+        else:
+            drawn += share / draws
+            tell(min(1.0, drawn))
 
     parts = {part.name: getattr(finished.job, part.name) for part in fields(finished.job)}
     painting = replace(work.painting, finished=replace(finished, job=WatchedJob(**parts, watch=watch)))
@@ -119,7 +127,7 @@ def zip_files(work: Work, path: Path, tell: Callable[[float], None]) -> Path:
 def describe_file(path: Path, size: tuple[int, int]) -> str:
     """Say in one line what a file of a painting of ``size`` (H, W) in pixels is, and how large it is."""
     megabytes = path.stat().st_size / 1e6
-    amount = f"{megabytes:.1f} MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f} kB"
+    amount = f"{megabytes:.1f}\u00a0MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f}\u00a0kB"
     if path.suffix == ".svg":
         with path.open(encoding="utf-8") as file:
             is_sprites = "bitmap with its texture" in file.read(2000)  # its description says so

@@ -6,7 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from brushexp_studio.downloads import BROKEN, MADE, MAKING, Form, describe_file, possible_forms
+from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, Form, describe_file, possible_forms
 from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
 from brushexp_studio.print_controls import PrintControls
 from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
@@ -149,7 +149,7 @@ class Easel:
         self.prints.show(work if has_files else None)
         if work is None or not has_files:
             return
-        forms = possible_forms()
+        forms = possible_forms(work)
         with self.files:
             Tag("h2", text="Download")
             with Tag("ul", "downloads"):
@@ -193,7 +193,7 @@ class Easel:
 
     def _make(self, key: str, work: Work) -> None:
         self.visit.wanted.add((work.number, key))
-        self.visit.works.make(work, key, self.visit.paper if possible_forms()[key].is_print else None)
+        self.visit.works.make(work, key, self.visit.paper if FORMS[key].is_print else None)
         self.renew()
 
     def _renew_files(self) -> None:
@@ -202,7 +202,7 @@ class Easel:
         for key, (words, bar) in self.making.items():
             if work and (download := work.downloads.get(key)):
                 words.set_text(download.words)
-                bar.set(value=f"{download.share:.3f}")
+                bar.set(value=None if download.share is None else f"{download.share:.3f}")
         for number, key in [*self.visit.wanted]:
             download = works[number].downloads[key]
             if download.status != MAKING:

@@ -84,8 +84,8 @@ class Slide(Scripted, component="web/slide.js"):
         self.props["shown"] = words
 
 
-def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> None:
-    """Add a group of buttons of which one is pressed; ``choose`` takes its key."""
+def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> dict[Any, Button]:
+    """Add a group of buttons of which one is pressed, and return them by key; ``choose`` takes its key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:
@@ -96,3 +96,4 @@ def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any
     with Tag("div", "chips", role="group", aria_label=name):
         for key, text in choices.items():
             buttons[key] = Button(text, partial(press, key), pressed=key == chosen, classes="choice")
+    return buttons

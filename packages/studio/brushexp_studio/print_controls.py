@@ -24,7 +24,7 @@ class PrintControls:
         with self.place:
             Tag("h2", text="Print")
             papers = {name: name for name in (*PAPERS, SQUARE, OWN)}
-            chips("Paper", papers, visit.paper.paper, lambda name: self._take(paper=name))
+            chips("Paper size", papers, visit.paper.paper, lambda name: self._take(paper=name))
             self.fits = Tag("div")
             with self.fits:
                 fits = {WHOLE: "Whole picture", CROPPED: "Fill the paper"}

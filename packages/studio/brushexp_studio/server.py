@@ -79,7 +79,7 @@ def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
             raise KeyError(form)
         paper = download.paper and download.paper.paper.replace(" ", "_")
         name = f"{work.name}-{paper}" if paper else work.name
-        return FileResponse(download.path, filename=f"{name}.{form}")
+        return FileResponse(download.path, filename=f"{name}-plan.pdf" if form == "plan" else f"{name}.{form}")
 
     @app.get("/works/{number}/blend/{percent}.png")
     def blend(number: int, percent: int) -> Response:

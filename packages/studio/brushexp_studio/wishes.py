@@ -15,6 +15,30 @@ from brushexp_studio.photos import Photo
 QUALITIES = ("draft", "normal", "fine", "best")
 SIDES = (256, 512, 768, 1024)  # pixels of the canvas
 FOCUS = {"look": "As the look", "auto": "Faces first", "even": "Everywhere", "mask": "Painted by hand"}
+AS_LOOK = ""  # choice that is left to the look
+PAPERS = {
+    AS_LOOK: "As the look",
+    "smooth": "None",
+    "cold_pressed": "Cold pressed",
+    "rough": "Rough",
+    "laid": "Laid",
+    "weave": "Canvas",
+}
+PALETTES = {
+    AS_LOOK: "As the look",
+    "own": "As the photograph",
+    "high_key": "Light",
+    "low_key": "Dark",
+    "muted": "Muted",
+}
+TUBES = {
+    AS_LOOK: "Any colour",
+    "eight": "Eight acrylics",
+    "acrylics": "Eleven acrylics",
+    "primaries": "Primaries",
+    "zorn": "Zorn's oils",
+}
+TUBES_LOOK = "tubes"  # look of a painting with tubes
 LONGEST_STROKE = 10.0  # pitches: the largest init.length and init.width
 
 
@@ -32,6 +56,9 @@ class Wishes:
     focus: str = "look"
     mask: Path | None = None  # painted by hand
     style: Photo | None = None
+    paper: str = AS_LOOK
+    palette: str = AS_LOOK
+    tubes: str = AS_LOOK  # anything else goes with `TUBES_LOOK`
 
     @property
     def subject(self) -> Photo:
@@ -63,6 +90,9 @@ class Wishes:
             keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
         if self.style is not None:
             keys["style.image"] = str(self.style.path)
+        for name in ("paper", "palette", "tubes"):
+            if value := getattr(self, name):
+                keys[name] = value
         return keys
 
     def at_a_glance(self) -> dict[str, Any] | None:

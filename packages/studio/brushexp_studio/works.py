@@ -15,7 +15,7 @@ from PIL import Image
 import brushexp
 from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
-from brushexp_studio.downloads import BROKEN, MADE, MAKING, PRINTS, Download, Stopped, make_file
+from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, PRINTS, Download, Stopped, make_file
 from brushexp_studio.photos import JPEG, in_plain_letters
 from brushexp_studio.prints import Print
 from brushexp_studio.wishes import Wishes
@@ -83,6 +83,11 @@ class Work:
         paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
         names = {path.relative_to(self.folder): path for path in paths}
         return {str(name): path for name, path in names.items() if name.parts[0] != PRINTS}
+
+    @property
+    def has_tubes(self) -> bool:
+        """Whether it is finished, and painted with real paints."""
+        return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:
         """Lay the painting over its photograph with an opacity of 0 to 100 percent, as PNG, as the page shows it."""
@@ -174,7 +179,7 @@ class Works:
         download = work.downloads.get(form)
         is_other = download is not None and download.paper != paper and download.status != MAKING
         if download is None or is_other or download.status == BROKEN:
-            download = work.downloads[form] = Download(form, paper)
+            download = work.downloads[form] = Download(form, paper, share=None if FORMS[form].draws is None else 0.0)
             self.version += 1
             maker = Thread(target=self._make, args=(work, download), name=f"making {form}", daemon=True)
             self._makers.append(maker)
@@ -192,7 +197,7 @@ class Works:
             maker.join()
 
     def _make(self, work: Work, download: Download) -> None:
-        def tell(share: float) -> None:
+        def tell(share: float | None) -> None:
             if self._closing.is_set():
                 raise Stopped
             download.share = share
@@ -200,7 +205,7 @@ class Works:
 
         try:
             with self._making:
-                tell(0.0)
+                tell(download.share)
                 download.path = make_file(work, download, tell)
             download.status = MADE
         except Exception as error:

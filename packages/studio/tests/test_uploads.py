@@ -182,6 +182,8 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     assert [Wishes(photo=photo, **other).at_a_glance() for other in others] == [None] * 3
     larger = Wishes(photo=photo, quality="draft", size=2.0).overrides()
     assert (larger["init"], larger["init.length"]) == ("layers", 6.4), "sizes are those of the look's own start"
+    more = Wishes(photo=photo, look="tubes", tubes="zorn", paper="laid", palette="muted").overrides()
+    assert (more["tubes"], more["paper"], more["palette"]) == ("zorn", "laid", "muted")
     asked = []
 
     def iterate(_, **keys):
