@@ -1,5 +1,7 @@
 """Build the right side of the page: photograph, painting, comparison, replay, files, and earlier paintings."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,9 @@ from nicegui import ui
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, Form, describe_file, possible_forms
 from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
 from brushexp_studio.print_controls import PrintControls
-from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
+from brushexp_studio.touches import HOWS, Touch
+from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, TOUCH, VIEWS, Visit
+from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import DONE, FAILED, GLANCE, WAITING, Work
 
 FILES = {  # names on the page; a film is one of two kinds
@@ -25,8 +29,9 @@ FILES = {  # names on the page; a film is one of two kinds
 class Easel:
     """The views of a visit."""
 
-    def __init__(self, visit: Visit, receive: Any) -> None:
-        self.visit, self.receive = visit, receive
+    def __init__(self, visit: Visit, receive: Any, begin: Callable[[Wishes], None]) -> None:
+        self.visit, self.receive, self.begin = visit, receive, begin
+        self.touched: Path | None = None  # mask of the place to touch up
         self.state: tuple[Any, ...] = ()
         self.made: tuple[tuple[str, str], ...] = ()  # forms of files, and how far they are
         with Tag("section", "easel", aria_label="The picture"):
@@ -53,7 +58,7 @@ class Easel:
         self.live = None
         self.place.clear()
         show = {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, BLEND: self._blend}
-        show[REPLAY] = self._replay
+        show |= {TOUCH: self._touch, REPLAY: self._replay}
         with self.place:
             show[self.visit.view]()
         self._show_files()
@@ -92,7 +97,10 @@ class Easel:
             return
         if wishes.focus == "mask":
             before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
-            mask = Mask(self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before)
+            words = {"label": "Where the painting shall be most like the photograph", "group": "Brush of the focus"}
+            mask = Mask(
+                self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before, **words
+            )
             mask.style(f"--ratio: {photo.ratio}")
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
@@ -134,6 +142,29 @@ class Easel:
         photograph, saved = work.wishes.subject.address, f"/works/{work.number}/blend/"
         Blend(photograph=photograph, painting=work.address, saved=saved).style(f"--ratio: {work.ratio}")
 
+    def _touch(self) -> None:
+        work, self.touched = self._work, None
+        buttons: list[Button] = []
+
+        def take(answer: dict[str, Any]) -> None:
+            self.touched = self.visit.photos.masks.get(str(answer.get("mask")))
+            for button in buttons:
+                button.allow(self.touched is not None)
+
+        words = {"label": "The place that is painted anew", "group": "Brush of the place"}
+        address = f"/photos/{work.wishes.subject.key}/masks"
+        mask = Mask(take, picture=work.address, ratio=work.ratio, address=address, before="", **words)
+        mask.style(f"--ratio: {work.ratio}")
+        Tag("p", "caption hint", "Paint over a place; then it is painted anew, and all else stays.")
+        with Tag("div", "row tools", role="group", aria_label="Touch up"):
+            for how, title in HOWS.items():
+                buttons.append(Button(title, partial(self._begin_touch, work, how)))
+                buttons[-1].allow(False)
+
+    def _begin_touch(self, work: Work, how: str) -> None:
+        if self.touched is not None:
+            self.begin(replace(work.wishes, touch=Touch(work.number, self.touched, how)))
+
     def _replay(self) -> None:
         work = self._work
         shown = {number: caption for number, (_, caption) in work.frames.items() if number != GLANCE}
@@ -159,9 +190,10 @@ class Easel:
                 for key, form in forms.items():
                     if not form.is_print:
                         self._show_form(key, form, work)
-            with Tag("p", "command-line"):
-                Tag("code", text=work.wishes.command())
-                Button("Copy", lambda: ui.clipboard.write(work.wishes.command()), classes="choice")
+            if work.wishes.touch is None:
+                with Tag("p", "command-line"):
+                    Tag("code", text=work.wishes.command())
+                    Button("Copy", lambda: ui.clipboard.write(work.wishes.command()), classes="choice")
         with self.prints.files:
             for key, form in forms.items():
                 if form.is_print:

@@ -70,7 +70,10 @@ class Blend(Scripted, component="web/blend.js"):
 
 
 class Mask(Scripted, component="web/mask.js"):
-    """A mask over a ``picture`` of a ``ratio`` (width / height); ``before`` is the address of one to go on with."""
+    """A mask over a ``picture`` of a ``ratio`` (width / height); ``before`` is the address of one to go on with.
+
+    ``label`` and ``group`` say what it and its brush are for.
+    """
 
 
 class Slide(Scripted, component="web/slide.js"):

@@ -15,6 +15,7 @@ from brushexp_studio.easel import Easel
 from brushexp_studio.elements import Button, Tag
 from brushexp_studio.photos import Photos
 from brushexp_studio.visit import Visit
+from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import FAILED, FINISHING, WAITING, Works
 
 MOMENT = 0.2  # seconds between two looks
@@ -64,7 +65,7 @@ class Tab:
         client.on_disconnect(lambda: setattr(visit, "is_there", False))
         with Tag("div", "studio"):
             Tag("h1", "unseen", "brushexp studio")
-            self.easel = Easel(visit, lambda answer: self.controls.receive(answer, visit.take_photo))
+            self.easel = Easel(visit, lambda answer: self.controls.receive(answer, visit.take_photo), self.begin)
             self.controls = Controls(visit, self.complain)
             with Tag("div", "doing"):
                 self.main = Button("Paint", self.paint, classes="button main")
@@ -83,11 +84,15 @@ class Tab:
         """Begin a painting of the chosen picture, and show it; a second click is none for another one."""
         while self.visit.reading:  # else it would be one of the picture before
             await asyncio.sleep(MOMENT)
+        self.begin(self.visit.wishes)
+
+    def begin(self, wishes: Wishes) -> None:
+        """Begin a painting, and show it."""
         last = self.visit.begun
-        if last and last.is_open and not last.frames and last.wishes == self.visit.wishes:
+        if last and last.is_open and not last.frames and last.wishes == wishes:
             return
         try:
-            work = self.visit.begun = self.works.begin(self.visit.wishes, self.visit)
+            work = self.visit.begun = self.works.begin(wishes, self.visit)
         except UserError as error:
             self.complain(str(error))
             return

@@ -7,10 +7,17 @@ from brushexp_studio.drafts import Drafts
 from brushexp_studio.photos import Photo, Photos
 from brushexp_studio.prints import Print
 from brushexp_studio.wishes import Wishes
-from brushexp_studio.works import Work, Works
+from brushexp_studio.works import DONE, Work, Works
 
-PHOTOGRAPH, PAINTING, COMPARE, BLEND, REPLAY = "photograph", "painting", "compare", "blend", "replay"
-VIEWS = {PHOTOGRAPH: "Photograph", PAINTING: "Painting", COMPARE: "Compare", BLEND: "Blend", REPLAY: "Replay"}
+PHOTOGRAPH, PAINTING, COMPARE, BLEND, TOUCH, REPLAY = "photograph", "painting", "compare", "blend", "touch", "replay"
+VIEWS = {
+    PHOTOGRAPH: "Photograph",
+    PAINTING: "Painting",
+    COMPARE: "Compare",
+    BLEND: "Blend",
+    TOUCH: "Touch up",
+    REPLAY: "Replay",
+}
 
 
 @dataclass
@@ -79,5 +86,6 @@ class Visit:
             views += [PAINTING]
             views += [COMPARE] if self.work.frames else []
             views += [BLEND] if "painting.png" in self.work.files else []
+            views += [TOUCH] if self.work.painting is not None and self.work.status == DONE else []
             views += [REPLAY] if len(self.work.frames) > 1 and not self.work.is_open else []
         return views

@@ -11,6 +11,7 @@ from brushexp.contracts.painting import stroke_budget
 from brushexp.contracts.pictures import size_at
 from brushexp.contracts.runs import settings_of
 from brushexp_studio.photos import Photo
+from brushexp_studio.touches import Touch
 
 QUALITIES = ("draft", "normal", "fine", "best")
 SIDES = (256, 512, 768, 1024)  # pixels of the canvas
@@ -59,6 +60,7 @@ class Wishes:
     paper: str = AS_LOOK
     palette: str = AS_LOOK
     tubes: str = AS_LOOK  # anything else goes with `TUBES_LOOK`
+    touch: Touch | None = None  # of a finished painting, which is then painted anew at a place
 
     @property
     def subject(self) -> Photo:
@@ -98,7 +100,7 @@ class Wishes:
     def at_a_glance(self) -> dict[str, Any] | None:
         """Convert to keys of a painting that begins with a network's strokes; None where this one does, or none may."""
         drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("glance", "normal"))
-        if drafted == own or self.size != 1 or (self.seconds is None and self.quality == "draft"):
+        if drafted == own or self.size != 1 or self.touch or (self.seconds is None and self.quality == "draft"):
             return None
         return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "glance"}
 

@@ -18,6 +18,7 @@ from brushexp.contracts.pages import encode
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, PRINTS, Download, Stopped, make_file
 from brushexp_studio.photos import JPEG, in_plain_letters
 from brushexp_studio.prints import Print
+from brushexp_studio.touches import TOO_SMALL, lay_fresh_strokes, overrides_of
 from brushexp_studio.wishes import Wishes
 
 log = logging.getLogger(__name__)
@@ -53,7 +54,8 @@ class Work:
 
     @property
     def title(self) -> str:
-        return f"{self.number} · {self.wishes.look}"
+        touch = self.wishes.touch
+        return f"{self.number} · {self.wishes.look}" + (f", {touch.how}" if touch else "")
 
     @property
     def name(self) -> str:
@@ -236,6 +238,8 @@ class Works:
         except Exception as error:
             work.status = FAILED
             work.trouble = str(error) if isinstance(error, UserError) else f"this painting failed: {error}"
+            if work.wishes.touch and work.wishes.touch.mask.name in work.trouble:  # a file that nobody has seen
+                work.trouble = TOO_SMALL
             log.log(logging.INFO if isinstance(error, UserError) else logging.ERROR, "%s", error, exc_info=True)
         self.version += 1
 
@@ -243,6 +247,10 @@ class Works:
         self._glance(work)
         wishes, start = work.wishes, time.monotonic()
         options = wishes.overrides() | self.options
+        if touch := wishes.touch:
+            catalogue = touch.mask.with_name(f"{touch.mask.stem}_{work.number}.h5")
+            lay_fresh_strokes(self[touch.number].painting, touch, work.number, catalogue)
+            options = overrides_of(options, touch, catalogue)
         states = brushexp.iterate(wishes.subject.path, every=1, every_seconds=0.25, **options)
         planned = 0
         for state in states:

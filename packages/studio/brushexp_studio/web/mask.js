@@ -1,25 +1,25 @@
-// A mask that is painted over a picture: where it is painted, the painting shall be most like it. It is sent to the
-// studio after every mark; the event "answer" has what the studio says to it.
+// A mask that is painted over a picture, for what "label" says. It is sent to the studio after every mark; the event
+// "answer" has what the studio says to it.
 const SIDE = 512; // pixels of the mask's longer side
 export default {
   template: `
     <div class="masking">
       <div class="stage">
-        <img :src="picture" alt="the photograph">
+        <img :src="picture" alt="">
         <canvas ref="canvas" :width="width" :height="height" tabindex="0" role="img"
-          aria-label="Where the painting shall be most like the photograph: arrow keys move the brush, space paints"
+          :aria-label="label + ': arrow keys move the brush, space paints'"
           @pointerdown="begin" @pointermove="move" @pointerup="end" @pointercancel="end" @pointerleave="out"
           @keydown="key"></canvas>
         <span class="tip" v-show="tip" :style="place" aria-hidden="true"></span>
       </div>
-      <div class="row tools" role="group" aria-label="Brush of the focus">
+      <div class="row tools" role="group" :aria-label="group">
         <button class="button" type="button" :aria-pressed="!erasing" @click="erasing = false">Brush</button>
         <button class="button" type="button" :aria-pressed="erasing" @click="erasing = true">Eraser</button>
         <label class="field">Size <input class="slider" type="range" min="2" max="25" v-model.number="size"></label>
         <button class="button" type="button" @click="clear">Clear</button>
       </div>
     </div>`,
-  props: { picture: String, ratio: Number, address: String, before: String },
+  props: { picture: String, ratio: Number, address: String, before: String, label: String, group: String },
   data: () => ({ erasing: false, size: 9, tip: null, last: null }),
   computed: {
     width() { return Math.round(this.ratio >= 1 ? SIDE : SIDE * this.ratio); },

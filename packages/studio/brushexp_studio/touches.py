@@ -1,0 +1,80 @@
+"""Paint a place of a finished painting anew: with finer strokes, with larger ones, or with others."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from brushexp.contracts import UserError, build
+from brushexp.contracts.pictures import load_mask
+from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of, point_at, save_catalogue
+
+HOWS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
+FACTORS = {"finer": 3.0, "looser": 0.25, "again": 1.0}  # fresh strokes for each that goes
+FEWEST_STROKES = 6  # with which a place can be painted
+TOO_SMALL = "this place is too small for its strokes; paint over more of it"
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A place of a painting, bright in a ``mask``, and how it is painted anew."""
+
+    number: int  # of the painting
+    mask: Path
+    how: str  # a key of `HOWS`
+
+
+def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
+    """Replace the strokes of a painting that lie in a place by fresh ones of its look, and write the catalogue.
+
+    Strokes count as in the place if both ends and the middle of their curves are. Fresh ones are laid over all others,
+    small ones over large ones, as many as ``touch.how`` says; steps then fit them. A UserError if the place is too
+    small for that.
+    """
+    saved = painting.finished.job.saved
+    mask = load_mask(str(touch.mask), saved.size, "region") >= 0.5
+    goes = lies_in(mask, saved.strokes)
+    rows, columns = (mask.any(axis).nonzero()[:, 0] for axis in (1, 0))
+    if not len(rows):
+        raise UserError("paint over the place that you mean first")
+    top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    target = picture_at(painting.target, saved.size)[:, top:bottom, left:right].contiguous()
+    share = float(mask[top:bottom, left:right].double().mean())
+    count = max(FEWEST_STROKES, FACTORS[touch.how] * int(goes.sum())) / share
+    initializer, generator = build(painting.settings.cfg.init), torch.Generator().manual_seed(seed)
+    fresh = initializer(target, min(round(count), target[0].numel()), generator).moved(shift=(left, top))
+    fresh = fresh[lies_in(mask, fresh)]
+    if len(fresh) < FEWEST_STROKES:
+        raise UserError(TOO_SMALL)
+    fresh = fresh[(half_width_of(fresh) * length_of(curve_of(fresh))).argsort(descending=True)]
+    stays = saved.depth.argsort().flip(0)  # the uppermost first
+    stays = stays[~goes[stays]]
+    numbers = torch.empty(len(goes), dtype=torch.long)
+    numbers[~goes] = torch.arange(len(stays))
+    front_to_back = torch.cat([torch.arange(len(fresh)).flip(0) + len(stays), numbers[stays]])
+    strokes = Strokes.join(saved.strokes[~goes], fresh.map(lambda value: value.to(saved.strokes.position.dtype)))
+    save_catalogue(path, saved.with_strokes(strokes, front_to_back, saved.background))
+
+
+def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
+    """Tell which strokes (N,) have both ends and the middle of their curves in a mask (H, W) of bool."""
+    points = point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, 3)).floor().long()  # (N, 3, 2)
+    x, y = points[..., 0].clamp(0, mask.shape[1] - 1), points[..., 1].clamp(0, mask.shape[0] - 1)
+    inside: Tensor = mask[y, x].all(1)
+    return inside
+
+
+def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
+    """Scale a picture (h, w, 3) of bytes to a ``size`` (H, W), as (3, H, W) in [0, 1]."""
+    scaled = Image.fromarray(pixels).resize((size[1], size[0]), Image.Resampling.LANCZOS)
+    return torch.from_numpy(np.asarray(scaled, np.float32) / 255).movedim(2, 0)
+
+
+def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
+    """Turn the overrides of a painting into those of a touch of it: its strokes are given."""
+    kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
+    return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}
