@@ -1,23 +1,41 @@
 """Files that take a while to make from a finished painting: each is made in a thread, and says how far it is."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 from brushexp.contracts import UserError
 from brushexp.contracts.families import ExportJob
 from brushexp_studio.prints import Print
 
-if TYPE_CHECKING:
-    from brushexp_studio.works import Work
-
 PRINTS = "print"  # folder of these files in that of the painting
 MAKING, MADE, BROKEN = "making", "made", "broken"
+
+
+class Painted(Protocol):
+    """A finished painting and its own files, of which others are made."""
+
+    folder: Path
+    painting: Any  # a `brushexp.Painting`, or None if it was not kept
+
+    @property
+    def name(self) -> str:
+        """The name of saved files."""
+
+    @property
+    def ratio(self) -> float:
+        """Width over height."""
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its own files by name."""
+
+    @property
+    def has_tubes(self) -> bool:
+        """Whether it was painted with real paints."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +58,7 @@ FORMS = {
 }
 
 
-def possible_forms(work: Work) -> dict[str, Form]:
+def possible_forms(work: Painted) -> dict[str, Form]:
     """List the kinds of files that can be made of a painting here: PSD needs an extra, a plan needs tubes."""
     missing = {"psd"} if find_spec("psd_tools") is None else set()
     if not work.has_tubes:
@@ -87,7 +105,7 @@ class Stopped(Exception):
     """The studio closes while a file is being made."""
 
 
-def make_file(work: Work, download: Download, tell: Callable[[float | None], None]) -> Path:
+def make_file(work: Painted, download: Download, tell: Callable[[float | None], None]) -> Path:
     """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
@@ -111,7 +129,7 @@ def make_file(work: Work, download: Download, tell: Callable[[float | None], Non
     return Path(painting.export(download.form, folder, **options)[0])
 
 
-def zip_files(work: Work, path: Path, tell: Callable[[float], None]) -> Path:
+def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
     """Pack all files of a painting, and ``tell`` the share of their bytes that is done."""
     files = work.files
     total = max(1, sum(file.stat().st_size for file in files.values()))
