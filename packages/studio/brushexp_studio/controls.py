@@ -57,7 +57,7 @@ class Controls:
             with part("Canvas", "pixels of its longer side"):
                 chips("Canvas", {side: str(side) for side in SIDES}, visit.wishes.side, self._take_side)
             with part("Focus", "where the painting is most like the photograph"):
-                chips("Focus", FOCUS, visit.wishes.focus, self._take_focus)
+                self.focus = chips("Focus", FOCUS, visit.wishes.focus, self._take_focus)
             with part("In the style of", "colours and marks of another picture"):
                 self.styles = Tag("div", "thumbs", role="group", aria_label="Style")
             with Tag("details", "part more"):
@@ -74,6 +74,8 @@ class Controls:
     def show(self) -> None:
         """Show the pictures to choose from, and which are chosen."""
         wishes = self.visit.wishes
+        for focus, button in self.focus.items():
+            button.press(focus == wishes.focus)
         for place, chosen, name, take in (
             (self.pictures, wishes.photo, "picture", self.visit.take_photo),
             (self.styles, wishes.style, "style", self._take_style),

@@ -6,10 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
+from nicegui import background_tasks, run, ui
 
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, Form, describe_file, possible_forms
 from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
+from brushexp_studio.faces import find_faces, in_words, mask_of
+from brushexp_studio.photos import Photo
 from brushexp_studio.print_controls import PrintControls
 from brushexp_studio.touches import HOWS, Touch
 from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, TOUCH, VIEWS, Visit
@@ -102,9 +104,28 @@ class Easel:
                 self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before, **words
             )
             mask.style(f"--ratio: {photo.ratio}")
+            Tag("p", "caption hint", "Click on each face, or paint over what shall be most like the photograph.")
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
                 Tag("img", src=photo.address, alt=f"the photograph {photo.name}")
+            with Tag("div", "row tools"):
+                found = Tag("span", "hint", "Looking for faces …", role="status")
+                Button("Mark a face", partial(self._mark_faces, photo), classes="choice")
+            background_tasks.create(self._count_faces(photo, found))
+
+    async def _count_faces(self, photo: Photo, found: Tag) -> None:
+        faces = await run.io_bound(find_faces, photo)
+        if faces is not None and not found.is_deleted:
+            found.set_text(in_words(len(faces)))
+
+    async def _mark_faces(self, photo: Photo) -> None:
+        """Let the visitor mark faces by hand, beside those that were found."""
+        faces = await run.io_bound(find_faces, photo)
+        wishes = self.visit.wishes
+        if wishes.mask is None and faces:
+            wishes.mask = self.visit.photos.masks.get(str(self.visit.photos.keep_mask(mask_of(faces, photo.size))))
+        wishes.focus = "mask"
+        self.visit.notify()
 
     def _take_mask(self, answer: dict[str, Any]) -> None:
         self.visit.wishes.mask = self.visit.photos.masks.get(str(answer.get("mask")))

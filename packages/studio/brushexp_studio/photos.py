@@ -88,13 +88,17 @@ class Photos:
 
     def add_mask(self, received: Path, photo: Photo) -> str | None:
         """Store a mask for a picture; return its key, or None for an empty mask. A UserError if it does not fit."""
-        path = self.folder / f"mask{next(self._numbers)}.png"
         with self._reading:
             grey = read_picture(received, key="mask").max(2)
             check_ratio("the mask", grey.shape, photo.size, "focus")
-            if not grey.any():
-                return None
-            write_picture(path, np.repeat(grey[..., None], 3, 2))
+            return self.keep_mask(grey)
+
+    def keep_mask(self, grey: np.ndarray) -> str | None:
+        """Store a mask (H, W) and return its key, or None for an empty mask."""
+        if not grey.any():
+            return None
+        path = self.folder / f"mask{next(self._numbers)}.png"
+        write_picture(path, np.repeat(grey[..., None], 3, 2))
         self.masks[path.stem] = path
         return path.stem
 

@@ -200,6 +200,7 @@ def test_two_paintings_are_compared_and_replayed(tab):
 def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
     page = tab(PHONE, has_touch=True)
     choose(page, "Picture", "astronaut")
+    page.get_by_text("Found 1 face.").wait_for()
     choose(page, "Focus", "Painted by hand")
     canvas = page.get_by_role("img", name=re.compile("arrow keys move the brush"))
     painted = """(canvas) => {
@@ -226,6 +227,10 @@ def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
     assert canvas.evaluate(painted) < 1.5 * dab
     page.get_by_role("button", name="Clear").click()
     assert canvas.evaluate(painted) == 0
+    choose(page, "Focus", "As the look")
+    page.get_by_role("button", name="Mark a face").click()
+    canvas.wait_for()
+    assert page.get_by_role("button", name="Painted by hand").get_attribute("aria-pressed") == "true"
 
 
 def test_only_pages_of_the_studio_on_this_machine_are_answered(studio):

@@ -33,6 +33,7 @@ from brushexp_studio import task as studio_task
 from brushexp_studio.controls import Controls
 from brushexp_studio.downloads import BROKEN, MADE, Download, make_file
 from brushexp_studio.drafts import Drafts
+from brushexp_studio.faces import find_faces, in_words, mask_of
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
 from brushexp_studio.prints import OWN, Print
 from brushexp_studio.server import application, running
@@ -324,6 +325,19 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
         pool.submit(asyncio.run, choose()).result()
     controls.number.show.assert_called_once_with("as the look: 5")
+
+
+def test_faces_are_counted_and_marked(tmp_path):
+    photos = Photos(tmp_path)
+    photo = photos["astronaut"]
+    assert [in_words(len(find_faces(photos[key]))) for key in ("astronaut", "coffee")] == [
+        "Found 1 face.", "Found no face.",
+    ]  # fmt: skip
+    mask = mask_of(find_faces(photo), photo.size)
+    assert mask.shape == photo.size
+    assert mask[110, 225] == 255, "on her nose"
+    assert 0.01 < (mask > 0).mean() < 0.1
+    assert photos.masks[photos.keep_mask(mask)].is_file()
 
 
 def test_samples_are_there_and_the_command_of_a_style_names_a_file(tmp_path):
