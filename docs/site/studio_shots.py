@@ -10,7 +10,7 @@ from playwright.sync_api import Page, sync_playwright
 
 IMAGES = Path(__file__).parents[1] / "images"
 WIDE, PHONE = {"width": 1280, "height": 920}, {"width": 390, "height": 844}
-MARK = [(0.36, 0.28), (0.5, 0.2), (0.52, 0.3), (0.4, 0.36)]  # over the face of the sample, in shares of its sides
+MARK = [(0.2, 0.32), (0.3, 0.36), (0.24, 0.42)]  # over an eye of the cat, in shares of its sides
 
 
 def choose(page: Page, group: str, name: str) -> None:
@@ -22,7 +22,7 @@ def paint(page: Page, number: int, look: str) -> None:
     """Begin, and wait for the first picture."""
     choose(page, "Look", look)
     page.get_by_role("button", name="Paint", exact=True).click()
-    page.locator(f".place .stage img[src^='/works/{number}/']").wait_for()
+    page.locator(f".place .stage img[src^='/works/{number}/']").wait_for(timeout=300_000)
     page.wait_for_timeout(1500)
 
 
@@ -48,12 +48,13 @@ def save(name: str, *pictures: Image.Image) -> None:
 
 
 def main(address: str) -> None:
-    """Two looks on a wide page, then a phone: mask, and comparison."""
+    """Two looks on a wide page, then a phone: comparison, touching up, and print."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport=WIDE, color_scheme="light")
         page.goto(address)
         choose(page, "Picture", "chelsea")
+        page.locator(".look-choice:last-child img[src^='/drafts/']").wait_for(timeout=600_000)
         paint(page, 1, "watercolour")
         finish(page, 1)
         paint(page, 2, "oil")
@@ -64,9 +65,7 @@ def main(address: str) -> None:
         choose(phone, "What is shown", "Compare")
         choose(phone, "Compare with", "1 · watercolour")
         compared = shot(phone)
-        choose(phone, "Picture", "astronaut")
-        choose(phone, "Focus", "Painted by hand")
-        phone.locator("canvas").scroll_into_view_if_needed()
+        choose(phone, "What is shown", "Touch up")
         phone.wait_for_timeout(1000)
         box = phone.locator("canvas").bounding_box() or {}
         places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in MARK]
@@ -76,7 +75,12 @@ def main(address: str) -> None:
             phone.mouse.move(*place, steps=5)
         phone.mouse.up()
         phone.evaluate("scrollTo(0, 0)")
-        save("studio_phone.jpg", shot(phone), compared)
+        marked = shot(phone)
+        choose(phone, "What is shown", "Painting")
+        phone.get_by_role("slider", name="Bleed, to be cut off").press("End")
+        phone.get_by_role("button", name="PNG to print").scroll_into_view_if_needed()
+        phone.evaluate("scrollBy(0, 90)")  # above the bar of buttons
+        save("studio_phone.jpg", compared, marked, shot(phone))
         browser.close()
 
 
