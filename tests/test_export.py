@@ -663,3 +663,29 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
         assert re.search(rf"{name}: [\d.e-]+ MB \([\d.]+ s\)", result.stdout), "each with its size and time"
     svg, png = (tmp_path / "out" / name for name in ("strokes.svg", "painting.png"))
     assert psnr(drawn(svg.read_bytes()), pixels_of(png)) > 30
+
+
+@pytest.mark.parametrize("typed", ["my run", "my run/catalogue.h5"])
+def test_an_export_lands_in_the_folder_of_its_run_and_replaces_nothing(tmp_path, typed):
+    folder = tmp_path / "my run"
+    folder.mkdir()
+    save_catalogue(folder / "catalogue.h5", job_of(some()).saved)
+    (folder / "metrics.json").write_text('{"status": "completed"}')
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    for _ in range(2):
+        done = run("task=export", typed, "to=json", "threads=1", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert len(list(folder.glob("exports/*/strokes.json"))) == 2
+    assert {path: path.read_bytes() for path in before} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["my run"]
+
+
+def test_exports_of_a_catalogue_alone_or_in_a_sweep_land_in_outputs(tmp_path):
+    save_catalogue(tmp_path / "catalogue.h5", job_of(some()).saved)
+    assert run("task=export", "catalogue.h5", "to=json", "threads=1", cwd=tmp_path).returncode == 0
+    assert len(list(tmp_path.glob("outputs/*/strokes.json"))) == 1
+    (tmp_path / "metrics.json").write_text('{"status": "completed"}')
+    done = run("-m", "task=export", "catalogue.h5", "to=json", "resolution=20,30", "threads=1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.glob("outputs/*/*/strokes.json"))) == 2
+    assert not (tmp_path / "exports").exists()

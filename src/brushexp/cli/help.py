@@ -13,7 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.config.check import change_words_of
 from brushexp.config.compose import CHOSEN_GROUPS, presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
-from brushexp.config.schema import BY_TIME, PaintTask
+from brushexp.config.output_folders import BESIDE_PAINTING, BY_TIME
+from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import as_typed
 from brushexp.errors import UserError
@@ -27,6 +28,7 @@ TOPICS = {  # --help=topic
     "tasks": "everything else that the program does",
     "research": "tasks and studies for researchers: training, benchmarks, evidence",
 }
+UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x/exports/DATE_TIME"}  # as the help shows them
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
 LINE_WIDTH = 120  # letters of a line
@@ -154,8 +156,8 @@ def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
     lines = []
     for key in keys:
         value = reduce(getitem, key.name.split("."), raw)
-        if value == BY_TIME:
-            value = "outputs/DATE_TIME"
+        if value in UNTYPED:
+            value = UNTYPED[value]
         elif str(value).startswith("${"):
             value = OmegaConf.select(cfg, key.name)
         lines += two_columns(f"{key.name}={as_typed(value)}", key.meaning)

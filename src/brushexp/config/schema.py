@@ -10,6 +10,7 @@ from omegaconf import MISSING, DictConfig
 from brushexp.bounds import DURATION, INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
+from brushexp.config.output_folders import BESIDE_PAINTING, BY_TIME
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, WORKING
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.metric.base import STANDARD
@@ -17,7 +18,6 @@ from brushexp.shading.light import BOUNDS, Light
 
 PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
 LARGEST_SEED = 2**32 - 1  # NumPy's generator takes no larger seed
-BY_TIME = "outputs/${now:%Y-%m-%d_%H-%M-%S}"  # the folder of a run for which none is typed
 RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
 
@@ -207,4 +207,5 @@ class ExportTask(Task):
 
     catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
+    output: str = key(BESIDE_PAINTING, "folder of the export, or of all exports of a sweep")
     light: OtherLamp = field(default_factory=OtherLamp)

@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.config.check import check, leaves
 from brushexp.config.compose import folders_in
 from brushexp.config.mistakes import explanation
-from brushexp.config.schema import BY_TIME
+from brushexp.config.output_folders import BESIDE_PAINTING, BY_TIME
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
@@ -75,7 +75,7 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
     The name is the moment of the run, which every job of a sweep reads again: it becomes that moment.
     """
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
-    if plain["output"] != BY_TIME or folder != Path(cfg.output):
+    if plain["output"] not in (BY_TIME, BESIDE_PAINTING) or folder != Path(cfg.output):
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     for number in count(1):
