@@ -43,6 +43,9 @@ from brushexp.plugins.export.png import Png
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
+from brushexp.results.exports import exported as files_beside
+from brushexp.results.exports import move_beside
+from brushexp.runs.run_folder import clear
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes
@@ -665,19 +668,56 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
     assert psnr(drawn(svg.read_bytes()), pixels_of(png)) > 30
 
 
-@pytest.mark.parametrize("typed", ["my run", "my run/catalogue.h5"])
-def test_an_export_lands_in_the_folder_of_its_run_and_replaces_nothing(tmp_path, typed):
-    folder = tmp_path / "my run"
+def a_run(folder: Path) -> Path:
+    """Make the folder of a run that has written painting.png, and a note that its owner has put there."""
     folder.mkdir()
     save_catalogue(folder / "catalogue.h5", job_of(some()).saved)
+    for name in ("painting.png", "notes.txt"):
+        (folder / name).write_text("mine")
     (folder / "metrics.json").write_text('{"status": "completed"}')
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    for _ in range(2):
-        done = run("task=export", typed, "to=json", "threads=1", cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    assert len(list(folder.glob("exports/*/strokes.json"))) == 2
+    (folder / ".hydra").mkdir()
+    (folder / ".hydra" / "files.txt").write_text("catalogue.h5\npainting.png\nmetrics.json\n")
+    return folder
+
+
+@pytest.mark.parametrize("typed", ["my run", "my run/catalogue.h5"])
+def test_an_export_lands_beside_its_painting_and_replaces_only_an_export_and_only_on_request(tmp_path, typed):
+    folder = a_run(tmp_path / "my run")
+    before = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    words = ("task=export", typed, "to=json,png", "threads=1")
+    done = run(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"{folder / 'painting_export.png'}:" in done.stdout or "my run/painting_export.png:" in done.stdout
+    (folder / "strokes.json").write_text("of an older painting")
+    refused = run(*words, cwd=tmp_path)
+    assert refused.returncode == 1
+    assert "of an earlier export; replace it with overwrite=true, or choose another folder: output=" in refused.stderr
+    assert (folder / "strokes.json").read_text() == "of an older painting"
+    assert len(list((folder / "exports").iterdir())) == 1, "refused before a folder is made"
+    assert run(*words, "overwrite=true", cwd=tmp_path).returncode == 0
+    assert (folder / "strokes.json").read_text() != "of an older painting"
     assert {path: path.read_bytes() for path in before} == before
     assert [path.name for path in tmp_path.iterdir()] == ["my run"]
+
+    clear(folder, OmegaConf.create({"task": "paint"}))  # what overwrite=true of the run does
+    assert [path.name for path in folder.rglob("*") if path.is_file() and path.parent.name != ".hydra"] == ["notes.txt"]
+
+
+def test_names_that_the_run_and_an_export_have_taken_lose_no_file(tmp_path):
+    folder = a_run(tmp_path / "x")
+    (folder / "painting_export.png").write_text("mine")
+    record = folder / "exports" / "now"
+    record.mkdir(parents=True)
+    (record / "painting.png").write_text("new")
+    assert move_beside([record / "painting.png"], folder) == [record / "painting.png"]
+    assert (record / "painting.png").read_text() == "new"
+    for name in ("painting.png", "painting_export.png"):
+        assert (folder / name).read_text() == "mine"
+    (record / "metrics.json").write_text('{"files": {"png": ["../x/painting_export.png", "gone.png"], "odd": null}}')
+    assert files_beside(folder) == {}, "a damaged record is skipped"
+    (record / "metrics.json").write_text('{"files": {"png": ["../x/painting_export.png", "gone.png"]}}')
+    assert files_beside(folder) == {folder / "painting_export.png": "png"}
+    assert move_beside([record / "painting.png"], folder) == [folder / "painting_export.png"]
 
 
 def test_exports_of_a_catalogue_alone_or_in_a_sweep_land_in_outputs(tmp_path):

@@ -28,7 +28,7 @@ TOPICS = {  # --help=topic
     "tasks": "everything else that the program does",
     "research": "tasks and studies for researchers: training, benchmarks, evidence",
 }
-UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x/exports/DATE_TIME"}  # as the help shows them
+UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x"}  # as the help shows them
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
 MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
 LINE_WIDTH = 120  # letters of a line

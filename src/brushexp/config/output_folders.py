@@ -1,13 +1,11 @@
 """The folder of a run for which no ``output`` is typed."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.strokes.storage import CATALOGUE_NAME
-from brushexp.system.run_files import METRICS_FILE
+from brushexp.results.exports import FOLDER, run_around
 
 MOMENT = "${now:%Y-%m-%d_%H-%M-%S}"
 BY_TIME = f"outputs/{MOMENT}"
@@ -15,18 +13,22 @@ BESIDE_PAINTING = "${beside_painting:}/" + MOMENT
 
 
 def beside_painting(*, _root_: DictConfig) -> str:
-    """Return the folder for the exports of ``catalogue``: ``exports`` in its run, or ``outputs``.
+    """Return the folder for the records of an export: ``exports`` in the run of ``catalogue``, or ``outputs``.
 
     It is ``outputs`` for a catalogue outside a run, in a sweep, and if the run's folder is read-only.
     """
-    cfg: Any = OmegaConf.to_container(_root_, resolve=False)
-    catalogue, hydra = cfg.get("catalogue"), cfg.get("hydra") or {}
-    if not isinstance(catalogue, str) or "${" in catalogue or getattr(hydra.get("mode"), "name", None) == "MULTIRUN":
-        return "outputs"
-    path = Path(catalogue).expanduser()
-    folder = path if path.is_dir() else path.parent
-    is_run = (folder / METRICS_FILE).is_file() and (folder / CATALOGUE_NAME).is_file()
-    return str(folder / "exports") if is_run and os.access(folder, os.W_OK) else "outputs"
+    run = run_beside(_root_)
+    return "outputs" if run is None else str(run / FOLDER)
+
+
+def run_beside(cfg: DictConfig) -> Path | None:
+    """Return the folder of the run beside whose painting the files of an export belong; None where there is none."""
+    plain: Any = OmegaConf.to_container(cfg, resolve=False)
+    catalogue, hydra = plain.get("catalogue"), plain.get("hydra") or {}
+    is_job = getattr(hydra.get("mode"), "name", None) == "MULTIRUN"
+    if not isinstance(catalogue, str) or "${" in catalogue or is_job or plain["output"] != BESIDE_PAINTING:
+        return None
+    return run_around(catalogue)
 
 
 OmegaConf.register_new_resolver("beside_painting", beside_painting, replace=True)

@@ -9,11 +9,13 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import Rule
+from brushexp.config.output_folders import run_beside
 from brushexp.errors import UserError
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import check_ratio, named_color, sides_of_picture, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of, plugins
+from brushexp.results.exports import check_exports
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
 
@@ -181,6 +183,8 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     job = export_job(saved, renderer, keep_built(cfg.blend), resolution=cfg.resolution)
     for node in cfg.to.values():
         keep_built(node).check(len(job.strokes), job.size)
+    if (run := run_beside(cfg)) and not cfg.overwrite:
+        check_exports(run, cfg.to)
     windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, job.renderer))
     pixels = windows * getattr(job.renderer, "window", 0) ** 2
     needed = len(job.strokes) * BYTES_PER_STROKE + pixels * BYTES_PER_WINDOW_PIXEL

@@ -207,5 +207,5 @@ class ExportTask(Task):
 
     catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
-    output: str = key(BESIDE_PAINTING, "folder of the export, or of all exports of a sweep")
+    output: str = key(BESIDE_PAINTING, "folder of the files (beside their painting), or of all exports of a sweep")
     light: OtherLamp = field(default_factory=OtherLamp)
