@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from refusals import refusal
+from skimage.data import astronaut
 from test_pictures import chunk, encoded
+from tifffile import imwrite
 from tiffs import DEFLATE, OLD_DEFLATE, Layout, ramps, tiff
 
 from brushexp.pictures.damage import ONE_COLOR, SUMS_DIFFER
@@ -18,6 +20,7 @@ from brushexp.pictures.decode import decode_image, picture_size, read_picture
 from brushexp.pictures.held import hold
 from brushexp.pictures.kinds import DAMAGED, what_it_is
 from brushexp.pictures.load import load_picture, size_of_picture
+from brushexp.pictures.packing import MISCOUNTED, remark_on_packing
 
 PICTURE = ramps(3, 8).astype(np.uint8)
 PNG = encoded(Image.fromarray(PICTURE), "PNG")
@@ -163,3 +166,88 @@ def test_a_chunk_that_a_png_can_do_without_may_be_anything(tmp_path):
     path.write_bytes(PNG[:33] + text[:-4] + struct.pack(">I", zlib.crc32(b"prVtwords") ^ 1) + PNG[33:])
     message = refusal(read_picture, Path(path))
     assert "damaged" in message
+
+
+SCENE = Image.fromarray(astronaut()[:320, 60:380]).resize((64, 64))
+PACKED = {  # format, options -> least share that is told of the flips that change the picture (by a mean of 2 levels)
+    "PNG": ("PNG", {}, 1),
+    "TIFF deflate": ("TIFF", {"compression": "tiff_adobe_deflate"}, 1),
+    "TIFF LZW": ("TIFF", {"compression": "tiff_lzw"}, 0.8),
+    "TIFF PackBits": ("TIFF", {"compression": "packbits"}, 0.8),
+    "TIFF": ("TIFF", {}, 1),
+    "AVIF": ("AVIF", {"quality": 85}, 1),
+    "progressive JPEG": ("JPEG", {"progressive": True, "quality": 90}, 0.6),
+    "JPEG": ("JPEG", {"quality": 90}, 0.1),  # a flip in a number shifts the colours of all that follows
+    "JPEG 2000": ("JPEG2000", {}, 0.5),
+    "GIF": ("GIF", {}, 0.5),
+    "QOI": ("QOI", {}, 0.2),
+    "TGA in runs": ("TGA", {"compression": "tga_rle"}, 0.8),
+    "TGA": ("TGA", {}, 1),
+    "BMP": ("BMP", {}, 1),
+    "PPM": ("PPM", {}, 1),
+}
+
+
+@pytest.mark.parametrize("name", PACKED)
+def test_a_flip_is_told_or_changes_little_as_far_as_a_format_has_a_check(tmp_path, caplog, name):
+    if name == "AVIF":
+        pytest.importorskip("pyvips")
+    if "JPEG" in name:
+        pytest.importorskip("av")
+    kind, options, least = PACKED[name]
+    data, chance = encoded(SCENE, kind, **options), np.random.default_rng(0)
+    path = tmp_path / f"a.{kind.lower()}"
+    path.write_bytes(data)
+    with caplog.at_level(logging.WARNING):
+        whole = read_picture(path).astype(float)
+    assert not caplog.text, "nothing is said of a whole file"
+    told = changed = 0
+    for k, at in enumerate(chance.integers(len(data) // 3, len(data) - 20, 40)):
+        (path := tmp_path / f"{k}.{kind.lower()}").write_bytes(flipped(data, at, int(chance.integers(8))))
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            try:
+                found = read_picture(path).astype(float)
+            except ValueError:
+                told, changed = told + 1, changed + 1
+                continue
+        differs = found.shape != whole.shape or np.abs(found - whole).mean() > 2
+        told, changed = told + bool(differs and caplog.text), changed + differs
+    assert told >= least * changed, f"{told} of {changed}"
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3), (61, 67)])
+@pytest.mark.parametrize(
+    ("kind", "mode", "options"),
+    [
+        ("GIF", "L", {}), ("GIF", "P", {"interlace": True}), ("GIF", "1", {}), ("QOI", "RGB", {}), ("QOI", "RGBA", {}),
+        ("TGA", "L", {"compression": "tga_rle"}), ("TGA", "RGBA", {"compression": "tga_rle"}),
+        ("TGA", "P", {"compression": "tga_rle"}), ("TIFF", "1", {"compression": "packbits"}),
+        ("TIFF", "L", {"compression": "tiff_lzw"}), ("TIFF", "RGBA", {"compression": "tiff_lzw"}),
+        ("TIFF", "I;16", {"compression": "tiff_lzw"}), ("TIFF", "CMYK", {"compression": "packbits"}),
+    ],
+)  # fmt: skip
+def test_whole_files_have_as_many_pixels_as_they_say(tmp_path, kind, mode, options, size):
+    picture = SCENE.resize(size).convert("L" if mode == "I;16" else mode)
+    path = tmp_path / f"a.{kind.lower()}"
+    (picture.convert("I;16") if mode == "I;16" else picture).save(path, kind, **options)
+    assert remark_on_packing(path) == ""
+
+
+@pytest.mark.parametrize("compression", ["lzw", "packbits"])
+@pytest.mark.parametrize("shape", [(70, 90, 3), (3, 70, 90)])
+def test_tiles_planes_and_strips_that_are_filled_up_are_whole(tmp_path, compression, shape):
+    pytest.importorskip("imagecodecs")
+    samples = np.random.default_rng(0).integers(0, 9, shape).astype(np.uint8)
+    for options in ({"tile": (32, 48)}, {"rowsperstrip": 16}):
+        layout = {"photometric": "rgb", "planarconfig": "contig" if shape[2] == 3 else "separate"}
+        imwrite(tmp_path / "a.tif", samples, compression=compression, **layout, **options)
+        assert remark_on_packing(tmp_path / "a.tif") == ""
+
+
+def test_pixels_that_are_missing_or_more_are_told(tmp_path):
+    whole = encoded(SCENE, "QOI")
+    run = whole[:-8] + b"\xc0" + whole[-8:]  # one pixel more
+    for name, data in (("a.qoi", run), ("b.qoi", whole[:-9] + whole[-8:])):
+        (tmp_path / name).write_bytes(data)
+        assert remark_on_packing(tmp_path / name) == MISCOUNTED

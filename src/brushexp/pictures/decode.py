@@ -36,6 +36,8 @@ from brushexp.pictures.kinds import (
     what_it_is,
 )
 from brushexp.pictures.limits import alone, check_pixels, check_whole, halvings, open_of_any_size, size_of_jxl
+from brushexp.pictures.packing import remark_on_packing
+from brushexp.pictures.second_opinion import remark_of_others
 from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import (
@@ -231,11 +233,13 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
-        remark = _of_several(path, picture)
+        remark, count = _of_several(path, picture), picture.width * picture.height
         try:
             declared = declared_by(picture)
             pixels = _squared(_decoded(file, picture, declared, backdrop, side), declared.aspect)
-            return pixels, remark or remark_on(pixels)
+            others = remark_of_others(path, picture.format or "", count)
+            remarks = (remark, remark_on_packing(path), others, remark_on(pixels))
+            return pixels, "; it ".join(filter(None, remarks))
         except UserError:
             raise
         except (OSError, ValueError, SyntaxError):
