@@ -90,6 +90,23 @@ def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_be
         refuses(now, resumed, task="train")
 
 
+def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, caplog):
+    resumed(begun=["steps=900"])
+    assert "goes on with others" not in caplog.text
+    checkpoint = torch.load(tmp_path / CHECKPOINT)
+    checkpoint[RECORD_KEY]["provenance"] |= {"torch": "1.0", "plugins": {}}
+    torch.save(checkpoint, tmp_path / CHECKPOINT)
+    resumed()
+    now = torch.__version__
+    assert f"goes on with others than it began with: PyTorch (1.0, {now}); start anew to compare it" in caplog.text
+    for other in (None, "odd"):  # of an earlier version, or spoilt
+        checkpoint[RECORD_KEY]["provenance"] = other
+        torch.save(checkpoint, tmp_path / CHECKPOINT)
+        caplog.clear()
+        resumed()
+        assert not caplog.text
+
+
 @pytest.mark.parametrize(("holds", "message"), [
     ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
     ("metrics.json", "this run has ended, and nothing is left to go on with"),

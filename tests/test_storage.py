@@ -135,7 +135,7 @@ def test_no_wrong_byte_goes_unnoticed_nor_that_some_are_missing(stored):
     ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),
     ("width", 3.5, "attribute width is .*; a whole number is needed"),
     ("background", [0.1, 0.2], "background is"),
-    ("background", "white", "attribute background is .*; numbers are needed"),
+    ("background", "white", "attribute background is .*, not numbers; "),
     ("renderer_hash", np.zeros(3), "attribute renderer_hash is .*; text is needed"),
     ("config", 5, "attribute config is .*; text is needed"),
     ("config", "a: [1, 2", "config is not YAML"),

@@ -254,7 +254,7 @@ def test_no_wrong_byte_goes_unnoticed_and_shards_that_are_not_a_whole_set_are_re
     ("window", -6, "window is -6"),
     ("engine", 5, "attribute engine is .*; text is needed"),
     ("engine_config", "{", "attribute engine_config is not JSON"),
-    ("engine_config", "[1]", r"attribute engine_config is \[1\]; JSON"),
+    ("engine_config", "[1]", r"attribute engine_config is \[1\], not JSON"),
     *((name, None, f"has no attribute {name}") for name in ("first", "n", "seed", "engine", "window")),
 ])  # fmt: skip
 def test_a_wrong_or_missing_attribute_is_explained(stored, name, value, message):
@@ -280,5 +280,7 @@ def test_a_missing_or_foreign_dataset_is_explained(stored, name):
     assert f"has no dataset {name}" in replaced(None)
     assert f"dataset {name} has no attribute unit" in replaced(None, shape=shape, dtype=np.float64)
     assert f"{name} has type float64" in replaced("none", shape=shape, dtype=np.float64)
-    assert f"{name} has chunks None" in replaced("none", shape=shape, dtype=kind)
-    assert f"{name} has only 7 of its chunks; it is not complete" in replaced("none", shape=shape, dtype=kind, **grows)
+    cure = "simulate it again or give another one"
+    assert f"{name} has chunks None, not of {BLOCK} strokes; {cure}" in replaced("none", shape=shape, dtype=kind)
+    lacking = replaced("none", shape=shape, dtype=kind, **grows)
+    assert f"{name} has only 7 of its {-(-shape[0] // BLOCK)} chunks; {cure}" in lacking

@@ -85,6 +85,7 @@ class Task:
     alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
     painted: ClassVar[str] = ""  # what of its results ``task=export`` can take
     results: ClassVar[tuple[str, ...]] = ()  # names of files that it writes over, without their endings
+    writes_metrics: ClassVar[bool] = False  # whether the module writes metrics.json itself, with its provenance
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
@@ -120,6 +121,7 @@ class PaintTask(Task):
     module = "brushexp.tasks.paint"
     alone = "image"
     painted = "FOLDER"
+    writes_metrics = True
     results: ClassVar[tuple[str, ...]] = (
         "painting",
         "target",

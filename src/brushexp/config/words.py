@@ -48,6 +48,7 @@ from brushexp.system.words import table_of_words
 ALL_PIXELS = "working_resolution=null"  # of sweeps, unless another is typed: their jobs compare with earlier ones
 RESUME_SWEEP = "resume=sweep"
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of them
+NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # what a script writes that has no name
 OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
 
 
@@ -187,6 +188,8 @@ def output_folder(value: str) -> str:
     """Write the value of ``output`` so that Hydra reads it; a UserError if nothing can be written there."""
     if not value:
         raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
+    if value.strip().lstrip("+-").lower() in NO_FOLDERS:
+        raise UserError(f"output={value} names no folder; type output=FOLDER, or output=./{value} if that is its name")
     if "${" in value and is_path(value):
         raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
     if OF_HYDRA.match(value) or "${" in value:

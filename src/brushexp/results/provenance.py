@@ -34,12 +34,17 @@ def remark_on_provenance(frame: DataFrame) -> str:
     known = [one for one in records if one is not None]
     if not known:
         return ""
-    parts = [part for path, shown in SHOWN.items() if (part := _difference([_at(one, path) for one in known], *shown))]
-    parts += [f"plugin file {name}" for name in _changed_plugins(known)]
+    parts = differing_parts(known)
     remarks = [f"These runs differ in {'; '.join(parts)}."] if parts else []
     if silent := len(records) - len(known):
         remarks.append(f"{silent} of {len(records)} runs have no record of the versions that made them.")
     return " ".join(remarks)
+
+
+def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """List the parts in which provenances differ, with their values: ``PyTorch (2.8.0, 2.9.0)``."""
+    parts = [_difference([_at(one, path) for one in records], *shown) for path, shown in SHOWN.items()]
+    return [*filter(None, parts)] + [f"plugin file {name}" for name in _changed_plugins(records)]
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:

@@ -1,5 +1,6 @@
 """Restore an interrupted run from its checkpoint, and check that its files and sets are unchanged."""
 
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,9 @@ from brushexp.config.keys import with_types
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import plain_config
+from brushexp.results.provenance import differing_parts
 from brushexp.results.runs import words_of
+from brushexp.runs.provenance import provenance_of
 from brushexp.runs.run_folder import note_words
 from brushexp.system.earlier import todays_key, todays_settings
 from brushexp.system.reading import check_format_version, check_plain, digest_of
@@ -26,6 +29,7 @@ from brushexp.system.runtime import use_threads
 RECORD_KEY = "brushexp"  # key of the settings in a checkpoint
 VERSION = 1  # of that record; raise it when a new one would mislead an older program
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
+log = logging.getLogger(__name__)
 
 
 def restore_run(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
@@ -71,6 +75,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         settings.merge_with({"output": cfg.output, "resume": str(folder)})
         check(settings)
         _check_inputs(check_plain(record.get("inputs", {})), TASKS[task].inputs(settings))
+        _tell_of_others(folder, check_plain(record.get("provenance")), settings)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # whatever the file holds instead
@@ -109,6 +114,13 @@ def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
             raise UserError(f"{name} has {is_now} now, and the run began with {before.get(name)}; put it back")
 
 
+def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
+    """Log that a run goes on under other versions, plugin files or hardware than it began; older runs noted none."""
+    if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
+        line = "resume=%s goes on with others than it began with: %s; start anew to compare it"
+        log.warning(line, folder, "; ".join(parts))
+
+
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     """Describe a run for its checkpoint: settings, digests of their files, other inputs, and the words typed."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
@@ -121,4 +133,5 @@ def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
         "files": files,
         "inputs": inputs,
         "words": words_of(folder),
+        "provenance": provenance_of(cfg),
     }

@@ -110,7 +110,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Run a task in its folder, and write its figures as ``metrics.json`` unless it has done that itself."""
     with explaining_to_users(cfg):
-        provenance = provenance_of(cfg)
+        provenance = None if TASKS[cfg.task].writes_metrics else provenance_of(cfg)
         result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}

@@ -101,7 +101,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in known.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
-        raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
+        raise UserError(f"attribute background is {in_short(repr(background))}, not numbers")
     fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
     brush = torch.arange(count)  # files of version 1 have no brushes
     if "brush" in file:

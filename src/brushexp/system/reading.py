@@ -63,11 +63,11 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error with a file into a UserError that names it, with ``cure`` if it is damaged."""
+    """Turn any error with a file into a UserError that names it, with ``cure`` unless it has one, behind a ``;``."""
     try:
         yield
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{path}: {error}" + (f"; {cure}" if cure and ";" not in str(error) else "")) from error
     except Exception as error:  # HDF5, pickle, zip and Pillow raise errors of their own
         reason = getattr(error, "strerror", None)  # what a library says of it in its own words helps nobody
         raise UserError(f"{path} is damaged or cut short{f' ({in_short(reason)})' * bool(reason)}; {cure}") from error

@@ -116,12 +116,12 @@ class Shard:
         except UserError as error:
             raise UserError(f"attribute engine_config is {error}; {CURE}") from error
         if not isinstance(options, dict):
-            raise UserError(f"attribute engine_config is {in_short(config)}; JSON of the engine's options is needed")
+            raise UserError(f"attribute engine_config is {in_short(config)}, not JSON of the engine's options")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
         if self.first < 0 or not 1 <= n <= MOST_STROKES or window < 1:
             least = f"0, 1 and 1 are the least, and {MOST_STROKES} strokes the most"
-            raise UserError(f"first is {self.first}, n is {n} and window is {window}; {least}")
+            raise UserError(f"first is {self.first}, n is {n} and window is {window} ({least})")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
         self.heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
@@ -187,7 +187,8 @@ def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ..
     """Open a dataset and check its chunks; its numbers are not read yet."""
     dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
-        raise UserError(f"{name} has chunks {dataset.chunks}; {BLOCK} strokes in each are needed")
-    if dataset.id.get_num_chunks() != -(-shape[0] // BLOCK):
-        raise UserError(f"{name} has only {dataset.id.get_num_chunks()} of its chunks; it is not complete")
+        raise UserError(f"{name} has chunks {dataset.chunks}, not of {BLOCK} strokes")
+    wanted, there = -(-shape[0] // BLOCK), dataset.id.get_num_chunks()
+    if there != wanted:
+        raise UserError(f"{name} has only {there} of its {wanted} chunks")
     return dataset
