@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from brushexp.contracts import UserError
 from brushexp.contracts.files import as_shown, write_text
 from brushexp.contracts.pages import page, side_for, thumbnail
-from brushexp.contracts.results import gather, words_of
+from brushexp.contracts.results import gather, remark_on_provenance, words_of
 from brushexp.contracts.runs import Status
 from brushexp_thesis import standings_tables as tables
 from brushexp_thesis.added import add_paintings
@@ -48,14 +48,18 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     others = sorted({as_shown(Path(path)) for path in runs["run"]["folder"] if str(path) not in finished})
     if others:
         log.warning("left out, for these are no finished paintings: %s", shorten(", ".join(others), 300))
+    remark = remark_on_provenance(runs[[str(path) in finished for path in runs["run"]["folder"]]])
+    if remark:
+        log.warning(remark)
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
     words = [word for word in words_of(folder) if word.partition("=")[0] not in ("output", "overwrite", "note")]
     write_standings_plot(folder, sections)
-    write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
+    note = " ".join(filter(None, (cfg.note, remark)))
+    write_leaderboard_page(folder, sections, elsewhere, note)
     command = shlex.join(["brushexp", *words])
-    table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
+    table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, note)
     log.info("%s: %d paintings in %d sections", as_shown(table), len(entries), len(sections))
     return {"paintings": len(entries), "status": Status.COMPLETED}  # without a metrics.json: it is no run itself
 

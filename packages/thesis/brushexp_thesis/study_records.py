@@ -18,12 +18,13 @@ from brushexp_studies.paired import Difference, paired_differences, paired_table
 
 from brushexp.contracts import UserError
 from brushexp.contracts.files import METRICS_FILE, json_of, read_text, write_text
-from brushexp.contracts.results import JOBS, gather, quantities
+from brushexp.contracts.results import JOBS, gather, quantities, remark_on_provenance
 from brushexp.contracts.runs import UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT, PICTURE_WORD = "experiment=", "image="
-HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question")  # the first line of a record has these
+# The first line of a record has these.
+HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question", "provenance")
 # Words that say where and by how many processes, not what.
 OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
@@ -46,6 +47,7 @@ class Study:
     n_finished: int
     cost: str
     question: str = ""
+    provenance: str = ""  # in which versions, machines and plugin files its runs differ, in a sentence
 
     @property
     def command(self) -> str:
@@ -121,7 +123,8 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
             table = as_listed(table, record.get("jobs", []))
             finished = frame[~frame["run", "status"].isin(UNFINISHED)]
             sizes = (len(record.get("jobs", [])), len(frame), len(finished))
-            yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]))
+            remark = remark_on_provenance(finished)
+            yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]), provenance=remark)
 
 
 def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from brushexp_studies import paired
 from omegaconf import DictConfig
 
 from brushexp.contracts.files import as_shown, conf_folders, read_text, write_text, yaml_of
-from brushexp.contracts.results import markdown_table, quantities, words_of
+from brushexp.contracts.results import escape_markdown, markdown_table, quantities, words_of
 from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
 from brushexp_thesis.evidence import RARE
 from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
@@ -116,6 +116,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def _section(page: Path, study: Study, question: str, claims: Sequence[Mapping[str, str]]) -> list[str]:
     name = study.name
     lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", "", _prose(_extent(study)), ""]
+    lines += [_prose(escape_markdown(study.provenance)), ""] if study.provenance else []
     differences = paired.paired_differences(study.table)
     if differences:
         picture = page.with_suffix("") / f"{name}.png"

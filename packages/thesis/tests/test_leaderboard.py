@@ -79,6 +79,18 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
     assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [16, 26])  # what is done stays
 
 
+def test_paintings_of_other_versions_are_told(runs, run_task, tmp_path, caplog):
+    assert run_task(task, "task=leaderboard", f"runs={runs}")["paintings"]
+    assert "These runs differ" not in caplog.text
+    for version in ("2.8.0", "2.9.0"):
+        paint_run(runs, "b", 21.0, 50, chosen={"seed": version}, provenance={"torch": version})
+    run_task(task, "task=leaderboard", f"runs={runs}", "overwrite=true")
+    remark = "These runs differ in PyTorch (2.8.0, 2.9.0)."
+    assert remark in caplog.text
+    for name in ("report.html", "leaderboard.md"):
+        assert any(remark in path.read_text().replace("\\", "") for path in tmp_path.rglob(name)), name
+
+
 def test_unknown_numbers_of_strokes_are_not_equal_ones(tmp_path):
     for painter, psnr in (("greedy", 20.0), ("zou", 25.0)):
         make_run(tmp_path, {"image": "a.png"}, target=9, color=7, psnr=psnr, l1=0.1, seconds=2.0, painter=painter)

@@ -1,5 +1,6 @@
 """Claims are judged by paired differences; their settings are those of the studies; the page tells what was run."""
 
+import json
 import math
 import shlex
 from pathlib import Path
@@ -219,6 +220,18 @@ def test_a_record_of_another_program_has_its_command_and_question(tmp_path):
     Study("b", ("python", "b.py"), table, 2, 2, 2, "cheap", "Why?").record(tmp_path / "b.csv")
     one = studies_in([tmp_path], tmp_path)["b"]
     assert (one.command, one.question) == ("python b.py", "Why?")
+
+
+def test_a_study_of_several_versions_says_so_on_the_page_and_in_its_record(tmp_path, run_task):
+    make_sweep(tmp_path / "studies" / "a", TYPED, psnr=(A, GAINED, C))
+    assert studies_in([tmp_path / "studies"], tmp_path)["mine"].provenance == ""
+    for number, path in enumerate((tmp_path / "studies" / "a").rglob("metrics.json")):
+        write_json(path, json.loads(path.read_text()) | {"provenance": {"numba": str(min(number, 1))}})
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+    words = (f"claims={tmp_path}/claims.yaml", f"page={tmp_path}/docs/ablations.md")
+    run_task(verdicts, "task=verdicts", f"runs={tmp_path}/studies", *words)
+    assert "These runs differ in Numba (" in (tmp_path / "docs" / "ablations.md").read_text().replace("\\", "")
+    assert studies_in([tmp_path / "docs" / "ablations"], tmp_path)["mine"].provenance.startswith("These runs differ in")
 
 
 def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_task):
