@@ -12,6 +12,7 @@ The folders follow the way of the data; each imports only from those before it:
 - `confidence`: regions -> the confidence in each
 - `recover`: all of these in turn, a picture -> a catalogue of its strokes
 - `measure`: strokes -> figures with intervals, tables, files
+- `marks`: marks that people drew -> how far strokes agree with them
 - `page`: strokes -> a page that shows them on the photograph
 - `synthesis`: a seed -> a painting with known strokes
 - `benchmark`: known and predicted strokes -> scores and a report

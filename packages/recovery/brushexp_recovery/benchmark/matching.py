@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from brushexp_recovery.benchmark.prediction import Prediction
 from brushexp_recovery.benchmark.truth import Truth
 from brushexp_recovery.raster.labels import count_pixels
-from brushexp_recovery.raster.overlap import Overlaps
+from brushexp_recovery.raster.overlap import Overlaps, pair_best
 
 Array = NDArray[Any]
 
@@ -34,15 +34,7 @@ class Matches:
 
 def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: float) -> Matches:
     """Pair strokes one to one, the best first, with at least the intersection over union ``least_iou``."""
-    with_partner: tuple[set[int], set[int]] = (set(), set())
-    pairs = []
-    for known, partner, iou in sorted(zip(*overlaps, strict=True), key=lambda one: -one[2]):
-        if iou >= least_iou and known not in with_partner[0] and partner not in with_partner[1]:
-            with_partner[0].add(known)
-            with_partner[1].add(partner)
-            pairs.append((known, partner, iou))
-    first, second, ious = np.array(pairs).reshape(-1, 3).T
-    known, partner = first.astype(int), second.astype(int)
+    known, partner, ious = pair_best(overlaps, least_iou)
     counts = truth.counts[known]
     neutral, hit = np.zeros(len(prediction), bool), np.zeros(len(prediction), bool)
     neutral[partner[~counts]] = True

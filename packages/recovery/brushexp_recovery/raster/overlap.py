@@ -28,3 +28,16 @@ def overlaps_between(first: Array, second: Array, first_count: int, second_count
     rows, columns = pair // base, pair % base
     union = count_pixels(first, first_count)[rows] + count_pixels(second, second_count)[columns] - shared
     return Overlaps(rows, columns, shared / union)
+
+
+def pair_best(overlaps: Overlaps, least_iou: float) -> Overlaps:
+    """Pair regions one to one, the best first, that overlap with at least the intersection over union ``least_iou``."""
+    with_partner: tuple[set[int], set[int]] = (set(), set())
+    pairs = []
+    for one, other, iou in sorted(zip(*overlaps, strict=True), key=lambda pair: -pair[2]):
+        if iou >= least_iou and one not in with_partner[0] and other not in with_partner[1]:
+            with_partner[0].add(one)
+            with_partner[1].add(other)
+            pairs.append((one, other, iou))
+    first, second, ious = np.array(pairs).reshape(-1, 3).T
+    return Overlaps(first.astype(int), second.astype(int), ious)

@@ -8,12 +8,20 @@ from typing import Any, ClassVar
 from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.contracts import FILE, FOLDER, UserError, above, at_least, between
+from brushexp.contracts import FOLDER, Rule, UserError, above, at_least, between
 from brushexp.contracts.tasks import CATALOGUE, PICTURE, Task, key
 from brushexp_recovery.find.photograph import size_of_photograph
 
 WIDTH_HELP = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"
 SIZE_HELP = "the same as width and height, 92x73"
+
+
+def _check_path(path: str, option: str) -> None:
+    if not Path(path).exists():
+        raise UserError(f"{option}={path}: there is no such file or folder; correct the path")
+
+
+FILE_OR_FOLDER = Rule(_check_path)
 
 
 @dataclass
@@ -109,13 +117,17 @@ class BenchmarkTask(Task):
 
 @dataclass
 class ScoreTask(Task):
-    """Score strokes that somebody found in a painting against the known ones: F1, errors, order, calibration."""
+    """Score strokes that somebody found in a painting against the known ones, or against marks that people drew."""
 
     is_research = True
     module = "brushexp_recovery.tasks.score"
 
-    truth: str = key(MISSING, "NAME.npz that task=benchmark wrote", FILE)
-    strokes: str = key(MISSING, "labels (.png, .npy, .npz), curves (.npz) or a catalogue (.h5, .json)", FILE)
+    truth: str = key(MISSING, "NAME.npz of task=benchmark, marks by hand (.json), or a folder of marks", FILE_OR_FOLDER)
+    strokes: str = key(
+        MISSING,
+        "labels (.png, .npy, .npz), curves (.npz), a catalogue (.h5, .json), marks, or a folder of them",
+        FILE_OR_FOLDER,
+    )
 
 
 @dataclass

@@ -1,17 +1,23 @@
-"""``task=score``: anybody's strokes against the truth of a painting."""
+"""``task=score``: anybody's strokes against the truth of a painting, or against marks that people drew."""
 
 import logging
 from pathlib import Path
 
 from omegaconf import DictConfig
 
+from brushexp.contracts.files import find_path
 from brushexp_recovery.benchmark.score_files import score_strokes
+from brushexp_recovery.marks.marks_file import is_marks
+from brushexp_recovery.tasks.score_marks import score_all_marks
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Score ``cfg.strokes`` against ``cfg.truth``; the figures go into metrics.json."""
+    truth = find_path(cfg.truth)
+    if truth.is_dir() or is_marks(truth):
+        return score_all_marks(truth, find_path(cfg.strokes), folder, cfg.seed)
     figures = score_strokes(cfg.truth, cfg.strokes)
     log.info(
         "F1 %.3f, recall %.3f, precision %.3f: %d found for %d",

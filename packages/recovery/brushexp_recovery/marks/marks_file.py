@@ -1,0 +1,136 @@
+"""The file of marks: strokes that a person has drawn over a picture, or corrected, as JSON."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.contracts import UserError
+from brushexp.contracts.files import explaining, json_of, read_text
+
+Array = NDArray[Any]
+
+MARKS_FORMAT = "brushexp marks"
+MARKS_SUFFIX = ".json"
+CURE = 'give marks as the page of strokes saves them: {"strokes": [{"points": [[x, y], ...], "width": 12}]}'
+LARGEST_FILE = 2**27  # bytes
+LARGEST_PLACE = 1e6  # pixels: no picture is wider
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A stroke that a person has drawn, or has left as it was recovered; pixels, x to the right, y down."""
+
+    name: str
+    points: Array  # (P, 2) along its middle
+    width: Array  # (P,) at each point
+    outlines: tuple[Array, ...] = ()  # (Q, 2) each; the region is what lies in them, or the line if there are none
+    by: Literal["hand", "recovery"] = "hand"
+
+
+@dataclass(frozen=True)
+class Marks:
+    """The marks of one picture."""
+
+    strokes: list[Mark]
+    deleted: list[Mark]  # recovered strokes that the person has taken away
+    size: tuple[int, int] | None  # height and width of the picture, if the file says them
+    image: Path | None  # the picture, if the file names one that is there
+    complete: bool | tuple[float, float, float, float]  # where every stroke is marked: left, top, width, height
+
+
+def is_marks(path: Path) -> bool:
+    """Tell whether a file has marks, and not a catalogue in JSON."""
+    if path.suffix.lower() != MARKS_SUFFIX or not path.is_file():
+        return False
+    values = _values_of(path)
+    strokes = values.get("strokes")
+    if not isinstance(strokes, list):
+        return False
+    return values.get("format") == MARKS_FORMAT or any("points" in one for one in strokes if isinstance(one, dict))
+
+
+def read_marks(path: Path) -> Marks:
+    """Read a file of marks; a UserError says what is wrong with it."""
+    values = _values_of(path)
+    with explaining(path, CURE):
+        parts = values.get("strokes"), values.get("deleted", [])
+        if not all(isinstance(part, list) for part in parts):
+            raise UserError(f"strokes and deleted must be lists; {CURE}")
+        strokes, deleted = (
+            [_mark_from(one, f"{word} {number}") for number, one in enumerate(part, start=1)]
+            for part, word in zip(parts, ("stroke", "deleted stroke"), strict=True)
+        )
+        size = None if values.get("size") is None else _size_from(values["size"])
+        complete = _complete_from(values.get("complete", False))
+    image = path.parent / values["image"] if isinstance(values.get("image"), str) else None
+    return Marks(strokes, deleted, size, image if image is not None and image.is_file() else None, complete)
+
+
+def _values_of(path: Path) -> dict[str, Any]:
+    """Read a file of JSON; empty if it holds no mapping."""
+    text = read_text(path, CURE, LARGEST_FILE)
+    with explaining(path, CURE):
+        values = json_of(text)
+    return values if isinstance(values, dict) else {}
+
+
+def _mark_from(values: Any, place: str) -> Mark:
+    """Read one mark."""
+    if not isinstance(values, dict):
+        raise UserError(f"{place} is {type(values).__name__}, no stroke with points and width")
+    name = str(values.get("name", place))
+    points = _places_from(values.get("points"), f"points of {name}", 1)
+    width = np.atleast_1d(_numbers_from(values.get("width"), f"width of {name}"))
+    if width.ndim != 1 or len(width) not in (1, len(points)) or not (width > 0).all():
+        raise UserError(f"width of {name} must be one number above 0, or one for each of its {len(points)} points")
+    outlines = values.get("outlines", [])
+    if not isinstance(outlines, list):
+        raise UserError(f"outlines of {name} are no list")
+    return Mark(
+        name,
+        points,
+        np.broadcast_to(width, len(points)),
+        tuple(_places_from(outline, f"outlines of {name}", 3) for outline in outlines),
+        "recovery" if values.get("by") == "recovery" else "hand",
+    )
+
+
+def _places_from(values: Any, what: str, least: int) -> Array:
+    """Read places (P, 2), at least so many."""
+    places = _numbers_from(values, what)
+    if places.ndim != 2 or places.shape[1] != 2 or len(places) < least:
+        raise UserError(f"{what} must be at least {least} pairs [x, y]")
+    return places
+
+
+def _numbers_from(values: Any, what: str) -> Array:
+    """Read finite numbers."""
+    try:
+        numbers = np.array(values, float)
+    except (TypeError, ValueError):
+        raise UserError(f"{what} are no numbers") from None
+    if not (np.isfinite(numbers) & (np.abs(numbers) <= LARGEST_PLACE)).all():
+        raise UserError(f"{what} are not within {LARGEST_PLACE:.0f} pixels")
+    return numbers
+
+
+def _size_from(values: Any) -> tuple[int, int]:
+    """Read width and height, and return height and width."""
+    size = _numbers_from(values, "size")
+    if size.shape != (2,) or not (size >= 1).all():
+        raise UserError("size must be the width and the height of the picture in pixels")
+    return int(size[1]), int(size[0])
+
+
+def _complete_from(values: Any) -> bool | tuple[float, float, float, float]:
+    """Read whether, or in which rectangle, every stroke is marked."""
+    if isinstance(values, bool):
+        return values
+    rectangle = _numbers_from(values, "complete")
+    if rectangle.shape != (4,):
+        raise UserError("complete must be true, false or [left, top, width, height]")
+    left, top, width, height = rectangle.tolist()
+    return left, top, width, height

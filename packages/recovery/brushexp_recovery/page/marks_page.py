@@ -1,0 +1,65 @@
+"""The page that compares marks with strokes over the picture: found, missed, extra."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from brushexp.contracts.files import write_text
+from brushexp.contracts.pages import embed, page
+from brushexp_recovery.page.stroke_page import JPEG, TEMPLATES
+
+Array = NDArray[Any]
+Outlined = tuple[str, str, Sequence[Array]]  # name, state and outlines (P, 2) of a mark or a stroke
+
+LARGEST_SIDE = 2400  # pixels of the picture in the page
+GREY = 200  # of the picture where there is none
+
+
+def write_marks_page(
+    path: Path,
+    *,
+    image: Array | None,
+    size: tuple[int, int],
+    name: str,
+    marks: Sequence[Outlined],
+    strokes: Sequence[Outlined],
+    summary: str,
+    meaning: str,
+) -> None:
+    """Write a page, one file that opens from disk; ``image`` (H, W, 3) is in [0, 1], None shows marks on grey."""
+    height, width = size
+    pixels = np.full((height, width, 3), GREY, np.uint8) if image is None else (255 * image).round().astype(np.uint8)
+    html = page(
+        "marks.html.j2",
+        TEMPLATES,
+        name=name,
+        width=width,
+        height=height,
+        photograph=embed(Image.fromarray(pixels), LARGEST_SIDE, **JPEG)["source"],
+        layers=[
+            ("unjudged", "not judged", shapes_of(strokes, "not judged")),
+            ("extra", "extra", shapes_of(strokes, "extra")),
+            ("partner", "strokes found", shapes_of(strokes, "found")),
+            ("missed", "missed", shapes_of(marks, "missed")),
+            ("found", "marks found", shapes_of(marks, "found")),
+        ],
+        summary=summary,
+        meaning=meaning,
+    )
+    write_text(path, html)
+
+
+def shapes_of(outlined: Sequence[Outlined], state: str) -> list[tuple[str, str]]:
+    """List names and paths (SVG) of what is in a state."""
+    return [(name, path_of(outlines)) for name, of, outlines in outlined if of == state]
+
+
+def path_of(outlines: Sequence[Array]) -> str:
+    """Write closed outlines (P, 2) as the path of an SVG."""
+    return " ".join(
+        "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in outline) + "Z" for outline in outlines if len(outline)
+    )
