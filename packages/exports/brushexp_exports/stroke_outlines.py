@@ -1,0 +1,77 @@
+"""Outlines of strokes as polygons: round-ended lines along their curves."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from brushexp.contracts.families import ExportJob
+from brushexp.contracts.strokes import curve_of, length_of
+
+PIECES = 16  # of a curve
+CAP = 6  # places between the sides at each round end
+AT_ONCE = 4096  # strokes
+LEAST_STEP = 1e-9  # pixels: a shorter chord has no direction
+Array = np.ndarray
+
+
+class OutlinedStroke(NamedTuple):
+    """A stroke with what people ask of it; pixels, x to the right, y down."""
+
+    number: int  # in the catalogue
+    order: int  # 0 is the bottom one
+    outline: Array  # (P, 2), counterclockwise as it is seen; the first place does not come again
+    length: float  # from tip to tip
+    width: float
+    direction: float  # degrees from level, clockwise as it is seen, 0 to 180
+    color: str  # "#rrggbb"
+    opacity: float
+
+
+def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
+    """Outline the strokes of a painting, the bottom one first."""
+    order = 0
+    for number in job.bottom_up.cpu().split(AT_ONCE):
+        strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
+        curve, width = curve_of(strokes), (strokes.width * strokes.scale).numpy()
+        length = length_of(curve).numpy() + width
+        way = (curve[:, 2] - curve[:, 0]).numpy()
+        direction = np.degrees(np.arctan2(way[:, 1], way[:, 0])) % 180
+        color = (255 * strokes.color.clamp(0, 1)).round().to(torch.uint8).numpy()
+        outlines = outline_lines(curve.numpy(), width)
+        for row, stroke in enumerate(number.tolist()):
+            yield OutlinedStroke(
+                stroke,
+                order,
+                outlines[row],
+                float(length[row]),
+                float(width[row]),
+                float(direction[row]),
+                "#" + color[row].tobytes().hex(),
+                float(strokes.opacity[row]),
+            )
+            order += 1
+
+
+def outline_lines(curve: Array, width: Array) -> Array:
+    """Outline round-ended lines along quadratic Bezier curves (N, 3, 2) of a width (N,): places (N, P, 2)."""
+    t = np.linspace(0, 1, PIECES + 1)[:, None]
+    start, control, end = (curve[:, k, None] for k in range(3))
+    points = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
+    step = np.gradient(points, axis=1)
+    angle = np.arctan2(step[..., 1], step[..., 0])
+    angle = np.where(np.hypot(step[..., 0], step[..., 1]) < LEAST_STEP, 0.0, angle)
+    turn = np.pi * np.linspace(0, 1, CAP + 2)[1:-1]
+    parts = [
+        _beside(points, angle + np.pi / 2, width),
+        _beside(points[:, -1:], angle[:, -1:] + np.pi / 2 - turn, width),
+        _beside(points[:, ::-1], angle[:, ::-1] - np.pi / 2, width),
+        _beside(points[:, :1], angle[:, :1] - np.pi / 2 - turn, width),
+    ]
+    return np.concatenate(parts, 1)
+
+
+def _beside(points: Array, angle: Array, width: Array) -> Array:
+    """Return the places half a width beside points, in the direction of an angle."""
+    return points + 0.5 * width[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
