@@ -13,7 +13,8 @@ DIRECTIONS = "Directions run clockwise from level: 45° falls to the right."
 MEANING = (
     "Each figure is the median over the photograph and small changes of it (scale, turn, compression, tone), in each "
     "of which strokes are drawn by their confidence; 95 % of these draws lie between low and high. Errors that "
-    "recovery makes in every view are not in the interval."
+    "recovery makes in every view are not in the interval. The number of strokes counts each stroke by its "
+    "confidence, so it is smaller than the number of strokes recovered."
 )
 APART = "The first painting less the second: a figure is apart if the interval of its difference leaves out 0."
 

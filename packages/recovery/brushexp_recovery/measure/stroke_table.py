@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from brushexp.contracts.strokes import curve_of
 from brushexp.contracts.strokes import measures as ruler
+from brushexp_recovery.curves.bezier import points_on
 from brushexp_recovery.measure.contours import outlines_of
 from brushexp_recovery.measure.measures import measure_strokes
 from brushexp_recovery.raster.labels import count_pixels
@@ -27,6 +28,7 @@ UNITS = {
     "seen": "px",
 }
 PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # of columns that have millimetres too
+LINE_POINTS = 7  # that stand for the curve of a stroke
 COLORS = ("red", "green", "blue")
 
 
@@ -36,6 +38,7 @@ class StrokeTable:
 
     columns: dict[str, Array]  # (N,) each: see `tabulate_strokes`
     color: Array  # (N, 3) sRGB in [0, 1]
+    lines: Array  # (N, LINE_POINTS, 2) places x, y along the middle of each, pixels
     outlines: list[Array]  # (P, 2) places x, y of each, pixels
     size: tuple[int, int]  # height and width of the photograph
     mm: float | None  # millimetres of a pixel
@@ -67,7 +70,14 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
         "seen": count_pixels(labels, len(number))[number],
     }
     outlines = outlines_of(labels, len(number))
-    return StrokeTable(columns, strokes.color.numpy(), [outlines[k] for k in number], labels.shape, mm)
+    return StrokeTable(
+        columns=columns,
+        color=strokes.color.numpy(),
+        lines=points_on(curve.numpy(), LINE_POINTS),
+        outlines=[outlines[k] for k in number],
+        size=labels.shape,
+        mm=mm,
+    )
 
 
 def remark_on(table: StrokeTable) -> str | None:

@@ -19,6 +19,7 @@ TEXT_COLUMNS = ("measure", "unit", "apart")
 FILES = {
     "catalogue.h5": "the strokes, for the other tasks",
     "strokes.csv": "a line per stroke, with units",
+    "order.graphml": "which strokes lie above which, with chances",
     "measures.csv": "figures with their intervals",
     "measures.tex": "the same for LaTeX (booktabs)",
     "measures.md": "the same for people",
@@ -63,6 +64,8 @@ def page_of(
     height, width = strokes.size
     mm = strokes.mm
     lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
+    covered = float(strokes.columns["seen"].sum()) / (width * height)
+    read = f"They cover {100 * covered:.0f} % of the surface, and the figures describe only that part."
     lead += f", {width * mm / 10:.1f} × {height * mm / 10:.1f} cm" if mm else ""
     files = [(file, about) for file, about in FILES.items() if folder is not None and (folder / file).is_file()]
     raised = [(title, [_raise_squares(row) for row in table]) for title, table in (tables or {}).items() if table]
@@ -70,12 +73,13 @@ def page_of(
         "recovered.html.j2",
         TEMPLATES,
         name=name,
-        lead=lead + ". " + DIRECTIONS,
+        lead=f"{lead}. {read} {DIRECTIONS}",
         width=width,
         height=height,
         mm=mm,
         photograph=embed(Image.fromarray(image), max(strokes.size), **JPEG)["source"],
         threshold=threshold,
+        mark_width=round(float(np.median(strokes.columns["width"]))) if len(strokes) else 20,
         data=data_of(strokes, name),
         words=TEXT_COLUMNS,
         directions=DIRECTIONS,
@@ -96,6 +100,7 @@ def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:
         "mm": strokes.mm,
         "names": list(strokes.columns),  # in their order, which JSON in a template has not
         "columns": {key: [float(f"{value:.5g}") for value in column] for key, column in strokes.columns.items()},
+        "lines": [line.round(1).tolist() for line in strokes.lines],
         "outlines": [outline.round(1).tolist() for outline in strokes.outlines],
         "colors": ["#" + bytes((255 * color).round().astype(np.uint8)).hex() for color in strokes.color.clip(0, 1)],
     }

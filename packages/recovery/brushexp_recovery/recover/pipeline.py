@@ -1,5 +1,6 @@
 """The whole way from a picture to its strokes: ``brushexp.recover``."""
 
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -59,10 +60,12 @@ def recover(
 @return_freed_memory()
 def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies: int, show: Progress) -> Recovered:
     """Recover strokes from a picture (H, W, 3) float32 in [0, 1]."""
+    show(0.0, "choosing the scale")
     regions = find_regions(model, image, scale, copies, lambda share, state: show(REGION_TIME * share, state))
     strokes = fit_curves(regions, image)
     meetings = find_meetings(regions, strokes)
-    order = rank_strokes(len(regions.chance), meetings.pairs, log_odds_of(model.order, meetings.features))
+    evidence = log_odds_of(model.order, meetings.features)
+    order = rank_strokes(len(regions.chance), meetings.pairs, evidence)
     confidence = sigmoid(log_odds_of(model.confidence, confidence_features(regions)))
     labels = regions.labels
     del regions  # with its maps of occlusion, which fill the memory
@@ -72,7 +75,8 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
         order,
         show=lambda share, state: show(REGION_TIME + (1 - REGION_TIME) * share, state),
     )
-    return catalogue_of(labels, strokes, confidence, order, image)
+    recovered = catalogue_of(labels, strokes, confidence, order, image)
+    return replace(recovered, meetings=np.argsort(order)[meetings.pairs], chance_above=sigmoid(evidence))
 
 
 def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:

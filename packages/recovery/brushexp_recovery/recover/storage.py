@@ -1,6 +1,6 @@
 """Recovered strokes and their file: a catalogue.h5 with a group for confidences and visible regions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ GROUP = "recovered"
 UNITS = {
     "confidence": "chance that such a stroke was painted, 0 to 1",
     "labels": "row of the stroke that is seen, -1 where none was recovered",
+    "meetings": "rows of two strokes that meet",
+    "chance_above": "chance that the second of two strokes lies above the first, 0 to 1",
 }
 
 
@@ -28,6 +30,8 @@ class Recovered:
     saved: Saved
     confidence: Array  # (N,) float32 in [0, 1], of each row of the catalogue
     labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 on bare ground and where no stroke was found
+    meetings: Array = field(default_factory=lambda: np.empty((0, 2), np.int32))  # (P, 2) rows of strokes that meet
+    chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) that the second lies above
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
@@ -36,7 +40,12 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
             group = file.create_group(GROUP)
-            values = recovered.confidence.astype(np.float32), recovered.labels.astype(np.int32)
+            values = (
+                recovered.confidence.astype(np.float32),
+                recovered.labels.astype(np.int32),
+                recovered.meetings.astype(np.int32),
+                recovered.chance_above.astype(np.float32),
+            )
             for name, value in zip(UNITS, values, strict=True):
                 packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
                 group.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(UNITS[name])
@@ -51,8 +60,14 @@ def read_recovered(path: Path) -> Recovered:
             raise UserError(f"strokes that were painted, not recovered; {cure}")
         confidence = numbers_of(dataset_of(file, f"{GROUP}/confidence", np.float32, (len(saved.strokes),)))
         labels = numbers_of(dataset_of(file, f"{GROUP}/labels", np.int32, saved.size))
+        meetings, above = np.empty((0, 2), np.int32), np.empty(0, np.float32)
+        if f"{GROUP}/meetings" in file:  # files of earlier versions have none
+            above = numbers_of(dataset_of(file, f"{GROUP}/chance_above", np.float32, None))
+            meetings = numbers_of(dataset_of(file, f"{GROUP}/meetings", np.int32, (len(above), 2)))
     if not ((confidence >= 0) & (confidence <= 1)).all():
         raise UserError(f"{path}: confidence is not within 0 and 1; {cure}")
     if labels.min(initial=-1) < -1 or labels.max(initial=-1) >= len(saved.strokes):
         raise UserError(f"{path}: labels name strokes that are not there; {cure}")
-    return Recovered(saved, confidence, labels)
+    if not ((above >= 0) & (above <= 1)).all() or not ((meetings >= 0) & (meetings < len(saved.strokes))).all():
+        raise UserError(f"{path}: meetings name strokes that are not there, or their chance is no chance; {cure}")
+    return Recovered(saved, confidence, labels, meetings, above)

@@ -13,12 +13,13 @@ from brushexp.contracts.machine import peak_memory
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.results import csv_table
 from brushexp.contracts.runs import Status, render
+from brushexp_recovery.measure.order_graph import write_order_graph
 from brushexp_recovery.measure.scale import millimetres_per_pixel
 from brushexp_recovery.measure.stroke_table import StrokeTable, columns_with_units, remark_on, tabulate_strokes
 from brushexp_recovery.model.recovery_model import load_model
 from brushexp_recovery.page.stroke_page import write_page
 from brushexp_recovery.raster.labels import color_labels
-from brushexp_recovery.raster.threads import return_freed_memory
+from brushexp_recovery.raster.threads import Progress, return_freed_memory
 from brushexp_recovery.recover.pipeline import recover_with
 from brushexp_recovery.recover.storage import Recovered, write_recovered
 
@@ -34,7 +35,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         recovered = recover_with(model, picture.permute(1, 2, 0).numpy(), cfg.scale, cfg.copies, show)
     pixels = to_bytes(picture)
     del picture  # which is four times as large
-    strokes = write_files(cfg, folder, pixels, recovered)
+    with showing("writing files") as show:
+        strokes = write_files(cfg, folder, pixels, recovered, show)
     covered = float((recovered.labels >= 0).mean())
     metrics: dict[str, object] = {
         "n_strokes": len(strokes),
@@ -53,16 +55,21 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 @return_freed_memory()
-def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered) -> StrokeTable:
+def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered, show: Progress) -> StrokeTable:
     """Write what was recovered from a photograph (H, W, 3) uint8, and return the table of its strokes."""
     saved = recovered.saved
+    show(0.0, "catalogue.h5")
     write_recovered(folder / "catalogue.h5", recovered)
     write_picture(folder / "target.png", pixels)
+    show(0.2, "painting.png")
     painting = render(saved.strokes, saved.size, depth=saved.depth, background=saved.background)
     write_picture(folder / "painting.png", painting)
     del painting
+    show(0.5, "strokes.csv")
     write_picture(folder / "regions.png", color_labels(recovered.labels))
     strokes = tabulate_strokes(recovered, millimetres_per_pixel(saved.size, cfg.width_cm, None))
     write_text(folder / "strokes.csv", csv_table(columns_with_units(strokes), significant=6))
+    write_order_graph(folder / "order.graphml", strokes, recovered)
+    show(0.7, "strokes.html")
     write_page(folder, pixels, strokes, Path(cfg.image).name)
     return strokes

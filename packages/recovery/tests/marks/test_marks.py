@@ -47,7 +47,7 @@ def test_a_mark_covers_what_discs_along_it_cover():
     assert (np.diff(pixels) > 0).all()
     assert not len(pixels_of_mark(Mark("beyond", points + 500, width), SIZE))
     square = np.array([[10.0, 10], [20, 10], [20, 15], [10, 15]])
-    assert len(pixels_of_mark(Mark("b", points, width, (square, square + [0, 2])), SIZE)) == 70
+    assert len(pixels_of_mark(Mark("b", points, width, (square, square + np.array([0, 2]))), SIZE)) == 70
 
 
 def test_regions_of_labels_overlap_as_label_images_do():

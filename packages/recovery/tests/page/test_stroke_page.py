@@ -94,7 +94,7 @@ def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, t
     table, image = table_and_image()
     watched = opened(write_page(tmp_path, image, table, "x.jpg", threshold=0.5))
     page = watched.page
-    page.locator("#count", has_text="2 of 3").wait_for()
+    page.locator("#count", has_text="2 of 3 recovered strokes have a confidence of 0.50 or more").wait_for()
     assert page.locator("#rose path.bin[d^='M0 0L']").count() == 36
     box = page.locator("#canvas").bounding_box()
     tap = {"x": box["width"] * 65 / 80, "y": box["height"] * 30 / 60}

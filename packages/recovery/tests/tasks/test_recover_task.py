@@ -1,7 +1,9 @@
 """task=recover writes a catalogue, pictures, a table and a page of the strokes of a photograph."""
 
 import json
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from brushexp_recovery.find.photograph import size_of_photograph
 from brushexp_recovery.recover.storage import read_recovered
@@ -21,6 +23,16 @@ def test_a_photograph_becomes_a_catalogue_with_a_page(run_task, tmp_path, caplog
     names = {path.name for path in tmp_path.iterdir()}
     assert names >= {"strokes.csv", "strokes.html", "painting.png", "regions.png", "target.png", "metrics.json"}
     assert json.loads((tmp_path / "metrics.json").read_text())["status"] == "completed"
+    graph = ElementTree.parse(tmp_path / "order.graphml").getroot()
+    name = "{http://graphml.graphdrawing.org/xmlns}"
+    assert len(graph.findall(f".//{name}node")) == len(found.confidence)
+    edges = graph.findall(f".//{name}edge")
+    assert len(edges) == len(found.meetings) > 0
+    assert all(0.5 <= float(edge.findtext(f"{name}data")) <= 1 for edge in edges)
+    surest = int(np.abs(found.chance_above - 0.5).argmax())
+    lower, upper = found.meetings[surest][:: 1 if found.chance_above[surest] > 0.5 else -1]
+    assert lower < upper, "rows of the catalogue are bottom to top, and no evidence is against the surest pair"
+    assert (edges[surest].get("source"), edges[surest].get("target")) == (str(lower), str(upper))
     assert "length [mm]" in (tmp_path / "strokes.csv").read_text()
 
 

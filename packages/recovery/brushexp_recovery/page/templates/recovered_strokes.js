@@ -75,7 +75,7 @@
     const middle = (name) => `${plain(inUnit(name, quantile(sorted(now.map((k) => columns[name][k])), 0.5)))} ${unitOf(name)}`;
     document.querySelector("output[for=threshold]").textContent = Number(threshold.value).toFixed(2);
     const medians = now.length ? `; medians: length ${middle("length")}, width ${middle("width")}` : "";
-    byId("count").textContent = `${now.length.toLocaleString("en")} of ${count.toLocaleString("en")} strokes are shown${medians}.`;
+    byId("count").textContent = `${now.length.toLocaleString("en")} of ${count.toLocaleString("en")} recovered strokes have a confidence of ${Number(threshold.value).toFixed(2)} or more and are shown${medians}.`;
     legend();
     histogram(now);
     rose(now);

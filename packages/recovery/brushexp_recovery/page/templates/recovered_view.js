@@ -1,7 +1,7 @@
 // The photograph with its strokes on a canvas: moved, zoomed, and a stroke picked.
 "use strict";
 {
-  const { byId, recovered } = window.brushexp;
+  const { byId, recovered, marks } = window.brushexp;
   const { data, count, isShown, colorOf, inUnit, unitOf, plain } = recovered;
   const { columns, outlines, colors, width, height, mm } = data;
   const [stage, canvas, photograph] = ["look-at", "canvas", "photograph"].map(byId);
@@ -19,6 +19,7 @@
   const view = { zoom: 1, x: 0, y: 0 }; // screen pixels per pixel; what lies in the upper left corner
   let picked = -1;
   let waits = false;
+  let byTyping = false; // whether the last event was a key, so that a cross shows where Enter acts
 
   const whole = () => Math.min(canvas.clientWidth / width, canvas.clientHeight / height);
   const within = (zoom) => Math.min(Math.max(zoom, Math.min(whole(), 1)), Math.max(whole(), CLOSEST));
@@ -46,7 +47,7 @@
     const [right, bottom] = [view.x + canvas.clientWidth / view.zoom, view.y + canvas.clientHeight / view.zoom];
     const [lines, filled] = [isOn("outlines"), isOn("filled")];
     pen.lineJoin = "round";
-    for (let k = 0; k < count; k++) {
+    for (let k = 0; k < count && !marks.isOpen(); k++) {
       const [left, end, top, low] = boxes[k];
       if (!isShown(k) || left > right || end < view.x || top > bottom || low < view.y) continue;
       const color = colorOf(k);
@@ -58,7 +59,8 @@
       }
       if (lines) outline(paths[k], color, view.zoom < 1 ? 1 : 1.4);
     }
-    if (picked >= 0) outline(paths[picked], "#ffffff", 3);
+    if (marks.isOpen()) marks.paint(pen, view.zoom, marks.isBusy() && byTyping ? placeAt() : null);
+    else if (picked >= 0) outline(paths[picked], "#ffffff", 3);
     byId("scale").textContent = `${Math.round(100 * view.zoom)} %` + (mm ? `, ${plain(100 * mm / view.zoom)} mm on 100 pixels` : "");
   };
   const outline = (path, color, wide) => {
@@ -89,8 +91,9 @@
     repaint();
   };
 
+  const placeAt = (x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) => [view.x + x / view.zoom, view.y + y / view.zoom];
   const at = (x, y) => {
-    const [px, py] = [view.x + x / view.zoom, view.y + y / view.zoom];
+    const [px, py] = placeAt(x, y);
     pen.setTransform(1, 0, 0, 1, 0, 0);
     for (let k = count - 1; k >= 0; k--) {
       const [left, right, top, bottom] = boxes[k];
@@ -118,6 +121,16 @@
     card.querySelector(".needle").style.transform = `rotate(${columns.direction[k]}deg)`;
   };
 
+  const tapMark = (place) => {
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    marks.tap(pen, placeAt(...place));
+  };
+  const enter = () => {
+    if (!marks.isBusy()) return;
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    marks.enter(pen, placeAt());
+  };
+
   const held = new Map(); // pointers that are down, and where
   let moved = 0;
   const place = (event) => {
@@ -129,6 +142,7 @@
     stage.setPointerCapture(event.pointerId);
     held.set(event.pointerId, place(event));
     moved = held.size > 1 ? Infinity : 0;
+    byTyping = false;
   });
   stage.addEventListener("pointermove", (event) => {
     if (!held.has(event.pointerId)) return;
@@ -137,25 +151,41 @@
     held.set(event.pointerId, now);
     moved += Math.hypot(now[0] - before[0], now[1] - before[1]);
     if (moved > TAP) stage.dataset.moving = "";
+    if (!other && marks.takesDrags()) {
+      if (moved <= TAP) return undefined;
+      marks.drag(placeAt(...before), view.zoom);
+      marks.drag(placeAt(...now), view.zoom);
+      return repaint();
+    }
     if (!other) return moved > TAP ? move(now[0] - before[0], now[1] - before[1]) : undefined;
     const [far, near] = [now, before].map((point) => Math.hypot(point[0] - other[0], point[1] - other[1]));
     return zoomAt(far / Math.max(near, 1), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
   });
   for (const kind of ["pointerup", "pointercancel"])
     stage.addEventListener(kind, (event) => {
-      if (held.delete(event.pointerId) && kind === "pointerup" && moved <= TAP) pick(at(...place(event)));
+      if (held.delete(event.pointerId) && kind === "pointerup") {
+        if (marks.takesDrags()) marks.drop();
+        else if (moved <= TAP && marks.isBusy()) tapMark(place(event));
+        else if (moved <= TAP && !marks.isOpen()) pick(at(...place(event)));
+      }
       delete stage.dataset.moving;
     });
   stage.addEventListener("wheel", (event) => {
     event.preventDefault();
     zoomAt(Math.exp(-event.deltaY / 400), ...place(event));
   }, { passive: false });
-  const keys = { "+": () => zoomAt(STEP), "=": () => zoomAt(STEP), "-": () => zoomAt(1 / STEP), 0: fit, Escape: () => pick(-1) };
-  for (const [key, x, y] of [["ArrowLeft", 60, 0], ["ArrowRight", -60, 0], ["ArrowUp", 0, 60], ["ArrowDown", 0, -60]]) keys[key] = () => move(x, y);
+  const keys = { "+": () => zoomAt(STEP), "=": () => zoomAt(STEP), "-": () => zoomAt(1 / STEP), 0: fit, Enter: enter, ...marks.keys };
+  keys.Escape = () => {
+    pick(-1);
+    marks.leave();
+  };
+  for (const [key, x, y] of [["ArrowLeft", 60, 0], ["ArrowRight", -60, 0], ["ArrowUp", 0, 60], ["ArrowDown", 0, -60]]) keys[key] = (fine) => move(fine ? x / 10 : x, fine ? y / 10 : y);
   stage.addEventListener("keydown", (event) => {
     if (!keys[event.key] || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
-    keys[event.key]();
+    byTyping = true;
+    keys[event.key](event.shiftKey);
+    repaint();
   });
   const buttons = { in: () => zoomAt(STEP), out: () => zoomAt(1 / STEP), fit, one: () => zoomAt(1 / view.zoom) };
   for (const button of document.querySelectorAll("[data-zoom]")) button.addEventListener("click", buttons[button.dataset.zoom]);
@@ -164,6 +194,7 @@
     if (picked >= 0 && !isShown(picked)) pick(-1);
     repaint();
   });
+  document.addEventListener("marked", repaint);
   new ResizeObserver(repaint).observe(stage);
   fit();
 }
