@@ -1,0 +1,207 @@
+"""Several measured paintings side by side: a table with intervals, and tests of what differs between groups.
+
+A painting belongs to the group that its folder names. Groups are compared measure by measure with a permutation test of
+the difference of their means, each painting one value, and the p-values of all tests are corrected together (Holm,
+1979).
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.contracts.files import write_text
+from brushexp.contracts.results import PageTable, RunComparison, csv_table, latex_table, markdown_table
+from brushexp_recovery.measure.areas import WHOLE
+from brushexp_recovery.measure.figure_tables import format_number
+from brushexp_recovery.measure.measures import MEASURES
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Array = NDArray[Any]
+
+MEASURES_FILE = "measures.json"
+ON_PAGE = ("strokes", "covered", "length", "width", "elongatedness", "direction", "coherence")
+LEAST_PAINTINGS = 2  # of a group, for it to be compared
+DRAWS = 9999  # permutations; if there are no more, all of them
+SIGNIFICANT = 0.05  # corrected p-value below which groups differ
+MEANING = (
+    "Each figure has its interval of 95 % within the painting. Groups are the folders of the photographs: p is that of "
+    "a permutation test of the difference of their means, each painting one value; p (Holm) is corrected for all tests "
+    "of the table. The smallest p that so many paintings can show is given beside it. Directions are not tested."
+)
+
+
+@dataclass(frozen=True)
+class Painting:
+    """The figures of one painting."""
+
+    name: str
+    group: str
+    figures: Mapping[str, Mapping[str, Any]]  # by `MEASURES`: unit, value, low, high; numbers may be None
+
+
+def paintings_of(frame: "DataFrame") -> list[Painting]:
+    """Read the figures of all runs of ``task=measure`` in a frame of runs."""
+    if ("setting", "image") not in frame.columns:
+        return []
+    paintings = []
+    for folder, image in zip(frame["run", "folder"], frame["setting", "image"], strict=True):
+        path = Path(folder) / MEASURES_FILE
+        if not path.is_file() or not isinstance(image, str):
+            continue
+        figures = json.loads(path.read_text(encoding="utf-8"))["measures"].get(WHOLE, {})
+        photograph = Path(image.strip('"'))
+        paintings.append(Painting(photograph.name, photograph.parent.name, figures))
+    return paintings
+
+
+def figure_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
+    """List all figures of all paintings, a row each."""
+    return [
+        {
+            "painting": painting.name,
+            "group": painting.group,
+            "measure": MEASURES[name].name,
+            "unit": figure["unit"],
+            **{bound: figure[bound] for bound in ("value", "low", "high")},
+        }
+        for painting in paintings
+        for name, figure in painting.figures.items()
+    ]
+
+
+def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
+    """List the paintings, a row each, with the most telling figures and their intervals in words."""
+    rows = []
+    for painting in paintings:
+        row: dict[str, Any] = {"painting": painting.name, "group": painting.group}
+        for name in ON_PAGE:
+            figure = painting.figures[name]
+            numbers = [None if figure[key] is None else format_number(figure[key]) for key in ("value", "low", "high")]
+            head = f"{MEASURES[name].name}, {figure['unit']}" if figure["unit"] else MEASURES[name].name
+            row[head] = None if None in numbers else "{} ({} to {})".format(*numbers)
+        rows.append(row)
+    heads = dict.fromkeys(head for row in rows for head in row)
+    return [{head: row.get(head) for head in heads} for row in rows]
+
+
+def group_rows(paintings: Sequence[Painting], seed: int = 0) -> list[dict[str, Any]]:
+    """Compare each pair of groups in each measure that has one unit and is no direction, the smallest p first."""
+    groups: dict[str, list[Painting]] = {}
+    for painting in paintings:
+        groups.setdefault(painting.group, []).append(painting)
+    large = {name: group for name, group in groups.items() if len(group) >= LEAST_PAINTINGS}
+    random = np.random.default_rng(seed)
+    rows = []
+    for (one, first), (other, second) in combinations(large.items(), 2):
+        for name, measure in MEASURES.items():
+            units = {painting.figures[name]["unit"] for painting in (*first, *second)}
+            if measure.axial or len(units) > 1:
+                continue
+            values = [_values_of(group, name) for group in (first, second)]
+            if min(map(len, values)) < LEAST_PAINTINGS:
+                continue
+            means = [float(value.mean()) for value in values]
+            rows.append(
+                {
+                    "measure": measure.name,
+                    "unit": units.pop(),
+                    "first": f"{one} ({len(values[0])})",
+                    "second": f"{other} ({len(values[1])})",
+                    "mean of first": format_number(means[0]),
+                    "mean of second": format_number(means[1]),
+                    "p": permutation_p(values[0], values[1], random),
+                    "least p": least_p(len(values[0]), len(values[1])),
+                }
+            )
+    corrected = correct_p([row["p"] for row in rows])
+    rows = [
+        row | {"p (Holm)": p, "differ": "yes" if p < SIGNIFICANT else "no"}
+        for row, p in zip(rows, corrected, strict=True)
+    ]
+    return sorted(rows, key=lambda row: row["p"])
+
+
+def _values_of(paintings: Sequence[Painting], name: str) -> Array:
+    """List the finite values of a measure."""
+    values = [painting.figures[name]["value"] for painting in paintings]
+    return np.array([value for value in values if value is not None and np.isfinite(value)], float)
+
+
+def permutation_p(first: Array, second: Array, random: np.random.Generator) -> float:
+    """Test whether the means of two samples differ: the share of permutations with at least this difference.
+
+    All permutations are taken if there are at most `DRAWS`, and so many random ones and the observed one otherwise
+    (Phipson and Smyth, 2010).
+    """
+    both = np.concatenate([first, second])
+    count, size = len(first), len(both)
+    observed = abs(first.mean() - second.mean())
+    if comb(size, count) <= DRAWS:
+        chosen = np.array(list(combinations(range(size), count)))
+        sums = both[chosen].sum(1)
+    else:
+        sums = np.array([random.permutation(both)[:count].sum() for _ in range(DRAWS)])
+        sums = np.append(sums, first.sum())
+    gaps = np.abs(sums / count - (both.sum() - sums) / (size - count))
+    return float((gaps >= observed * (1 - 1e-9)).mean())
+
+
+def least_p(first: int, second: int) -> float:
+    """Compute the smallest p that `permutation_p` gives to two samples of so many values.
+
+    Two halves of equal size have the same difference when they are exchanged.
+    """
+    count = comb(first + second, first)
+    return 1 / (DRAWS + 1) if count > DRAWS else (1 + (first == second)) / count
+
+
+def correct_p(p: Sequence[float]) -> list[float]:
+    """Correct p-values for how many they are (Holm, 1979)."""
+    order = np.argsort(p, kind="stable")
+    steps = np.asarray(p, float)[order] * np.arange(len(p), 0, -1)
+    corrected = np.empty(len(p))
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1)
+    result: list[float] = corrected.tolist()
+    return result
+
+
+def write_paintings(folder: Path, frame: "DataFrame") -> None:
+    """Write ``paintings.csv``, ``.md`` and ``.tex``, and ``groups.csv`` and ``.md``, of two or more paintings."""
+    paintings = paintings_of(frame)
+    if len(paintings) < LEAST_PAINTINGS:
+        return
+    write_text(folder / "paintings.csv", csv_table(figure_rows(paintings)))
+    rows, groups = painting_rows(paintings), group_rows(paintings)
+    write_text(folder / "paintings.tex", latex_table(rows))
+    text = [MEANING, markdown_table(rows)]
+    if groups:
+        write_text(folder / "groups.csv", csv_table(groups))
+        text += ["## Groups", markdown_table([round_p(row) for row in groups])]
+    write_text(folder / "paintings.md", "\n\n".join(text) + "\n")
+
+
+def round_p(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the p-values of a row with two digits."""
+    return {key: f"{value:.2g}" if isinstance(value, float) else value for key, value in row.items()}
+
+
+def paintings_on_page(frame: "DataFrame") -> PageTable | None:
+    """Tabulate the paintings of a sweep, or what differs between their groups; None of other sweeps."""
+    paintings = paintings_of(frame)
+    if len(paintings) < LEAST_PAINTINGS:
+        return None
+    if groups := group_rows(paintings):
+        return PageTable("groups", "Groups of paintings", MEANING, [round_p(row) for row in groups])
+    return PageTable("paintings", "Paintings", MEANING, painting_rows(paintings))
+
+
+COMPARISON = RunComparison(write_paintings, paintings_on_page)
