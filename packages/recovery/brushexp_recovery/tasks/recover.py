@@ -8,11 +8,13 @@ from typing import Any
 from numpy.typing import NDArray
 from omegaconf import DictConfig
 
-from brushexp.contracts.files import as_shown, showing, to_bytes, write_json, write_picture, write_text
+from brushexp.contracts.files import as_shown, find_path, showing, to_bytes, write_json, write_picture, write_text
 from brushexp.contracts.machine import peak_memory
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.results import csv_table
 from brushexp.contracts.runs import Status, render
+from brushexp_recovery.marks.corrections import correct
+from brushexp_recovery.marks.marks_file import read_marks
 from brushexp_recovery.measure.order_graph import write_order_graph
 from brushexp_recovery.measure.scale import millimetres_per_pixel
 from brushexp_recovery.measure.stroke_table import StrokeTable, columns_with_units, remark_on, tabulate_strokes
@@ -31,10 +33,15 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write catalogue.h5, the recovered painting, its regions, table and page into the run's folder, and figures."""
     picture = load_picture(cfg.image, None)
     model = load_model(cfg.weights)
+    image = picture.permute(1, 2, 0).numpy()
     with showing("finding strokes") as show:
-        recovered = recover_with(model, picture.permute(1, 2, 0).numpy(), cfg.scale, cfg.copies, show)
+        recovered = recover_with(model, image, cfg.scale, cfg.copies, show)
+    if cfg.marks is not None:
+        before = len(recovered.confidence)
+        recovered = correct(recovered, read_marks(find_path(cfg.marks)), image)
+        log.info("%d strokes were found, and %d are there after the corrections", before, len(recovered.confidence))
     pixels = to_bytes(picture)
-    del picture  # which is four times as large
+    del picture, image  # which is four times as large
     with showing("writing files") as show:
         strokes = write_files(cfg, folder, pixels, recovered, show)
     covered = float((recovered.labels >= 0).mean())

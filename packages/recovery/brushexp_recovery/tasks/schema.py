@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from brushexp_training.schema import EMA, NetworkTask
 from omegaconf import MISSING, DictConfig
 
-from brushexp.contracts import FOLDER, Rule, UserError, above, at_least, between
+from brushexp.contracts import FILE, FOLDER, Rule, UserError, above, at_least, between
 from brushexp.contracts.tasks import CATALOGUE, PICTURE, Task, key
 from brushexp_recovery.find.photograph import size_of_photograph
 
@@ -36,10 +36,15 @@ class RecoverTask(Task):
     scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
     copies: int = key(1, "turned and mirrored copies that each look shows; more are slower and surer", between(1, 8))
     weights: str = key("strokes", "shipped weights, or the .safetensors of task=train_recovery")
+    marks: str | None = key(None, "corrections that the page of strokes saved; null = none", FILE)
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        size_of_photograph(cfg.image)
+        from brushexp_recovery.marks.corrections import check_marks  # noqa: PLC0415
+
+        size = size_of_photograph(cfg.image)
+        if cfg.marks is not None:
+            check_marks(Path(cfg.marks), size)
 
 
 @dataclass

@@ -1,0 +1,105 @@
+"""What a person has corrected takes the place of what was recovered."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.contracts import UserError
+from brushexp.contracts.strokes import curve_of
+from brushexp_recovery.curves.fit import StrokeCurves
+from brushexp_recovery.curves.round_line import width_of_line
+from brushexp_recovery.marks.mark_regions import overlaps_of_pixels, pixels_of_mark
+from brushexp_recovery.marks.marks_file import Mark, Marks, read_marks
+from brushexp_recovery.raster.labels import group_pixels
+from brushexp_recovery.raster.overlap import MATCH_IOU
+from brushexp_recovery.recover.pipeline import catalogue_of
+from brushexp_recovery.recover.storage import Recovered
+
+Array = NDArray[Any]
+
+REPLACED = 0.5  # share of a recovered stroke that lies on marks by hand, from which on these replace it
+SURE = 1.0  # confidence of a mark by hand
+
+
+def check_marks(path: Path, size: tuple[int, int]) -> None:
+    """Raise a UserError if a file holds no marks, or those of a picture of another size than (H, W)."""
+    marks = read_marks(path)
+    if marks.size is not None and marks.size != size:
+        raise UserError(
+            f"marks={path} are of a picture of {marks.size[1]} x {marks.size[0]} pixels, and image= has {size[1]} x "
+            f"{size[0]}; give the photograph on which they were drawn"
+        )
+
+
+def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
+    """Correct what was recovered from an image (H, W, 3) in [0, 1] by the marks of a person.
+
+    - A recovered stroke goes if it matches one that the person has deleted, or lies mostly on marks by hand.
+    - Marks by hand are added with a confidence of 1, on top: nothing is known of their order.
+    - All else stays as it was recovered.
+    """
+    size = recovered.labels.shape
+    hand = [mark for mark in marks.strokes if mark.by == "hand"]
+    regions = [pixels_of_mark(mark, size) for mark in hand]
+    kept = ~is_corrected(recovered, [pixels_of_mark(mark, size) for mark in marks.deleted], regions)
+    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)  # the last is that of -1
+    labels = number[recovered.labels].astype(np.int32)
+    for place, region in enumerate(regions, start=int(kept.sum())):
+        labels.flat[region] = place
+    strokes, bottom_up = recovered.saved.strokes, recovered.saved.depth.argsort().numpy()
+    by_hand = curves_of(hand, regions)
+    curve = np.concatenate([curve_of(strokes).double().numpy()[kept], by_hand.curve])
+    width = np.concatenate([(strokes.width * strokes.scale).double().numpy()[kept], by_hand.width])
+    color = np.concatenate([strokes.color.double().numpy()[kept], colors_of(regions, image)])
+    confidence = np.append(recovered.confidence[kept], np.full(len(hand), SURE))
+    order = np.append(number[bottom_up[kept[bottom_up]]], np.arange(kept.sum(), len(width))).astype(int)
+    meet = kept[recovered.meetings].all(1)
+    corrected = catalogue_of(labels, StrokeCurves(curve, width, color), confidence, order, image)
+    meetings = np.argsort(order)[number[recovered.meetings[meet]]]
+    return replace(corrected, meetings=meetings, chance_above=recovered.chance_above[meet])
+
+
+def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[Array]) -> Array:
+    """Tell which recovered strokes (N,) a person has deleted or replaced, regions as flat indices."""
+    found = [pixels.astype(np.int64) for pixels in group_pixels(recovered.labels, len(recovered.confidence))]
+    overlaps = overlaps_of_pixels(deleted, found, recovered.labels.size)
+    gone = np.zeros(len(found), bool)
+    gone[overlaps.second[overlaps.iou >= MATCH_IOU]] = True
+    covered = np.zeros(recovered.labels.size, bool)
+    for region in hand:
+        covered[region] = True
+    replaced = [len(pixels) > 0 and covered[pixels].mean() >= REPLACED for pixels in found]
+    return gone | np.array(replaced, bool)
+
+
+def curves_of(marks: Sequence[Mark], regions: Sequence[Array]) -> StrokeCurves:
+    """Fit curves (N, 3, 2) to the lines of marks, with widths (N,) that give them the areas of their regions."""
+    curve, width = np.empty((len(marks), 3, 2)), np.empty(len(marks))
+    for number, (mark, region) in enumerate(zip(marks, regions, strict=True)):
+        curve[number] = fit_line(mark.points)
+        broad = float(mark.width.mean())
+        extent = np.linalg.norm(np.diff(mark.points, axis=0), axis=1).sum() + broad
+        width[number] = width_of_line(len(region), extent) if len(region) else broad
+    return StrokeCurves(curve, width, np.zeros((len(marks), 3)))
+
+
+def fit_line(points: Array) -> Array:
+    """Fit a quadratic Bezier curve (3, 2) to the points (P, 2) of a line by least squares, with its ends kept."""
+    start, end = points[0], points[-1]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    t = np.append(0, np.cumsum(steps)) / max(float(steps.sum()), 1e-9)
+    weight = 2 * t * (1 - t)
+    rest = points - np.outer((1 - t) ** 2, start) - np.outer(t**2, end)
+    square = weight @ weight
+    control = weight @ rest / square if square > 0 else 0.5 * (start + end)
+    return np.stack([start, control, end])
+
+
+def colors_of(regions: Sequence[Array], image: Array) -> Array:
+    """Average an image (H, W, 3) over each of N regions of flat indices: (N, 3), and 0 for one without pixels."""
+    pixels = image.reshape(-1, 3)
+    return np.array([pixels[region].mean(0) if len(region) else np.zeros(3) for region in regions]).reshape(-1, 3)
