@@ -1,9 +1,13 @@
 """Millimetres of a painting in its photograph."""
 
+import csv
 import re
+from pathlib import Path
 
 from brushexp.contracts import UserError
+from brushexp.contracts.files import read_text
 
+MOST_CM = 1e5  # no painting is wider
 SIDES_APART = 0.03  # by which width and height may give different scales, as a share
 
 
@@ -31,3 +35,25 @@ def millimetres_per_pixel(
             f"the painting's edges, or give {prefix}width_cm=... of what it shows"
         )
     return 0.5 * (across + down)
+
+
+def width_in_table(path: Path, image: str) -> float:
+    """Look up how many centimetres wide a photograph is, by its name, in a table (.csv) with file and width_cm.
+
+    A UserError says if the table, or the photograph in it, is missing or has no such width.
+    """
+    lines = read_text(path, "give a table with the columns file and width_cm").splitlines()
+    rows = list(csv.DictReader(lines))
+    if not rows or not {"file", "width_cm"} <= rows[0].keys():
+        raise UserError(f"sizes={path} has no rows with the columns file and width_cm; its first line is file,width_cm")
+    name = Path(image).name
+    texts = [row["width_cm"] for row in rows if row["file"] and Path(row["file"]).name == name]
+    if len(texts) != 1:
+        raise UserError(f"sizes={path} has {len(texts)} rows of {name}; one is needed: {name},92")
+    try:
+        width = float(texts[0])
+    except (TypeError, ValueError):
+        width = 0.0
+    if not 0 < width < MOST_CM:
+        raise UserError(f"sizes={path} has no width of {name} in centimetres; write {name},92")
+    return width

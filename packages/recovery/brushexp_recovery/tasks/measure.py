@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from omegaconf import DictConfig
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import as_shown, showing, to_bytes
+from brushexp.contracts.files import as_shown, find_path, showing, to_bytes
 from brushexp.contracts.pictures import load_picture
 from brushexp_recovery.measure.areas import WHOLE, areas_of
 from brushexp_recovery.measure.draws import Draws, Sighting, draw_figures, sight
@@ -20,7 +20,7 @@ from brushexp_recovery.measure.figure_tables import MEANING, difference_rows, fo
 from brushexp_recovery.measure.files import write_measures
 from brushexp_recovery.measure.intervals import Interval, difference_of, intervals_of, is_apart
 from brushexp_recovery.measure.measures import MEASURES
-from brushexp_recovery.measure.scale import millimetres_per_pixel
+from brushexp_recovery.measure.scale import millimetres_per_pixel, width_in_table
 from brushexp_recovery.measure.stroke_table import remark_on, tabulate_strokes
 from brushexp_recovery.measure.views import View, choose_views
 from brushexp_recovery.model.recovery_model import load_model
@@ -47,7 +47,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Measure ``cfg.image``, and ``cfg.against`` if there is one, into the run's folder."""
     image, name = read_photograph(cfg.image), Path(cfg.image).name
     size = image.shape[:2]
-    mm, areas = millimetres_per_pixel(size, cfg.width_cm, cfg.size_cm), areas_of(cfg.region, size)
+    width_cm = cfg.width_cm if cfg.sizes is None else width_in_table(find_path(cfg.sizes), cfg.image)
+    mm, areas = millimetres_per_pixel(size, width_cm, cfg.size_cm), areas_of(cfg.region, size)
     recovered = recover_photograph(cfg, image, name) if cfg.recovered is None else read_for(Path(cfg.recovered), size)
     write_recovered(folder / "catalogue.h5", recovered)
     draws = draw_figures(sight_views(cfg, image, name, recovered), areas, cfg.draws, cfg.seed)

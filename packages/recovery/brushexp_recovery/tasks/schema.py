@@ -64,6 +64,7 @@ class MeasureTask(Task):
     against: str | None = key(None, "a photograph of another painting, to compare with", PICTURE)
     width_cm: float | None = key(None, WIDTH_HELP, above(0))
     size_cm: str | None = key(None, SIZE_HELP)
+    sizes: str | None = key(None, "table (.csv) of the widths of several photographs: file,width_cm; null = none", FILE)
     against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
     against_size_cm: str | None = key(None, SIZE_HELP)
     region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright = in")
@@ -82,8 +83,12 @@ class MeasureTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        from brushexp_recovery.measure.scale import millimetres_per_pixel  # noqa: PLC0415
+        from brushexp_recovery.measure.scale import millimetres_per_pixel, width_in_table  # noqa: PLC0415
 
+        if cfg.sizes is not None:
+            if cfg.width_cm is not None or cfg.size_cm is not None:
+                raise UserError("sizes=, width_cm= and size_cm= say the same; give one of them")
+            width_in_table(Path(cfg.sizes), cfg.image)
         millimetres_per_pixel(size_of_photograph(cfg.image), cfg.width_cm, cfg.size_cm)
         sizes = {"against_width_cm": cfg.against_width_cm, "against_size_cm": cfg.against_size_cm}
         if cfg.against is not None:

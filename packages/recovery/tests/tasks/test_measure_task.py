@@ -57,6 +57,24 @@ def test_a_photograph_is_measured_compared_and_shown(photographs, run_task):
         run("against_width_cm=2")
 
 
+def test_widths_of_several_photographs_are_in_a_table(photographs, run_task):
+    run = partial(run_task, measure, "task=measure", "views=1", "draws=2", f"sizes={photographs / 'sizes.csv'}")
+    table = photographs / "sizes.csv"
+    table.write_text("file,width_cm\nx/a.png,16\nb.png,wide\n")
+    run(f"image={photographs / 'a.png'}")
+    assert json.loads((photographs / "measures.json").read_text())["mm_per_px"] == 2
+    with pytest.raises(UserError, match=r"has no width of b.png in centimetres; write b.png,92"):
+        run(f"image={photographs / 'b.png'}")
+    with pytest.raises(UserError, match=r"sizes=, width_cm= and size_cm= say the same"):
+        run(f"image={photographs / 'a.png'}", "width_cm=3")
+    table.write_text("file,width_cm\nb.png,3\n")
+    with pytest.raises(UserError, match=r"has 0 rows of a.png; one is needed: a.png,92"):
+        run(f"image={photographs / 'a.png'}")
+    table.write_text("a.png,3\n")
+    with pytest.raises(UserError, match=r"its first line is file,width_cm"):
+        run(f"image={photographs / 'a.png'}")
+
+
 def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(photographs, run_task):
     truth, image = painting(6)
     found, path = recover(image), photographs / "found.h5"
