@@ -54,7 +54,7 @@ def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int
     if brush == "dry":  # paint runs out, and leaves gaps between the bristles
         alpha = alpha * np.clip(0.9 + 0.9 * streak - 1.1 * along**2, 0, 1)
     closed = grey_closing(alpha, size=CLOSED_GAP)
-    texels = np.concatenate([paint * alpha[..., None], alpha[..., None], closed[..., None]], -1)
+    texels = np.concatenate([paint * alpha[..., None], alpha[..., None], closed[..., None], alpha[..., None]], -1)
     return texels.reshape(-1, len(Texel))
 
 

@@ -11,6 +11,7 @@ from brushexp_recovery.benchmark.report_tables import (
     confidence_table,
     error_table,
     f1_table,
+    interval_table,
     kind_table,
     reliability_of,
 )
@@ -21,6 +22,7 @@ ABOUT_F1 = (
     "seeds; unseen: other brushes, other painters' strokes. Clean: the painting; hard: a photograph of it."
 )
 ABOUT_KINDS = "Mean F1 by kind and number of strokes, clean."
+ABOUT_INTERVALS = "Mean F1 of the paintings of each kind, and 95 % intervals over paintings (bootstrap)."
 ABOUT_ERRORS = (
     "Means over clean paintings; errors are medians over matched strokes, length and width as shares of the true "
     "ones; order is the share of found pairs that overlap whose upper one was told; fields are those of "
@@ -45,6 +47,7 @@ def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
     by_group, errors, reliability = f1_table(rows), error_table(rows), reliability_of(rows)
     parts = [ABOUT_F1, markdown_table(by_group)]
     parts += [ABOUT_KINDS, markdown_table(kind_table(rows))]
+    parts += [ABOUT_INTERVALS, markdown_table(interval_table(rows))]
     parts += [ABOUT_ERRORS, markdown_table(errors)]
     if reliability:
         parts += [ABOUT_CONFIDENCE, markdown_table(confidence_table(reliability))]

@@ -4,11 +4,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from brushexp_recovery.confidence.calibration import ReliabilityBin, ece_of, join_reliability
 
+Array = NDArray[Any]
 Row: TypeAlias = dict[str, Any]  # of one picture and method: place, figures, seconds
 Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # by group of paintings
+
+
+RESAMPLES = 2000  # of the bootstrap
 
 
 class Column(NamedTuple):
@@ -82,6 +87,46 @@ def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
             line[name] = mean_text((row for row in own if (row["kind"], row["count"]) == (kind, count)), "f1", 2)
         table.append(line)
     return table
+
+
+def interval_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Average F1 by method and kind, and over the kinds, each with a 95 % interval over paintings.
+
+    Percentiles of `RESAMPLES` means, for each of which the paintings of every kind are drawn anew (bootstrap, Efron,
+    1979). A kind of one painting has no interval; the mean of all kinds has one if each of them has.
+    """
+    table = []
+    for name, own in by_method(rows).items():
+        lines: dict[str, dict[str, Any]] = {}
+        for look in dict.fromkeys(row["look"] for row in own):
+            values: dict[str, list[float]] = {}
+            for row in own:
+                if row["look"] == look:
+                    values.setdefault(row["kind"], []).append(row["f1"])
+            random = np.random.default_rng(0)
+            resampled = {kind: _resample_mean(np.array(f1), random) for kind, f1 in values.items()}
+            means = {kind: float(np.mean(f1)) for kind, f1 in values.items()}
+            for kind, f1 in values.items():
+                line = lines.setdefault(kind, {"method": name, "kind": kind, "paintings": len(f1)})
+                line[look] = _with_interval(means[kind], resampled[kind], len(f1) > 1)
+            every = {"method": name, "kind": "mean of kinds", "paintings": sum(map(len, values.values()))}
+            joint = np.mean(list(resampled.values()), 0)
+            is_known = all(len(f1) > 1 for f1 in values.values())
+            lines.setdefault("", every)[look] = _with_interval(float(np.mean(list(means.values()))), joint, is_known)
+        table += [*(line for kind, line in lines.items() if kind), lines[""]]
+    return table
+
+
+def _resample_mean(values: Array, random: np.random.Generator) -> Array:
+    """Draw values (n,) anew and average them, `RESAMPLES` times."""
+    mean: Array = random.choice(values, (RESAMPLES, len(values))).mean(1)
+    return mean
+
+
+def _with_interval(mean: float, means: Array, is_known: bool) -> str:
+    """Write a mean with the interval that 95 % of resampled means lie in."""
+    low, high = np.quantile(means, [0.025, 0.975])
+    return f"{mean:.2f} ({low:.2f} to {high:.2f})" if is_known else f"{mean:.2f}"
 
 
 def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from brushexp_recovery.curves.round_line import trim_to_paint
 from brushexp_recovery.raster.jpeg import compress_as_jpeg
 from brushexp_recovery.synthesis.ageing import weather
 from brushexp_recovery.synthesis.canvas import Canvas, compose, opaque_mixing
+from brushexp_recovery.synthesis.families.family import find_families, paint_family
 from brushexp_recovery.synthesis.hand import Hand
 from brushexp_recovery.synthesis.layout import StrokeLayout, lay_strokes
 from brushexp_recovery.synthesis.windows import BrushLook, StrokeWindows, draw_strokes
@@ -67,8 +69,14 @@ def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> li
 
 def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
     """Paint a scene of ``side`` x ``side`` pixels; the same for the same scene, side and seed."""
-    random = np.random.default_rng([seed, KINDS.index(scene.kind), scene.count, scene.number])
+    random = np.random.default_rng([seed, _number_of(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
+    if scene.kind in find_families():
+        ground = prime_canvas(subject, random).astype(np.float32)
+        painting = paint_family(scene.kind, subject.astype(np.float32), scene.count, ground, random)
+        clean = np.round(255 * painting.image.astype(float)) / 255
+        truth = truth_of(painting.windows, painting.canvas, painting.layout, clean)
+        return ScenePainting(truth, clean, photograph(painting.image, random))
     layout = lay_scene(scene.kind, subject, scene.count, random)
     if scene.kind in BRUSHES:
         coats = 1.0
@@ -79,8 +87,17 @@ def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
     ground = prime_canvas(subject, random).astype(np.float32)
     canvas = compose(windows, layout, opaque_mixing(len(layout), coats), ground)
     clean = np.round(255 * canvas.image.astype(float)) / 255
-    hard = compress_as_jpeg(np.clip(weather(canvas.image, random), 0, 1), HARD_QUALITY)
-    return ScenePainting(truth_of(windows, canvas, layout, clean), clean, hard)
+    return ScenePainting(truth_of(windows, canvas, layout, clean), clean, photograph(canvas.image, random))
+
+
+def photograph(image: Array, random: np.random.Generator) -> Array:
+    """Make a hard photograph of a painting (H, W, 3): weave, blur, noise, JPEG."""
+    return compress_as_jpeg(np.clip(weather(image, random), 0, 1), HARD_QUALITY)
+
+
+def _number_of(kind: str) -> int:
+    """Number a kind for its seeds, which no other kind changes."""
+    return KINDS.index(kind) if kind in KINDS else crc32(kind.encode())
 
 
 def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:

@@ -47,6 +47,12 @@ class RecoveryModel(nn.Module):
         return Classifiers(self.pairs.weights(), self.nodes.weights())
 
 
+def families_learnt(checkpoint: str) -> tuple[str, ...]:
+    """Return the families of paint that weights have learnt from, those of the weights they started from included."""
+    recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
+    return tuple(recipe["data"].get("families", ()))
+
+
 def load_model(checkpoint: str = SHIPPED_WEIGHTS) -> RecoveryModel:
     """Load trained weights: a .safetensors file, or the name of those that come with the program."""
     model = RecoveryModel()

@@ -26,6 +26,8 @@ FAINT = F(1e-4)  # opacity that is left out
 RELIEF = F(1.2)  # height of full paint
 LEVELLING = F(0.7)  # share of the height below that paint fills
 NARROWEST = 0.5  # pixels
+DRAG_STEPS, DRAG_TRACKS = 24, 12  # along and across a stroke, at which its bristles take up paint
+DRAG_MEMORY = F(0.8)  # share of its paint that a bristle still carries after a step
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,12 @@ class Mixing:
     coats: float
     opacity: Array  # (N,)
     wet: Array  # (N,) share of the colour below that a stroke takes up on its way
+    drag: Array  # (N,) share of the colour that each bristle takes up where it passes and lays down further on
 
 
 def opaque_mixing(n: int, coats: float) -> Mixing:
     """Mix nothing: ``n`` strokes cover what lies below."""
-    return Mixing(coats, np.ones(n), np.zeros(n))
+    return Mixing(coats, opacity=np.ones(n), wet=np.zeros(n), drag=np.zeros(n))
 
 
 class Extent(IntEnum):
@@ -91,8 +94,20 @@ def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground
     """Composite strokes over a ``ground`` (H, W, 3), the first lowest."""
     places = _placements(windows, layout)
     image, height = ground.astype(F), np.zeros(ground.shape[:2], F)
-    coats, opacity, wet = F(mixing.coats), mixing.opacity.astype(F), mixing.wet.astype(F)
-    _paint(windows.texels, windows.first, windows.side, places, coats, opacity, wet, image, height)
+    coats, opacity = F(mixing.coats), mixing.opacity.astype(F)
+    _paint(
+        windows.texels,
+        windows.first,
+        windows.side,
+        places,
+        windows.width.astype(F),
+        coats,
+        opacity,
+        mixing.wet.astype(F),
+        mixing.drag.astype(F),
+        image,
+        height,
+    )
     labels, extent = _see(windows.texels, windows.first, windows.side, places, coats, opacity, height.shape)
     return Canvas(np.clip(image, 0, 1), height, labels, extent)
 
@@ -153,9 +168,10 @@ def _look_up(texels, first, side, row, column, channel):
 
 
 @function
-def _paint(texels, first, side, places, coats, opacity, wet, image, height):
+def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, image, height):
     """Lay strokes over an image (H, W, 3), and raise the height (H, W) of the paint."""
     rows, columns = height.shape
+    carried = np.zeros((DRAG_STEPS, DRAG_TRACKS, 4), F)
     for n in range(len(first)):
         place = places[n]
         top, bottom, left, right = _box(place, rows, columns)
@@ -168,19 +184,67 @@ def _paint(texels, first, side, places, coats, opacity, wet, image, height):
                     weight += alpha
                     for c in range(3):
                         below[c] += alpha * image[y, x, c]
+        if drag[n] > 0:
+            _take_up(texels, first[n], side[n], place, brush_width[n], image, (top, bottom, left, right), carried)
         for y in range(top, bottom):
             for x in range(left, right):
                 row, column, t = _texel_place(x + F(0.5), y + F(0.5), place, side[n])
                 raw = _look_up(texels, first[n], side[n], row, column, Texel.ALPHA)
                 if raw <= FAINT:
                     continue
+                bump = _look_up(texels, first[n], side[n], row, column, Texel.HEIGHT)
                 alpha = opacity[n] * (1 - (1 - min(raw, F(1))) ** coats)
                 taken = wet[n] * (F(0.5) + F(0.5) * min(max(t, F(-1)), F(1)))  # more towards the end
+                step, track = 0, 0
+                if drag[n] > 0:
+                    step, track = _drag_cell(x + F(0.5), y + F(0.5), t, place, brush_width[n])
                 for c in range(3):
                     own = _look_up(texels, first[n], side[n], row, column, c) / raw
                     own = own + taken * (below[c] / weight - own)
+                    if drag[n] > 0 and carried[step, track, 3] > 0:
+                        own = own + drag[n] * (carried[step, track, c] - own)
                     image[y, x, c] += alpha * (own - image[y, x, c])
-                height[y, x] += alpha * (raw * RELIEF - LEVELLING * height[y, x])
+                height[y, x] += alpha * (bump * RELIEF - LEVELLING * height[y, x])
+
+
+@inline
+def _drag_cell(x, y, t, place, width):
+    """Step along the chord and track across it in which a pixel centre lies."""
+    across = (y - place[Placement.Y]) * place[Placement.COSINE] - (x - place[Placement.X]) * place[Placement.SINE]
+    step = int((min(max(t, F(-1)), F(1)) + 1) * F(0.5) * (DRAG_STEPS - 1) + F(0.5))
+    track = int(min(max(across / max(width, F(1)) + F(0.5), F(0)), F(0.999)) * DRAG_TRACKS)
+    return step, track
+
+
+@inline
+def _take_up(texels, first, side, place, width, image, box, carried):
+    """Compute what the bristles of a stroke carry, (`DRAG_STEPS`, `DRAG_TRACKS`, colour and weight).
+
+    Each bristle is a leaky memory of the colours that it passes, from the start of the stroke to its end.
+    """
+    carried[:] = 0
+    for y in range(box[0], box[1]):
+        for x in range(box[2], box[3]):
+            row, column, t = _texel_place(x + F(0.5), y + F(0.5), place, side)
+            alpha = _look_up(texels, first, side, row, column, Texel.ALPHA)
+            if alpha <= FAINT:
+                continue
+            step, track = _drag_cell(x + F(0.5), y + F(0.5), t, place, width)
+            for c in range(3):
+                carried[step, track, c] += alpha * image[y, x, c]
+            carried[step, track, 3] += alpha
+    for track in range(DRAG_TRACKS):
+        for step in range(DRAG_STEPS):
+            weight = carried[step, track, 3]
+            for c in range(3):
+                if weight > 0:
+                    carried[step, track, c] /= weight
+                if step > 0 and carried[step - 1, track, 3] > 0:
+                    before = carried[step - 1, track, c]
+                    kept = DRAG_MEMORY if weight > 0 else F(1)
+                    carried[step, track, c] += kept * (before - carried[step, track, c])
+            if step > 0 and carried[step - 1, track, 3] > 0:
+                carried[step, track, 3] = max(weight, F(1e-6))
 
 
 @function

@@ -77,7 +77,7 @@ def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixin
         return opaque_mixing(n, coats)
     least = random.choice([1.0, 0.85, 0.7])
     wet = random.uniform(0, 0.8, n) if random.random() < 0.3 else np.zeros(n)
-    return Mixing(coats, random.uniform(least, 1, n), wet)
+    return Mixing(coats, random.uniform(least, 1, n), wet, drag=np.zeros(n))
 
 
 def choose_ground(picture: Array, is_plain: bool, random: Random) -> Array:

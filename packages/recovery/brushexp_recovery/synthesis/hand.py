@@ -37,3 +37,4 @@ class Hand:
     taper: float = 0.0  # spread of the change of width from end to end, as a share
     even: bool = False  # places on a grid, slightly moved, not more of them where there is detail
     clip: float = 0.0  # difference of colour, sRGB, at which a stroke ends before its time; 0: never
+    row: int = 1  # strokes side by side, of about one colour; 1: each for itself

@@ -16,6 +16,8 @@ Array = NDArray[Any]
 
 ROUND_AREA = 0.8  # squared widths: area of the round ends of a stroke, about
 DETAIL_WEIGHT = 0.6  # by which each finer layer has more strokes where there is detail
+ROW_PITCH = (0.7, 1.05)  # widths between neighbours of a row
+ROW_SCATTER = 0.5  # widths by which they are moved along the row's direction
 MOST_TAPER = 0.6  # share of the width
 
 
@@ -46,11 +48,33 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
     pitch = np.sqrt(area / n)
     angles = add_hatching(edge_directions(picture, max(3.0, 0.45 * pitch)), hand.hatch, random)
     places = _place_layers(picture, counts, pitch, hand, random)
+    painted = places  # where the picture tells the colour
+    if hand.row > 1:
+        painted, places = _line_up(places, angles, width, hand.row, random)
     curve = curves_along(angles, picture, places, 0.5 * aspect * width, hand, random)
-    color = pick_colors(picture, places, width, hand, random)
+    color = pick_colors(picture, painted, width, hand, random)
     sway = hand.sway * width * random.normal(size=n)
     taper = np.clip(hand.taper * random.normal(size=n), -MOST_TAPER, MOST_TAPER)
     return StrokeLayout(curve, width, color, sway, taper)
+
+
+def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
+    """Move strokes into rows of up to ``most``, side by side across a field (H, W) of directions.
+
+    Returns the first place of the row of each stroke, and its own place, (n, 2) each.
+    """
+    n = len(places)
+    size = np.array(angles.shape[::-1])
+    lengths = random.integers(1, most + 1, n)
+    first = np.repeat(np.arange(n), lengths)[:n]
+    number = np.arange(n) - np.searchsorted(first, first)
+    start = places[first]
+    x, y = start.astype(int).T
+    normal = np.stack([-np.sin(angles[y, x]), np.cos(angles[y, x])], 1)
+    apart = (number * random.uniform(*ROW_PITCH, n) * width)[:, None]
+    scatter_along = (ROW_SCATTER * width * random.normal(size=n))[:, None] * np.stack([normal[:, 1], -normal[:, 0]], 1)
+    moved = np.clip(start + apart * normal + scatter_along, 0, size - 1)
+    return start, moved
 
 
 def _place_layers(picture: Array, counts: Array, pitch: float, hand: Hand, random: Random) -> Array:

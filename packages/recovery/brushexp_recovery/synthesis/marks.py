@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from brushexp.contracts.kernels import function, inline
+from brushexp.contracts.kernels import function
 from brushexp_recovery.curves.bezier import points_on
+from brushexp_recovery.curves.nearest import length_of_line, nearest_place, unit
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis.hand import Random
 from brushexp_recovery.synthesis.layout import StrokeLayout
@@ -142,14 +143,14 @@ def _close_gaps(window: Array) -> Array:
 def _stamp(points, width, color, corner, grain, bristles, outline, marks, load, texels):
     """Draw one stroke along ``points`` (P, 2) into texels (side, side, len(Texel)), which are 0: all but `CLOSED`."""
     half, side = F(0.5) * width, len(texels)
-    length = _length_of(points)
+    length = length_of_line(points)
     reach = half * (1 + F(2.5) * marks.rough) + 2
     for y in range(side):
         for x in range(side):
-            squared, along, across = _nearest_place(points, x + F(0.5), y + F(0.5))
+            squared, along, across = nearest_place(points, x + F(0.5), y + F(0.5))
             if squared > (reach + half) ** 2 or abs(across) > reach:
                 continue
-            share = _unit(along / length)
+            share = unit(along / length)
             row = min(int(share * SAMPLES), SAMPLES - 1)
             aside = min(max(across / width + F(0.5), F(0)), F(0.999))
             track = int(aside * bristles.shape[1])
@@ -158,55 +159,19 @@ def _stamp(points, width, color, corner, grain, bristles, outline, marks, load, 
             end = length + F(0.5) * half * (F(0.4) - marks.ragged * (bristles[SAMPLES - 1, track]) * F(0.4))
             tip = min(along - begin, end - along)
             edge = half * (1 + marks.rough * outline[row, 0 if across < 0 else 1])
-            edge *= np.sqrt(1 - (1 - _unit(tip / max(marks.ends * half, F(0.5)))) ** 2)
-            alpha = _unit((edge - abs(across)) / F(0.8) + F(0.5))
-            alpha *= _unit(tip / F(0.8) + F(0.5))
+            edge *= np.sqrt(1 - (1 - unit(tip / max(marks.ends * half, F(0.5)))) ** 2)
+            alpha = unit((edge - abs(across)) / F(0.8) + F(0.5))
+            alpha *= unit(tip / F(0.8) + F(0.5))
             if alpha <= 0:
                 continue
             spot = grain[(y + corner[1]) % grain.shape[0], (x + corner[0]) % grain.shape[1]]
             paint = marks.full - marks.dry * share + marks.bristle * bristle + marks.grain * spot
-            alpha *= _unit(paint * marks.sharp + F(0.5))
+            alpha *= unit(paint * marks.sharp + F(0.5))
             alpha *= 1 - marks.thin * (1 - share) ** 2
-            depth = _unit((edge - abs(across)) / max(F(0.35) * half, F(1)))
+            depth = unit((edge - abs(across)) / max(F(0.35) * half, F(1)))
             tone = 1 + marks.streak * bristle + marks.rim * (1 - depth)
             for channel in range(3):
                 own = color[channel] + (aside - F(0.5)) * load[channel]
-                texels[y, x, channel] = alpha * _unit(own * tone)
+                texels[y, x, channel] = alpha * unit(own * tone)
             texels[y, x, Texel.ALPHA] = alpha
-
-
-@inline
-def _unit(value):
-    """Clamp a number to 0 and 1."""
-    return min(max(value, F(0)), F(1))
-
-
-@inline
-def _length_of(points):
-    """Measure a line through points (P, 2)."""
-    length = F(0)
-    for k in range(len(points) - 1):
-        length += np.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
-    return max(length, F(1e-3))
-
-
-@inline
-def _nearest_place(points, x, y):
-    """Find the place on a line through points (P, 2) that is nearest to a pixel.
-
-    Returns the squared distance, the way along the line, which goes on straight beyond its ends, and the way across.
-    """
-    pieces = len(points) - 1
-    best, along, across, before = F(1e9), F(0), F(0), F(0)
-    for k in range(pieces):
-        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-        long = max(np.hypot(dx, dy), F(1e-6))
-        px, py = x - points[k, 0], y - points[k, 1]
-        u, v = (px * dx + py * dy) / long, (py * dx - px * dy) / long
-        inner = min(max(u, F(0)), long)
-        apart = (u - inner) ** 2 + v * v
-        if apart < best:
-            first, last = k == 0 and u < 0, k == pieces - 1 and u > long
-            best, along, across = apart, before + (u if first or last else inner), v
-        before += long
-    return best, along, across
+            texels[y, x, Texel.HEIGHT] = alpha

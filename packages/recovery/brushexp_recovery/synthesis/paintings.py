@@ -1,7 +1,11 @@
-"""Paintings with known strokes, any number of them; each depends on a seed and its number alone."""
+"""Paintings with known strokes, any number of them; each depends on a seed and its number alone.
+
+Half of them are of a family of paint (`families`); the others are drawn by engines and renderers of the program.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +21,7 @@ from brushexp_recovery.synthesis.choices import (
     choose_mixing,
     choose_plain_look,
 )
+from brushexp_recovery.synthesis.families.family import find_families, paint_family
 from brushexp_recovery.synthesis.hand import Hand, Random
 from brushexp_recovery.synthesis.layout import lay_strokes
 from brushexp_recovery.synthesis.marks import choose_marks, draw_marks
@@ -26,10 +31,14 @@ Array = NDArray[Any]
 
 PAINTING_SIDE = 512  # pixels of a painting
 STROKES = (120, 2600)  # fewest and most of a painting
-PLAIN_SHARE = 0.55  # share of paintings by a plain hand
+FAMILY_SHARE = 0.5  # of the paintings are of a family of paint
+FAMILY_STREAM = 61  # of random numbers that choose it
+FAMILY_STROKES = (25, 1500)  # fewest and most of a painting of a family: some are 100 pixels wide
+PLAIN_SHARE = 0.55  # of the other paintings are by a plain hand
 BARE_SHARE = 0.05  # share of paintings without a stroke
 MARKS_SHARE = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
 FIRST_PLAIN = 900_046  # paintings from this number on are plain
+CRACKED_SHARE = 0.12  # of the paintings that are not plain
 MOST_FLUID = 400  # strokes beyond which the simulator of bristles takes too long
 PICTURES = (  # that come with scikit-image and matplotlib
     "astronaut",
@@ -56,10 +65,26 @@ class KnownPainting:
     geometry: Array  # (N, len(StrokeGeometry)) float32
 
 
+@cache
+def family_of(seed: int, number: int) -> str | None:
+    """Return the family of paint of painting ``number``, which its seed and number decide; None is a plain painting."""
+    random = np.random.default_rng([seed, number, FAMILY_STREAM])
+    if number >= FIRST_PLAIN or random.random() >= FAMILY_SHARE:
+        return None
+    return str(random.choice(sorted(find_families())))
+
+
 def paint(seed: int, number: int, pictures: Sequence[str]) -> KnownPainting:
-    """Make painting ``number``: most as a plain hand paints, others of many kinds; from `FIRST_PLAIN` on all plain."""
+    """Make painting ``number``: of a family of paint, or by engines; from `FIRST_PLAIN` on by a plain hand."""
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
+    family = family_of(seed, number)
+    if family is not None:
+        count = int(np.exp(random.uniform(*np.log(FAMILY_STROKES))))
+        painting = paint_family(family, picture, count, choose_ground(picture, False, random), random)
+        image = crack(painting.image, random) if random.random() < CRACKED_SHARE else painting.image
+        labels = painting.canvas.labels.astype(np.int16)
+        return KnownPainting(as_bytes(image), labels, geometry_of(painting.windows, painting.canvas))
     n = int(np.exp(random.uniform(*np.log(STROKES))))
     is_plain = random.random() < PLAIN_SHARE or number >= FIRST_PLAIN
     if not is_plain and random.random() < 2 * BARE_SHARE:
@@ -84,7 +109,7 @@ def age(image: Array, height: Array, random: Random) -> Array:
     """Smudge, light and crack a painting, each at random."""
     image = smudge(image, random) if random.random() < 0.35 else image
     image = shine(image, height, random) if random.random() < 0.45 else image
-    return crack(image, random) if random.random() < 0.12 else image
+    return crack(image, random) if random.random() < CRACKED_SHARE else image
 
 
 def make_bare(picture: Array, random: Random) -> KnownPainting:

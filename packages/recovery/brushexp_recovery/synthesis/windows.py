@@ -31,6 +31,7 @@ class Texel(IntEnum):
     BLUE = 2
     ALPHA = 3
     CLOSED = 4  # alpha with its gaps closed
+    HEIGHT = 5  # of the paint, 1 where it is full
 
 
 @dataclass(frozen=True)
@@ -126,4 +127,4 @@ def _texels(picture: Tensor) -> Array:
     color, alpha = picture[:3].clamp(0, 1), picture[3:].clamp(0, 1)
     grown = torch.nn.functional.max_pool2d(alpha[None], CLOSED_GAP, 1, CLOSED_GAP // 2)
     closed = -torch.nn.functional.max_pool2d(-grown, CLOSED_GAP, 1, CLOSED_GAP // 2)[0]
-    return torch.cat([color * alpha, alpha, closed]).flatten(1).T.contiguous().numpy()
+    return torch.cat([color * alpha, alpha, closed, alpha]).flatten(1).T.contiguous().numpy()

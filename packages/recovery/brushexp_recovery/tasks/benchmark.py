@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,9 @@ from brushexp_recovery.benchmark.report_tables import Row
 from brushexp_recovery.benchmark.scenes import KINDS, SEEN, Scene, list_scenes, paint_scene
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import Truth, write_truth
+from brushexp_recovery.model.recovery_model import families_learnt
 from brushexp_recovery.raster.npz import write_npz
+from brushexp_recovery.synthesis.families.family import find_families
 
 log = logging.getLogger(__name__)
 
@@ -49,21 +51,33 @@ class Case:
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, look for strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
     (folder / PAINTINGS).mkdir(exist_ok=True)
-    scenes = list_scenes(cfg.kinds or KINDS, cfg.counts, cfg.repeats)
+    seen = (*SEEN, *families_learnt(cfg.weights))
+    scenes = list_scenes(choose_kinds(cfg, seen), cfg.counts, cfg.repeats)
     methods = choose_methods(cfg)
     rows: list[Row] = []
     for number, scene in enumerate(scenes, start=1):
         for case in paint_cases(scene, cfg, folder / PAINTINGS):
             for name, method in methods.items():
                 prediction, seconds = time_method(method, case)
-                rows.append(score_case(case, name, prediction, seconds, folder / PAINTINGS))
+                rows.append(score_case(case, name, prediction, seconds, folder / PAINTINGS, seen))
             if cfg.add is not None:
                 prediction = read_strokes_of_others(Path(cfg.add), case)
-                rows.append(score_case(case, "add", prediction, float("nan"), folder / PAINTINGS))
+                rows.append(score_case(case, "add", prediction, float("nan"), folder / PAINTINGS, seen))
             write_figures(folder, rows)  # now: the next painting may take minutes
         log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in write_report(folder, rows)))
     return mean_scores(rows)
+
+
+def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
+    """Choose the kinds of paintings: those that are asked for, and not those ``seen`` if only unseen ones are."""
+    kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
+    chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
+    if not chosen:
+        raise UserError(
+            f"{cfg.weights} has learnt from all kinds of kinds=; train with leave_out=[{kinds[0]}], or set unseen=false"
+        )
+    return chosen
 
 
 def choose_methods(cfg: DictConfig) -> dict[str, Method]:
@@ -101,15 +115,17 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
     )
 
 
-def score_case(case: Case, method: str, prediction: Prediction, seconds: float, folder: Path) -> Row:
-    """Score what a method found, and keep its regions in a folder."""
+def score_case(
+    case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
+) -> Row:
+    """Score what a method found, and keep its regions in a folder; ``seen`` are the kinds that recovery learnt from."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)
     return {
         "scene": case.scene.name,
         "kind": case.scene.kind,
-        "seen": case.scene.kind in SEEN,
+        "seen": case.scene.kind in seen,
         "count": case.scene.count,
         "look": case.look,
         "method": method,

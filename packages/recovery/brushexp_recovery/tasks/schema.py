@@ -105,7 +105,8 @@ class BenchmarkTask(Task):
     is_research = True
     module = "brushexp_recovery.tasks.benchmark"
 
-    kinds: list[str] | None = key(None, "of paintings; null = all: those that training has seen, and those it has not")
+    kinds: list[str] | None = key(None, "of paintings: six kinds, or families of paint; null = the six kinds")
+    unseen: bool = key(False, "only kinds that the weights have not learnt from; without kinds=, families of paint too")
     counts: list[int] = key([150, 500, 1500], "numbers of strokes, each for every kind", at_least(1))
     repeats: int = key(1, "paintings of each kind and number", at_least(1))
     side: int = key(512, "of a painting, pixels", between(64, 4096))
@@ -119,8 +120,10 @@ class BenchmarkTask(Task):
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         from brushexp_recovery.benchmark.baselines.methods import METHODS  # noqa: PLC0415
         from brushexp_recovery.benchmark.scenes import KINDS  # noqa: PLC0415
+        from brushexp_recovery.synthesis.families.family import find_families  # noqa: PLC0415
 
-        for name, choices in (("kinds", KINDS), ("methods", tuple(METHODS))):
+        kinds = (*KINDS, *sorted(find_families()))
+        for name, choices in (("kinds", kinds), ("methods", tuple(METHODS))):
             if unknown := [one for one in cfg[name] or () if one not in choices]:
                 raise UserError(f"{name} has no {unknown[0]!r}; choose from: {', '.join(choices)}")
 
@@ -152,7 +155,16 @@ class TrainRecoveryTask(NetworkTask):
     sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")
     paintings: int = key(400, "how many paintings to learn from", at_least(1))
     painters: int = key(1, "processes that make paintings meanwhile", at_least(1))
+    leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
     batch_size: int = key(5, "crops of a step", at_least(1))
     minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
     ema: float = key(0.998, EMA, between(0, 1))
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        from brushexp_recovery.synthesis.families.family import find_families  # noqa: PLC0415
+
+        NetworkTask.check(cfg, overrides)
+        if unknown := [name for name in cfg.leave_out if name not in find_families()]:
+            raise UserError(f"leave_out has no {unknown[0]!r}; choose from: {', '.join(sorted(find_families()))}")

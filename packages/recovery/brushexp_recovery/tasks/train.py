@@ -9,8 +9,15 @@ from omegaconf import DictConfig
 from brushexp.contracts.files import showing
 from brushexp.contracts.pictures import pictures_of
 from brushexp.contracts.runs import provenance_of
-from brushexp_recovery.model.recovery_model import CHECKPOINTS, SHIPPED_WEIGHTS, RecoveryModel, load_model
+from brushexp_recovery.model.recovery_model import (
+    CHECKPOINTS,
+    SHIPPED_WEIGHTS,
+    RecoveryModel,
+    families_learnt,
+    load_model,
+)
 from brushexp_recovery.model.unet import StrokeNetwork
+from brushexp_recovery.synthesis.families.family import find_families
 from brushexp_recovery.synthesis.paintings import PICTURES
 from brushexp_recovery.train.classifiers import fit_classifiers
 from brushexp_recovery.train.data import HELD_OUT_COUNT, VALIDATED, RecoveryData
@@ -34,7 +41,17 @@ class RecoveryJob(NetworkJob):
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.provenance = cfg, provenance_of(cfg)
         self.subjects = pictures_of(PICTURES if cfg.subjects is None else cfg.subjects)
-        self.data = RecoveryData(Path(cfg.sets), self.subjects, cfg.seed, cfg.batch_size, cfg.paintings, cfg.painters)
+        learnt_before = () if cfg.start is None else families_learnt(cfg.start)
+        self.families = sorted((find_families().keys() - set(cfg.leave_out)) | set(learnt_before))
+        self.data = RecoveryData(
+            Path(cfg.sets),
+            self.subjects,
+            cfg.seed,
+            cfg.batch_size,
+            cfg.paintings,
+            cfg.painters,
+            cfg.leave_out,
+        )
         self.started_from = None if cfg.start is None else recipe_of(cfg.start)
         network = StrokeNetwork() if cfg.start is None else load_model(cfg.start).network
         self.module = RecoveryModule(network, cfg.lr, is_trained=cfg.start is not None)
@@ -64,7 +81,11 @@ class RecoveryJob(NetworkJob):
     def _save(self, model: RecoveryModel, figures: dict[str, object]) -> str:
         recipe = {
             "options": {},
-            "data": {"subjects": [Path(name).name for name in self.subjects], "seed": self.cfg.seed},
+            "data": {
+                "subjects": [Path(name).name for name in self.subjects],
+                "seed": self.cfg.seed,
+                "families": self.families,
+            },
             "training": training_recipe(self.module, self.cfg, self.provenance) | {"started_from": self.started_from},
             "figures": figures,
         }

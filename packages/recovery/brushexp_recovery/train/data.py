@@ -5,8 +5,9 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import count, islice
 from pathlib import Path
 
 import lightning as L
@@ -14,7 +15,7 @@ import numpy as np
 from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
 
 from brushexp.contracts import UserError
-from brushexp_recovery.synthesis.paintings import KnownPainting
+from brushexp_recovery.synthesis.paintings import KnownPainting, family_of
 from brushexp_recovery.synthesis.pool import load_painting
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
 
@@ -36,14 +37,27 @@ class RecoveryData(L.LightningDataModule):
     """
 
     def __init__(
-        self, folder: Path, pictures: Sequence[str], seed: int, batch_size: int, paintings: int, painters: int
+        self,
+        folder: Path,
+        pictures: Sequence[str],
+        seed: int,
+        batch_size: int,
+        paintings: int,
+        painters: int,
+        left_out: Iterable[str] = (),
     ) -> None:
-        """Learn from ``paintings`` paintings of ``pictures``, made by ``painters`` processes."""
+        """Learn from the paintings of ``pictures`` numbered below ``paintings``, made by ``painters`` processes.
+
+        Those of the families of paint in ``left_out`` are neither made nor learnt from, even where they are there.
+        """
         super().__init__()
+        self.left_out = frozenset(left_out)
         self.folder, self.pictures, self.seed = folder, list(pictures), seed
         self.batch_size, self.paintings, self.painters = batch_size, paintings, painters
         self.processes: list[subprocess.Popen[bytes]] = []
         self.loaded: dict[Path, KnownPainting] = {}
+        held_out = (number for number in count(FIRST_HELD_OUT) if self._is_learned(number))
+        self.held_out_numbers = list(islice(held_out, HELD_OUT_COUNT))
 
     def setup(self, stage: str) -> None:
         if stage == "fit":
@@ -59,7 +73,8 @@ class RecoveryData(L.LightningDataModule):
         """Begin to make the paintings that are not there yet, in processes of their own."""
         command = [sys.executable, "-m", "brushexp_recovery.synthesis.pool"]
         command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it sees by the number when this process ends
-        held_out = range(FIRST_HELD_OUT, FIRST_HELD_OUT + HELD_OUT_COUNT)
+        command.append(",".join(sorted(self.left_out)))
+        held_out = range(FIRST_HELD_OUT, self.held_out_numbers[-1] + 1)
         parts = [range(first, self.paintings, self.painters) for first in range(self.painters)]
         for numbers in (held_out, *parts):
             words = [str(numbers.start), str(numbers.stop), str(numbers.step), *self.pictures]
@@ -104,10 +119,16 @@ class RecoveryData(L.LightningDataModule):
 
     def _training_paths(self) -> list[Path]:
         most = min(self.paintings, FIRST_HELD_OUT)
-        return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) < most]
+        numbers = {path: int(path.stem) for path in sorted(self.folder.glob(PAINTINGS))}
+        return [path for path, number in numbers.items() if number < most and self._is_learned(number)]
 
     def _held_out_paths(self) -> list[Path]:
-        return [path for path in sorted(self.folder.glob(PAINTINGS)) if int(path.stem) >= FIRST_HELD_OUT]
+        paths = [self.folder / f"{number:06d}.npz" for number in self.held_out_numbers]
+        return [path for path in paths if path.is_file()]
+
+    def _is_learned(self, number: int) -> bool:
+        """Tell whether a painting is of no family that is left out."""
+        return family_of(self.seed, number) not in self.left_out
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
         """Wait until there are so many paintings; a UserError if no process makes them any more."""

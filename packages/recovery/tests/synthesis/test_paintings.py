@@ -29,6 +29,7 @@ def test_the_truth_of_a_painting_is_that_of_its_strokes():
 def test_a_painting_is_decided_by_its_seed_and_number(number, monkeypatch):
     monkeypatch.setattr(paintings, "PAINTING_SIDE", 96)
     monkeypatch.setattr(paintings, "STROKES", (8, 20))
+    monkeypatch.setattr(paintings, "FAMILY_STROKES", (8, 20))
     monkeypatch.setattr(paintings, "MOST_FLUID", 8)
     one, two = (paint(3, number, PICTURES) for _ in range(2))
     for name, value in vars(one).items():

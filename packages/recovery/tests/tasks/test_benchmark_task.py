@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import pytest
 from brushexp_recovery.tasks import benchmark, score
@@ -23,6 +24,17 @@ def test_one_command_paints_looks_and_scores(run_task, tmp_path):
     assert result["f1"] == pytest.approx(float(rows[0]["f1"]), abs=1e-3)
 
 
+def test_only_kinds_that_the_weights_have_not_learnt_from_are_painted(run_task, tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, "families_learnt", lambda _: ("washes",))
+    words = ("task=benchmark", "counts=[6]", "side=64", "hard=false", "unseen=true", "repeats=2")
+    run_task(benchmark, *words, "kinds=[textured,washes,dabs]", "methods=[superpixels]")
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "figures.csv").read_text())))
+    assert [(row["scene"], row["seen"]) for row in rows] == [("dabs-6", "False"), ("dabs-6-1", "False")]
+    (line,) = [line for line in (tmp_path / "summary.md").read_text().splitlines() if "mean of kinds" in line]
+    low, mean, high = (float(value) for value in re.search(r"([\d.]+) \(([\d.]+) to ([\d.]+)", line).group(2, 1, 3))
+    assert low <= mean <= high
+
+
 def test_strokes_of_others_are_scored_beside_methods(run_task, tmp_path):
     run_task(benchmark, "task=benchmark", *WORDS, "methods=[]", "hard=false")
     (tmp_path / "mine").mkdir()
@@ -36,6 +48,8 @@ def test_strokes_of_others_are_scored_beside_methods(run_task, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("kinds=[nope]",), "kinds has no 'nope'; choose from: textured"),
+        (("kinds=[textured]", "unseen=true"), "has learnt from all kinds"),
         (("methods=[nope]",), "methods has no 'nope'; choose from: recovery"),
         (("methods=[recovered_curves]", "weights=mine.safetensors"), r"mine\.safetensors"),
         (("methods=[]", "add=."), r"has no strokes of knife-12; write knife-12\.npz there"),

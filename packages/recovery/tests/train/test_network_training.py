@@ -1,5 +1,6 @@
 """The network learns from crops of a pool of paintings, and is compared with the known strokes meanwhile."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import torch
 from brushexp_recovery.model.channels import AFFINITY_OFFSETS, CHANNELS, PAINT, StrokeAttribute
 from brushexp_recovery.model.recovery_model import RecoveryModel
+from brushexp_recovery.synthesis import pool as pool_of_paintings
 from brushexp_recovery.synthesis.pool import save_painting
 from brushexp_recovery.train import data
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
@@ -95,6 +97,23 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
         pool.held_out(VALIDATED + 1)
     pool.teardown("fit")
     assert not pool.processes
+
+
+def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_from(tmp_path, monkeypatch):
+    families = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}
+    monkeypatch.setattr(data, "family_of", lambda _, number: families.get(number))
+    monkeypatch.setattr(pool_of_paintings, "family_of", lambda _, number: families.get(number))
+    monkeypatch.setattr(pool_of_paintings, "paint", lambda *_: bars())
+    every = [*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + 3)]
+    pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, every, [], ["dabs"])
+    assert not (tmp_path / "000000.npz").is_file()
+    save_painting(tmp_path / "000000.npz", bars())  # of a training that did not leave it out
+    some = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1, left_out=["dabs"])
+    some.batch(0)
+    assert sorted(path.stem for path in some.loaded) == ["000001", "000002"]
+    assert some.held_out_numbers[:2] == [FIRST_HELD_OUT, FIRST_HELD_OUT + 2]
+    assert len(some.held_out_numbers) == data.HELD_OUT_COUNT
+    assert len(some.held_out(2)) == 2
 
 
 def maps_of(labels: np.ndarray) -> torch.Tensor:

@@ -1,0 +1,45 @@
+"""The place on a line that is nearest to a pixel, compiled."""
+# mypy: allow-untyped-defs
+
+import numpy as np
+
+from brushexp.contracts.kernels import inline
+
+F = np.float32
+
+
+@inline
+def unit(value):
+    """Clamp a number to 0 and 1."""
+    return min(max(value, F(0)), F(1))
+
+
+@inline
+def length_of_line(points):
+    """Measure a line through points (P, 2)."""
+    length = F(0)
+    for k in range(len(points) - 1):
+        length += np.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
+    return max(length, F(1e-3))
+
+
+@inline
+def nearest_place(points, x, y):
+    """Find the place on a line through points (P, 2) that is nearest to a pixel.
+
+    Returns the squared distance, the way along the line, which goes on straight beyond its ends, and the way across.
+    """
+    pieces = len(points) - 1
+    best, along, across, before = F(1e9), F(0), F(0), F(0)
+    for k in range(pieces):
+        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        long = max(np.hypot(dx, dy), F(1e-6))
+        px, py = x - points[k, 0], y - points[k, 1]
+        u, v = (px * dx + py * dy) / long, (py * dx - px * dy) / long
+        inner = min(max(u, F(0)), long)
+        apart = (u - inner) ** 2 + v * v
+        if apart < best:
+            first, last = k == 0 and u < 0, k == pieces - 1 and u > long
+            best, along, across = apart, before + (u if first or last else inner), v
+        before += long
+    return best, along, across

@@ -1,0 +1,57 @@
+"""Real strokes: scans of acrylic by a flat brush, from full to dry, bent along curves and inked again.
+
+The scans are those of Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
+straightens them.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from brushexp_recovery.synthesis.choices import choose_hand
+from brushexp_recovery.synthesis.families.family import PaintFamily
+from brushexp_recovery.synthesis.hand import Hand, Random
+from brushexp_recovery.synthesis.sheets import Sheet, draw_bristles, grey_tint
+
+Array = NDArray[Any]
+
+SCANS = Path(__file__).parents[1] / "scans" / "strokes.png"  # sheets one below the other
+ROWS, COLUMNS = 160, 64  # of a sheet
+
+
+class Scanned(PaintFamily):
+    """Scanned strokes: each is one scan, mirrored or not, with more or less paint."""
+
+    def __init__(self, random: Random) -> None:
+        super().__init__(random)
+        sheets = read_scans()
+        some = random.choice(len(sheets), int(random.integers(4, len(sheets) + 1)), replace=False)
+        self.sheets = sheets[some]
+        self.load = float(np.exp(random.uniform(-0.9, 0.6)))
+        self.streak = float(random.choice([0.0, 0.05, 0.12]))
+
+    def choose_hand(self) -> Hand:
+        aspect = float(np.exp(self.random.uniform(np.log(2), np.log(9))))
+        hand = choose_hand(self.random)
+        return replace(hand, aspect=(aspect, hand.aspect[1]), row=int(self.random.choice([1, 1, 3, 8])))
+
+    def draw(self, length: float) -> Sheet:
+        random = self.random
+        cover = self.sheets[int(random.integers(len(self.sheets)))].astype(np.float32) / 255
+        cover = cover[:, ::-1] if random.random() < 0.5 else cover
+        cover = cover ** np.float32(self.load * np.exp(0.2 * random.normal()))
+        bristles = draw_bristles(random, *cover.shape)
+        tone = (1 + self.streak * bristles).astype(np.float32)
+        return Sheet(cover, grey_tint(tone), cover * (1 + 0.3 * bristles).astype(np.float32))
+
+
+@cache
+def read_scans() -> Array:
+    """Read the sheets (N, `ROWS`, `COLUMNS`) uint8 of all scans."""
+    picture = np.asarray(Image.open(SCANS))
+    return picture.reshape(-1, ROWS, COLUMNS)

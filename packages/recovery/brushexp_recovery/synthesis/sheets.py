@@ -1,0 +1,184 @@
+"""Straight pictures of strokes, and strokes drawn by bending them along curves."""
+# mypy: allow-untyped-defs
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.contracts.kernels import function
+from brushexp_recovery.curves.bezier import points_on
+from brushexp_recovery.curves.nearest import length_of_line, nearest_place, unit
+from brushexp_recovery.raster.blur import gaussian_blur
+from brushexp_recovery.synthesis.hand import Random
+from brushexp_recovery.synthesis.layout import StrokeLayout
+from brushexp_recovery.synthesis.marks import POINTS
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
+
+Array = NDArray[Any]
+F = np.float32
+
+BEYOND_ENDS = 0.3  # widths that a sheet shows beyond either end of a stroke
+BEYOND_SIDES = 0.15  # widths that it shows beyond either side
+COLUMNS = 36  # of a sheet that is drawn by a formula
+MOST_ROWS = 320
+MARGIN = 2.0  # pixels around a stroke
+GAP_SHARE = 0.15  # of the width: gaps between specks of paint so narrow are of the stroke's region
+NARROWEST_GAP = 5  # pixels
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A straight stroke: rows run along it, from `BEYOND_ENDS` before its start; columns across it."""
+
+    cover: Array  # (A, C) float32 in [0, 1], the coverage of paint
+    tint: Array  # (A, C, 3) float32, by which the colour of the stroke is multiplied
+    height: Array  # (A, C) float32, of the paint; 1 is full
+
+    def reduce(self, width: float) -> "Sheet":
+        """Average blocks of a sheet until it is about as fine as the pixels of a stroke of a ``width``."""
+        cover, tint, height = self.cover, self.tint, self.height
+        while cover.shape[1] > 2.6 * max(width, 4.0) and min(cover.shape) >= 4:
+            cover, tint, height = _halve(cover), _halve(tint), _halve(height)
+        return Sheet(np.ascontiguousarray(cover), np.ascontiguousarray(tint), np.ascontiguousarray(height))
+
+
+def _halve(values: Array) -> Array:
+    """Average blocks of two by two."""
+    rows, columns = (size // 2 * 2 for size in values.shape[:2])
+    return 0.25 * sum(values[i:rows:2, j:columns:2] for i in range(2) for j in range(2))
+
+
+def places_across(columns: int) -> Array:
+    """Return where the columns of a sheet lie, in half widths from the middle of the stroke."""
+    return np.linspace(-1 - 2 * BEYOND_SIDES, 1 + 2 * BEYOND_SIDES, columns)
+
+
+def ends_of(rows: int, length: float) -> Array:
+    """Return how far the rows of a sheet lie within a stroke ``length`` widths long, in widths from its nearer end."""
+    along = np.linspace(-BEYOND_ENDS, length + BEYOND_ENDS, rows)
+    return np.minimum(along, length - along)
+
+
+def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
+    """Draw smooth noise of mean 0 and deviation 1."""
+    noise = gaussian_blur(random.normal(size=size), sigma)
+    return (noise - noise.mean()) / max(noise.std(), 1e-6)
+
+
+def draw_bristles(random: Random, rows: int, columns: int) -> Array:
+    """Draw how the bristles of a brush differ, (A, C): each from the others, and each slowly along the stroke."""
+    slow = smooth_noise(random, (rows, columns), (0.01 * rows * random.uniform(2, 25), random.uniform(0.3, 1.2)))
+    own = smooth_noise(random, (1, columns), (0, random.uniform(0.3, 1.5)))
+    share = random.uniform(0.2, 0.9)
+    return (1 - share) * slow + share * own
+
+
+def draw_outline(random: Random, rows: int, columns: int, length: float, rough: float, ends: float) -> Array:
+    """Draw the coverage (A, C) of a brush with rough sides whose ends narrow over ``ends`` widths.
+
+    ``rough`` is the deviation of the sides, in half widths, and of the ends between bristles, in widths.
+    """
+    across = places_across(columns)
+    ragged = rough * smooth_noise(random, (2, columns), (0, random.uniform(0.4, 2)))
+    near = (np.arange(rows) * 2 >= rows).astype(int)
+    tip = ends_of(rows, length)[:, None] + ragged[near]
+    sides = 1 + rough * smooth_noise(random, (rows, 2), (0.01 * rows * random.uniform(2, 12), 0))
+    edge = sides[:, (across > 0).astype(int)] * np.sqrt(1 - (1 - np.clip(tip / ends, 0, 1)) ** 2)
+    soft = 2.5 / columns
+    cover = np.clip((edge - np.abs(across)) / soft + 0.5, 0, 1) * np.clip(tip * columns + 0.5, 0, 1)
+    return cover.astype(F)
+
+
+def grey_tint(tone: Array) -> Array:
+    """Make a tint (A, C, 3) that changes lightness alone."""
+    return np.repeat(tone[..., None], 3, 2)
+
+
+def rows_for(length: float) -> int:
+    """Return how many rows a sheet of a stroke of a ``length`` in widths needs."""
+    return int(np.clip(COLUMNS * (length + 2 * BEYOND_ENDS), 16, MOST_ROWS))
+
+
+def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeWindows:
+    """Draw each stroke with a sheet of its own, in windows as large as they are, a texel a pixel.
+
+    ``draw`` makes a sheet for a stroke whose length is so many widths.
+    """
+    reach = layout.width[:, None] * (0.5 + BEYOND_SIDES + BEYOND_ENDS) + MARGIN
+    low, high = layout.curve.min(1) - reach, layout.curve.max(1) + reach
+    side = np.ceil((high - low).max(1)).astype(int)
+    corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
+    points = points_on(layout.curve - corner[:, None], POINTS).astype(F)
+    windows = []
+    for k in range(len(layout)):
+        width = max(float(layout.width[k]), 1e-3)
+        steps = np.linalg.norm(np.diff(points[k], axis=0), axis=1)
+        sheet = draw(float(steps.sum()) / width).reduce(width)
+        texels = np.zeros((int(side[k]), int(side[k]), len(Texel)), F)
+        _bend(
+            points[k],
+            F(width),
+            layout.color[k].astype(F),
+            sheet.cover.astype(F),
+            sheet.tint.astype(F),
+            sheet.height.astype(F),
+            texels,
+        )
+        windows.append(_close_gaps(texels, width))
+    return StrokeWindows(
+        texels=np.concatenate(windows),
+        first=first_texels(side),
+        side=side,
+        position=corner + 0.5 * side[:, None],
+        scale=side.astype(float),
+        curve=layout.curve,
+        width=layout.width,
+    )
+
+
+def _close_gaps(window: Array, width: float) -> Array:
+    """Complete texels (S, S, len(Texel)) with their coverage whose gaps are closed: (S * S, len(Texel))."""
+    from scipy.ndimage import grey_closing  # noqa: PLC0415
+
+    size = max(NARROWEST_GAP, round(GAP_SHARE * width))
+    window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=size)
+    return window.reshape(-1, len(Texel))
+
+
+@function
+def _bend(points, width, color, cover, tint, height, texels):
+    """Draw a sheet along ``points`` (P, 2) into texels (S, S, len(Texel)), which are 0: all but `CLOSED`."""
+    side, rows, columns = len(texels), cover.shape[0], cover.shape[1]
+    length = length_of_line(points)
+    reach = (F(0.5) + F(BEYOND_SIDES)) * width
+    ends = F(BEYOND_ENDS) * width
+    for y in range(side):
+        for x in range(side):
+            _, along, across = nearest_place(points, x + F(0.5), y + F(0.5))
+            if abs(across) > reach or along < -ends or along > length + ends:
+                continue
+            row = (along + ends) / (length + 2 * ends) * (rows - 1)
+            column = (across + reach) / (2 * reach) * (columns - 1)
+            top, left = min(int(row), rows - 2), min(int(column), columns - 2)
+            down, right = row - top, column - left
+            paint, high = F(0), F(0)
+            red, green, blue = F(0), F(0), F(0)
+            for i in range(2):
+                for j in range(2):
+                    share = (down if i else 1 - down) * (right if j else 1 - right)
+                    here = share * cover[top + i, left + j]
+                    paint += here
+                    high += share * height[top + i, left + j]
+                    red += here * tint[top + i, left + j, 0]
+                    green += here * tint[top + i, left + j, 1]
+                    blue += here * tint[top + i, left + j, 2]
+            if paint <= 0:
+                continue
+            texels[y, x, 0] = paint * unit(color[0] * red / paint)
+            texels[y, x, 1] = paint * unit(color[1] * green / paint)
+            texels[y, x, 2] = paint * unit(color[2] * blue / paint)
+            texels[y, x, Texel.ALPHA] = paint
+            texels[y, x, Texel.HEIGHT] = high
