@@ -18,7 +18,7 @@ from brushexp_recovery.synthesis.paintings import KnownPainting
 Array = NDArray[Any]
 
 CROP_SIDE = 160  # pixels
-ZOOMS = (0.4, 3.0)  # smallest and largest
+ZOOMS = (0.15, 3.0)  # smallest and largest: strokes of 100 pixels become as wide as the network knows them
 WIDTH_SPREAD = 0.35  # of the logarithm of widths around the one of training
 WIDE_SHARE = 0.25  # share of the crops whose widths are spread evenly over a wide range
 WIDE_RANGE = (-1.4, 1.0)  # of the logarithm of their widths

@@ -1,0 +1,133 @@
+"""At which scale are strokes found best, and which criterion would choose it? Known paintings at wrong resolutions.
+
+    python benchmarks/recovery_scale.py scales.csv --kinds impasto scanned daubs textured --repeats 3
+
+Paints each kind ``--repeats`` times, enlarges or reduces the picture by each of ``--sizes``, and recovers its strokes
+at each scale of ``--ladder``. The file gets a line per painting, size and scale: F1, and what a criterion may look at
+that does not know the truth. Lines that are there are kept, so that a run that was cut short goes on. At the end it
+prints, per criterion, how often the chosen scale lies within 1.4 times the best one, and F1 there.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+import torch
+from brushexp_recovery.benchmark.scenes import list_scenes, paint_scene
+from brushexp_recovery.find.regions import find_regions
+from brushexp_recovery.find.scale import find_zoom
+from brushexp_recovery.model.recovery_model import load_model
+from brushexp_recovery.raster.labels import count_pixels
+from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
+from brushexp_recovery.raster.resampling import nearest_pixels, resample
+
+LADDER = (0.1, 0.14, 0.2, 0.28, 0.4, 0.56, 0.8, 1.1, 1.5, 2.1, 3.0)
+SEED = 61
+NEAR = 1.4  # times the best scale, within which a scale is near it
+SHORTEST_SIDE, LONGEST_SIDE = 40, 1400  # pixels of a picture at a scale, outside of which it is left out
+LEAST_PIXELS = 12  # of a stroke that counts
+FEWEST_REGIONS = 25  # of the candidate criterion
+GAIN = 1.05  # by which it must beat the present choice
+FIELDS = ("kind", "number", "size", "scale", "is_present", "f1", "regions", "explained", "chance")
+
+
+def f1_of(known, found):
+    """Compute F1 at an IoU of 0.5 of two label images (H, W)."""
+    counts = [count_pixels(labels, int(labels.max()) + 1) for labels in (known, found)]
+    iou = overlaps_between(known, found, len(counts[0]), len(counts[1])).iou
+    return 2 * (iou >= MATCH_IOU).sum() / max(sum((count >= LEAST_PIXELS).sum() for count in counts), 1)
+
+
+def look_at(model, image, labels, scale):
+    """Recover strokes at a scale, and compute F1 and the figures that need no truth."""
+    regions = find_regions(model, image, scale, 1, lambda *_: None)
+    area = count_pixels(regions.labels, len(regions.chance))
+    return {
+        "f1": f1_of(labels, regions.labels),
+        "regions": len(area),
+        "explained": (area * regions.chance).sum() / labels.size,
+        "chance": regions.chance.mean() if len(area) else 0.0,
+    }
+
+
+def measure(options, path, done):
+    """Write the lines that are not there yet."""
+    model = load_model(options.weights)
+    classifiers = model.classifiers()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS)
+        if not done:
+            writer.writeheader()
+        for scene in list_scenes(options.kinds, [options.count], options.repeats):
+            painting = paint_scene(scene, options.side, SEED)
+            for size in options.sizes:
+                place = {"kind": scene.kind, "number": scene.number, "size": size}
+                if tuple(map(str, place.values())) in done:
+                    continue
+                image = resample(painting.clean.astype(np.float32), size)
+                rows = np.ix_(
+                    *(nearest_pixels(a, b) for a, b in zip(image.shape, painting.truth.labels.shape, strict=False))
+                )
+                labels = painting.truth.labels[rows]
+                present = find_zoom(model, classifiers, image)
+                sides = [(scale, scale * max(labels.shape)) for scale in options.ladder]
+                ladder = [scale for scale, side in sides if SHORTEST_SIDE <= side <= LONGEST_SIDE]
+                lines = [
+                    place | {"scale": scale, "is_present": int(scale == present)} | look_at(model, image, labels, scale)
+                    for scale in (present, *ladder)
+                ]
+                writer.writerows(lines)  # all of a picture, or none
+                file.flush()
+
+
+def candidate(lines):
+    """Choose the scale whose regions, if enough, explain most, and clearly more than those of the present one."""
+    present = next(line for line in lines if int(line["is_present"]))
+    enough = [line for line in lines if int(line["regions"]) >= FEWEST_REGIONS] or [present]
+    best = max(enough, key=lambda line: float(line["explained"]))
+    return best if float(best["explained"]) > GAIN * float(present["explained"]) else present
+
+
+CRITERIA = {
+    "present": lambda lines: next(line for line in lines if int(line["is_present"])),
+    "explained": lambda lines: max(lines, key=lambda line: float(line["explained"])),
+    "explained by 25 regions, 5 % better": candidate,
+    "the truth": lambda lines: max(lines, key=lambda line: float(line["f1"])),
+}
+
+
+def report(rows):
+    """Print how well each criterion chooses."""
+    pictures = {}
+    for row in rows:
+        pictures.setdefault((row["kind"], row["number"], row["size"]), []).append(row)
+    print(f"{len(pictures)} pictures\n\n| criterion | within {NEAR} times the best | F1 |\n|---|---:|---:|")
+    for name, choose in CRITERIA.items():
+        chosen = [choose(lines) for lines in pictures.values()]
+        best = [CRITERIA["the truth"](lines) for lines in pictures.values()]
+        ratio = [abs(np.log(float(a["scale"]) / float(b["scale"]))) for a, b in zip(chosen, best, strict=True)]
+        near = np.mean(np.array(ratio) <= np.log(NEAR) + 1e-9)
+        print(f"| {name} | {near:.2f} | {np.mean([float(line['f1']) for line in chosen]):.3f} |")
+
+
+def main():
+    """Measure, then report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--kinds", nargs="*", default=["impasto", "scanned", "daubs", "textured"])
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--side", type=int, default=256)
+    parser.add_argument("--sizes", type=float, nargs="*", default=[0.5, 1.0, 2.5])
+    parser.add_argument("--ladder", type=float, nargs="*", default=LADDER)
+    parser.add_argument("--weights", default="strokes")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    rows = list(csv.DictReader(options.file.open())) if options.file.is_file() else []
+    measure(options, options.file, {(row["kind"], row["number"], row["size"]) for row in rows})
+    report(csv.DictReader(options.file.open()))
+
+
+if __name__ == "__main__":
+    main()
