@@ -1,1 +1,1 @@
-"""Changes of a painting: guides, one region, tubes and brushes of a table, sizes of strokes, wet paint, grounds."""
+"""Changes to a painting: guides, one region, a table's tubes and brushes, stroke sizes, wet paint, random grounds."""

@@ -1,4 +1,4 @@
-"""Paint on a ground of another colour at each step, so that the strokes close the cracks between them."""
+"""Change the ground's colour at each step, so that strokes close the gaps between them."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -15,13 +15,13 @@ from brushexp_changes.steps import check_steps
 @register("change", "random_ground")
 @dataclass(kw_only=True)
 class RandomGround(Change):
-    """Paint each step on a ground of a random colour: where it shows, the loss sees it.
+    """Paint each step on a ground of a random colour, so that the loss penalises bare ground.
 
-    Strokes then lie closer, or more opaque, than on a ground that happens to have the colour of the picture. Steps that
-    look at a part of the picture keep the ground.
+    Strokes end up closer together or more opaque than on a ground that happens to match the picture. Steps that look at
+    only a part of the picture keep the painting's own ground.
 
     Args:
-        until: share of the steps after which the ground is its own again.
+        until: share of the steps after which the painting's own ground returns.
     """
 
     until: Annotated[float, between(0, 1)] = 0.9
@@ -36,5 +36,5 @@ class RandomGround(Change):
 
 
 def random_color(like: Tensor, step: int) -> Tensor:
-    """Draw the colour (3,) of a step, which a resumed run draws again."""
+    """Draw the colour (3,) of a step from its number, so that a resumed run draws the same one."""
     return torch.rand(like.shape, generator=torch.Generator().manual_seed(step), dtype=like.dtype).to(like.device)

@@ -1,4 +1,4 @@
-"""Keep the thickness of strokes between that of a smallest and a largest brush while they are optimised."""
+"""Keep stroke thickness between that of a smallest and a largest brush during optimisation."""
 
 import math
 import re
@@ -14,12 +14,12 @@ from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes, half_width_of
 from brushexp_changes.steps import check_steps
 
-LEAST_THICKNESS = 1e-6  # pixels: none is smaller where one is divided by it
+LEAST_THICKNESS = 1e-6  # pixels: lower bound of divisors
 MM_PER_CM = 10
 
 
 def size_from(text: str, option: str) -> tuple[float, str]:
-    """Read ``3``, ``3px`` or ``2.5mm`` as a number and its unit, px or mm; a UserError for anything else."""
+    """Parse ``3``, ``3px`` or ``2.5mm`` into a number and its unit, px or mm; raise UserError for anything else."""
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(px|mm)?", text)
     if found is None or not math.isfinite(float(found[1])):
         word = option.rpartition(".")[2]
@@ -33,16 +33,16 @@ SIZE = Rule(size_from)
 @register("change", "sizes")
 @dataclass(kw_only=True)
 class Sizes(Change):
-    """Strokes between a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
+    """Bound stroke thickness by a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
 
-    After every step a stroke that is thinner or thicker goes to the nearest thickness that is allowed, as a projected
-    gradient; one that widens does so within the bounds. So the others do what it no longer can. Points of a tapered
-    stroke, and bristles, may be thinner.
+    After every step, each thickness is clamped to the bounds (projected gradient), and so is the widening of a stroke;
+    the other strokes then make up for what a clamped stroke cannot do. The tips of tapered strokes, and bristles, may
+    be thinner.
 
     Args:
-        smallest: thickness of the thinnest strokes, in pixels of the painting (3) or in mm (2mm); null for no bound.
-        largest: thickness of the thickest strokes, in the same units; null for no bound.
-        width_cm: width of the painting, for millimetres.
+        smallest: minimum stroke thickness, in pixels of the painting (3) or in mm (2mm); null = no bound.
+        largest: maximum stroke thickness, in the same units; null = no bound.
+        width_cm: width of the painting in cm, used to convert millimetres.
     """
 
     smallest: Annotated[str, SIZE] | None = None
@@ -50,7 +50,7 @@ class Sizes(Change):
     width_cm: Annotated[float, above(0, 2000)] = 30.0
 
     def __post_init__(self) -> None:
-        if len({unit for _, unit in self._sizes() if unit}) == 1:  # else it depends on the picture
+        if len({unit for _, unit in self._sizes() if unit}) == 1:  # otherwise it depends on the picture
             self.bounds(1)
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
@@ -65,9 +65,9 @@ class Sizes(Change):
         return self.within(strokes, state.size[1], state.zoom)
 
     def within(self, strokes: Strokes, width: int, zoom: float = 1.0) -> Strokes:
-        """Bring strokes to the nearest thickness that is allowed on a picture so many pixels wide.
+        """Clamp stroke thickness to the bounds, on a picture ``width`` pixels wide.
 
-        The painting has ``zoom`` pixels for one of that picture.
+        ``zoom`` is the number of pixels of the painting per pixel of that picture.
         """
         low, high = self.bounds(width, zoom)
         thick = (2 * half_width_of(strokes)).clamp_min(LEAST_THICKNESS)
@@ -77,7 +77,7 @@ class Sizes(Change):
         return replace(strokes, width=strokes.width * (allowed / thick), widening=widening)
 
     def bounds(self, width: int, zoom: float = 1.0) -> tuple[float, float]:
-        """Return the least and the greatest thickness in pixels of a picture so many pixels wide; `within` has more."""
+        """Return the minimum and maximum thickness in pixels; `within` documents the arguments."""
         scale = {"px": 1 / zoom, "mm": width / (MM_PER_CM * self.width_cm), "": 1.0}
         low, high = (size * scale[unit] for size, unit in self._sizes())
         if low > high:
@@ -86,6 +86,6 @@ class Sizes(Change):
         return low, max(high, LEAST_THICKNESS)
 
     def _sizes(self) -> tuple[tuple[float, str], tuple[float, str]]:
-        """Read both bounds; those that are not given have no unit."""
+        """Parse both bounds; a missing bound has no unit."""
         low = (0.0, "") if self.smallest is None else size_from(self.smallest, "change.sizes.smallest")
         return low, (math.inf, "") if self.largest is None else size_from(self.largest, "change.sizes.largest")

@@ -1,4 +1,4 @@
-"""What changes of the steps have in common: only a painter that takes steps can be asked for them."""
+"""Check shared by changes that act during the steps: they need a painter that takes steps."""
 
 from omegaconf import DictConfig
 
@@ -7,7 +7,7 @@ from brushexp.contracts.families import Painter
 
 
 def check_steps(cfg: DictConfig, word: str) -> None:
-    """Refuse (UserError) another painter than gradient; ``word`` is what was typed: ``guides=lines.png``."""
+    """Raise UserError for any painter but gradient; ``word`` is what the user typed, such as ``guides=lines.png``."""
     if isinstance(keep_built(cfg.painter), Painter):
         key, painter = word.partition("=")[0], plugin_of(cfg.painter).name
         raise UserError(f"{word} is for painter=gradient, not {painter}; drop painter, or drop {key}")

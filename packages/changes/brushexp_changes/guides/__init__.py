@@ -1,1 +1,1 @@
-"""Strokes follow lines that are drawn by hand: ``guides=lines.png``."""
+"""Make strokes follow hand-drawn lines: ``guides=lines.png``."""

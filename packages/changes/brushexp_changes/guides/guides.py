@@ -1,4 +1,4 @@
-"""Let first strokes follow lines that are drawn by hand."""
+"""Align the first strokes with hand-drawn lines."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -17,12 +17,12 @@ from brushexp_changes.steps import check_steps
 @register("change", "guides")
 @dataclass(kw_only=True)
 class Guides(Change):
-    """First strokes near lines that are drawn by hand follow these: ``guides=lines.png``.
+    """Align the first strokes with nearby hand-drawn lines: ``guides=lines.png``.
 
-    They keep middle, length, width and colour, and the steps go on from there.
+    The strokes keep their middle, length, width and colour, and the steps start from there.
 
     Args:
-        lines: picture of lines that strokes follow, of any colour on white or nothing, in the shape of the painting.
+        lines: picture of the lines to follow, in any colour on white or transparent ground, shaped like the painting.
     """
 
     lines: Annotated[str, PICTURE] | None = None

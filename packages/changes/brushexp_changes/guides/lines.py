@@ -1,4 +1,4 @@
-"""Turn strokes near lines so that they follow them."""
+"""Align strokes with nearby lines."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,23 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pictures import FarStructure, along_edges, load_picture, sampled_at
 from brushexp.contracts.strokes import Strokes, curve_of, direction_of, length_of, point_at
 
-REACH = 0.05  # longer sides of the picture, from a line: there a line and the picture have the same say
-LEAST_SAY = 0.1  # of lines, below which a stroke stays as it is
-INK = 0.2  # difference from white that makes a pixel one of a line: JPEG leaves some around lines
-SMOOTH = ((0.003, 1.0), (REACH, 0.01))  # longer sides over which directions of lines are smoothed, and weights
-SUBSTEPS = 4  # points of a stroke on each side of its middle
+REACH = 0.05  # distance from a line at which both have equal weight, in longer sides of the picture
+LEAST_SAY = 0.1  # weight of the lines below which a stroke is left alone
+INK = 0.2  # difference from white above which a pixel is a line's; JPEG leaves traces around lines
+SMOOTH = ((0.003, 1.0), (REACH, 0.01))  # smoothing radii for line directions, in longer sides, and their weights
+SUBSTEPS = 4  # steps from the middle of a stroke to each end
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Directions of lines: their ``say`` (H, W), 1 on a line and 0 far away, and ``doubled`` unit ones (2, H, W)."""
+    """Line directions: weights ``say`` (H, W), 1 on a line and 0 far away, and unit vectors ``doubled`` (2, H, W)."""
 
     say: Array
     doubled: Array
 
     def directions(self, points: Array, own: Array) -> Array:
-        """Mix doubled directions (n, 2) with those of the lines at points (n, 2); unit ones (n, 2), not doubled."""
+        """Blend doubled directions ``own`` (n, 2) with the lines' at points (n, 2); return plain unit vectors."""
         say = sampled_at(self.say, *points.T)[:, None]
         x, y = (say * sampled_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)
@@ -34,7 +34,7 @@ class Lines:
 
 
 def load_lines(path: str, size: tuple[int, int]) -> Lines:
-    """Load a picture of lines for a canvas of ``size`` (H, W); a UserError if there are none in it."""
+    """Load a picture of lines for a canvas of ``size`` (H, W); raise UserError if it contains none."""
     picture = load_picture(path, max(size), "guides")
     picture = functional.interpolate(picture[None], size, mode="bilinear", align_corners=False)[0]
     ink = (1 - picture).amax(0).numpy().astype(np.float64)
@@ -46,7 +46,7 @@ def load_lines(path: str, size: tuple[int, int]) -> Lines:
 
 
 def lines_of(ink: Array) -> Lines:
-    """Find the directions of lines in a picture (H, W), 0 to 1, where their ink is 1."""
+    """Find the directions of lines in a picture of their ink (H, W), 0 to 1."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
     side = max(ink.shape)
@@ -58,7 +58,7 @@ def lines_of(ink: Array) -> Lines:
 
 @torch.no_grad()
 def follow(strokes: Strokes, lines: Lines) -> Strokes:
-    """Turn and bend N strokes near lines; middle, length, width and colour stay, and all others stay to the bit."""
+    """Align N strokes with nearby lines, keeping middle, length, width and colour; other strokes stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
     rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)
@@ -73,7 +73,7 @@ def follow(strokes: Strokes, lines: Lines) -> Strokes:
 
 
 def _trace(lines: Lines, point: Array, own: Array, ahead: Array, reach: Array) -> Array:
-    """Go from points (n, 2) along the lines, first ``ahead`` (n, 2), by ``reach`` (n,) pixels in all."""
+    """Trace the lines from points (n, 2) for ``reach`` (n,) pixels, setting out in directions ``ahead`` (n, 2)."""
     for _ in range(SUBSTEPS):
         point = point + ahead * (reach / SUBSTEPS)[:, None]
         turned = lines.directions(point, own)

@@ -1,1 +1,1 @@
-"""One region of a painting is repainted: ``region=mask.png``."""
+"""Repaint one region of a painting: ``region=mask.png``."""

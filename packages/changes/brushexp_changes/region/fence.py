@@ -11,17 +11,17 @@ from brushexp.contracts.families import ExportJob, reach_of
 from brushexp.contracts.kernels import TILE
 from brushexp.contracts.strokes import FIELDS, Catalogue, Strokes, curve_of, half_width_of, point_at
 
-SAMPLES = 33  # points of a curve at which its distance from the outside is looked up
+SAMPLES = 33  # points per curve at which the distance to the outside is looked up
 SLACK = 0.75  # pixels: a point is at most 0.71 from the middle of its pixel; the rest is for rounding
-SLACK_OF_KEPT = 0.73  # pixels, of a stroke that lay inside before it was stored, and rounded
-SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "widening")  # where a stroke is
+SLACK_OF_KEPT = 0.73  # pixels, for strokes that were inside before storage rounded them
+SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "widening")
 
 
 class Fence(nn.Module):
-    """A limit of strokes: those that lie wholly inside a region may change there, and all others stay to the bit.
+    """Limit changes to strokes that lie wholly inside a region, and keep them there; all others stay bit-identical.
 
-    How thick paint is in the light goes by the median width of all strokes. So a stroke broader than it stays broader,
-    a narrower one narrower, and the median is the same to the bit.
+    The height of lit paint is relative to the median width of all strokes. A stroke above the median therefore stays
+    above it, a narrower stroke stays below it, and the median is bit-identical.
     """
 
     room: Tensor
@@ -29,16 +29,16 @@ class Fence(nn.Module):
 
     def __init__(self, strokes: Strokes, room: Tensor, edge: float) -> None:
         super().__init__()
-        self.first = Catalogue(strokes, {})  # the very bits
+        self.first = Catalogue(strokes, {})  # bit-identical
         self.register_buffer("room", room, persistent=False)
         self.edge = edge
         self.register_buffer("inner", self.holds(strokes), persistent=False)
 
     @torch.no_grad()
     def forward(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Bring strokes, number ``rows`` or all, to what they may be.
+        """Restrict strokes (numbers ``rows``, or all) to the changes that the region permits.
 
-        One that leaves the region returns to where it was ``before``, or in the painting.
+        A stroke that leaves the region returns to its place ``before`` the step or, without that, in the painting.
         """
         first, inner = self.first(), self.inner
         typical = half_width_of(first).median()
@@ -55,7 +55,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Tell which strokes (N,) lie wholly inside the region, with their soft edges; beyond the canvas is inside."""
+        """Tell which strokes (N,) lie wholly inside the region, soft edges included; off the canvas is inside, too."""
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
         apart = (points[:, 1:] - points[:, :-1]).square().sum(2).sqrt().amax(1)
@@ -65,7 +65,7 @@ class Fence(nn.Module):
 
 
 def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str]) -> Strokes:
-    """Take some fields of ``strokes`` where ``which`` (N,) is true, and of ``others`` elsewhere."""
+    """Take the named fields from ``strokes`` where ``which`` (N,) is true, and from ``others`` elsewhere."""
     pairs = {name: (getattr(strokes, name), getattr(others, name)) for name in names}
     return replace(
         strokes, **{name: torch.where(which.reshape(-1, *[1] * (a.ndim - 1)), a, b) for name, (a, b) in pairs.items()}
@@ -73,10 +73,10 @@ def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str
 
 
 def room_in(mask: Tensor, job: ExportJob) -> Tensor:
-    """Compute how far the paint of a painting may reach from each pixel (H, W) of a ``mask`` (H, W), bool, in pixels.
+    """Compute how far paint may reach from each pixel of a ``mask`` (H, W), bool, in pixels (H, W).
 
-    It is the distance from the nearest pixel that sees one outside: through the light, whose slopes have a pixel to
-    each side, through paper, or through a tile, in which the blend stops where no pixel lets light through.
+    This is the distance to the nearest pixel that can influence one outside: through the light, whose slopes span one
+    pixel to each side; through the paper; or through its tile, where the blend stops once all pixels are opaque.
     """
     from scipy.ndimage import distance_transform_edt, maximum_filter  # noqa: PLC0415  (--help does not need it)
 

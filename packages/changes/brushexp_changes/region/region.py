@@ -1,4 +1,4 @@
-"""Repaint one region of a painting, and leave all else of it as it is."""
+"""Repaint one region of a painting and leave the rest unchanged."""
 
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -17,23 +17,23 @@ from brushexp.contracts.tasks import PICTURE
 from brushexp_changes.region.fence import Fence, room_in
 from brushexp_changes.steps import check_steps
 
-AS_PAINTED = ("blend", "color", "paper", "light")  # keys whose values are those of the painting
-MASK_THRESHOLD = 0.5  # brightness from which a pixel of a mask counts
+AS_PAINTED = ("blend", "color", "paper", "light")  # keys whose values are taken from the painting
+MASK_THRESHOLD = 0.5  # brightness at which a pixel counts as inside the mask
 
 
 @register("change", "region")
 @dataclass(kw_only=True, eq=False)
 class Region(Change):
-    """One region of a painting is repainted, and all else stays to the bit: ``region=mask.png catalogue=outputs/x``.
+    """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
-    Strokes that lie wholly inside move and change their colour; those that reach out of the region, and all others,
-    stay. Renderer, blend, colour, paper, light, order and ground are those of the painting.
+    Only strokes that lie wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
+    and ground are taken from the painting.
 
     Args:
-        mask: picture in the shape of the painting, bright where it is to be repainted.
+        mask: picture shaped like the painting, bright where it is to be repainted.
     """
 
-    rank = 100  # outside of the region no other change may have a say
+    rank = 100  # last, so that no other change acts outside the region
 
     mask: Annotated[str, PICTURE] | None = None
     _job: ExportJob | None = field(default=None, init=False, repr=False)  # the painting
@@ -98,7 +98,7 @@ class Region(Change):
 
 
 def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
-    """Return settings under which the strokes of a painting look as they did, and none comes or goes."""
+    """Return settings that render a painting's strokes as before, and neither add nor remove any."""
     saved, recorded = job.saved, recorded_settings(job.saved)
     nodes: dict[str, Any] = {name: recorded[name] for name in AS_PAINTED if recorded.get(name)}
     nodes["renderer"] = recorded["renderer"] | {"_target_": _target_of("renderer", saved.renderer)}

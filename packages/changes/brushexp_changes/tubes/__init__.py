@@ -1,1 +1,1 @@
-"""Paint with what a table has: ``tubes=``, plans to paint after, and how different a painting is to the eye."""
+"""Paint with the tubes and brushes on a table: ``tubes=``, plans to paint from, and a perceptual colour difference."""

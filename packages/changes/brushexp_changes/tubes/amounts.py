@@ -1,11 +1,11 @@
-"""Estimate how much paint and how much time a plan takes. The constants are estimates, not measurements."""
+"""Estimate the paint and the time that a plan takes. The constants are estimates, not measurements."""
 
 import numpy as np
 
 from brushexp_changes.tubes.plan import Plan
 
 WET_FILM_MM = 0.2  # thickness of heavy body paint as a brush leaves it
-LEFT_OVER = 1.5  # paint that is mixed, over that on the canvas: the rest stays on palette and brushes
+LEFT_OVER = 1.5  # ratio of paint mixed to paint on the canvas; the rest stays on palette and brushes
 SECONDS_PER_STROKE = 4.0  # to find its place and lay it
 SECONDS_PER_DIP = 5.0
 SECONDS_PER_MIXTURE = 300.0  # to mix it
@@ -15,7 +15,7 @@ MM3_PER_ML = 1000.0
 
 
 def millilitres_of_mixtures(plan: Plan) -> np.ndarray:
-    """Estimate the paint (M,) of each mixture in ml, what is left over on the palette included."""
+    """Estimate the paint (M,) of each mixture in ml, including what stays on the palette."""
     area = np.zeros(len(plan.table.mixtures))
     for stage in plan.stages:
         area[stage.mixture] += stage.metres * stage.brush_mm * MM2_PER_M_MM
@@ -23,7 +23,7 @@ def millilitres_of_mixtures(plan: Plan) -> np.ndarray:
 
 
 def millilitres_of_tubes(plan: Plan) -> dict[str, float]:
-    """Estimate the paint of each tube in ml; tubes that are not needed are left out."""
+    """Estimate the paint needed from each tube in ml; unused tubes are left out."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return {}
@@ -33,7 +33,7 @@ def millilitres_of_tubes(plan: Plan) -> dict[str, float]:
 
 
 def hours_of(plan: Plan) -> float:
-    """Estimate how long a person paints, mixing included, drying not."""
+    """Estimate how many hours a person paints, including mixing but not drying."""
     used = len({stage.mixture for stage in plan.stages})
     seconds = SECONDS_PER_STROKE * len(plan.order) + SECONDS_PER_DIP * plan.dips
     seconds += SECONDS_PER_MIXTURE * used + SECONDS_PER_STAGE * len(plan.stages)

@@ -1,4 +1,4 @@
-"""Measure how different a painting is from its target to the eye."""
+"""Measure the perceptual colour difference between a painting and its target."""
 
 import numpy as np
 from torch import Tensor
@@ -9,7 +9,7 @@ from brushexp.contracts.pictures import to_lab
 
 
 def median_difference(image: Tensor, target: Tensor) -> float:
-    """Compute the median over pixels of CIEDE2000 between two pictures (3, H, W) of sRGB in [0, 1]."""
+    """Compute the median CIEDE2000 over the pixels of two sRGB pictures (3, H, W) in [0, 1]."""
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415  (slow to import)
 
     labs = (to_lab(picture.flatten(1).T.double().cpu().numpy()) for picture in (image, target))
@@ -18,7 +18,7 @@ def median_difference(image: Tensor, target: Tensor) -> float:
 
 @register("metric", "ciede2000")
 class ColorDifference(Metric):
-    """Median over the pixels of the colour difference CIEDE2000; 1 is just noticed side by side."""
+    """Median CIEDE2000 colour difference over the pixels; 1 is just noticeable side by side."""
 
     title = "CIEDE2000"
     digits = 2

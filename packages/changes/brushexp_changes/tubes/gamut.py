@@ -1,4 +1,4 @@
-"""The colours that the paints of a table can mix."""
+"""Limit a palette to the colours that given paints can mix."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,17 +15,17 @@ from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, within_tones
 from brushexp_changes.tubes.paints import load_tubes
 
 Array = np.ndarray
-NODES = 25  # of each channel, between which colours are interpolated
-NEAREST = 8  # mixtures whose mean a node takes, weighted by how near they are
-SOFT = 2.0  # units of CIELAB that are added to distances, so that one mixture alone does not decide
+NODES = 25  # lattice points per channel, between which colours are interpolated
+NEAREST = 8  # mixtures averaged at each lattice point, weighted by nearness
+SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominates
 
 
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """The colours that mixtures of named paints can have, any number of them: a limited palette.
+    """A limited palette: any number of the colours that mixtures of named paints can have.
 
-    Tones lie between the darkest and the lightest grey of the paints, and each colour goes to the mixtures that are
+    Tones are mapped between the darkest and the lightest grey of the paints, and each colour moves to the mixtures
     nearest to it in CIELAB.
 
     Args:
@@ -47,7 +47,7 @@ class OfPigments(Palette):
 
     @cached_property
     def _table(self) -> Array:
-        """Colours (3, `NODES`, `NODES`, `NODES`) for those of a lattice in sRGB."""
+        """Map a lattice of sRGB colours to colours of mixtures (3, `NODES`, `NODES`, `NODES`)."""
         from scipy.spatial import KDTree  # noqa: PLC0415  (slow to import)
 
         mixtures, side = self._mixtures.color.double().numpy(), np.linspace(0, 1, NODES)

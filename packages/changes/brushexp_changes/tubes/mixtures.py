@@ -1,4 +1,4 @@
-"""Mixtures of a few tubes in simple parts, and those of them that a picture needs."""
+"""List mixtures of a few tubes in simple parts, and choose those that a picture needs."""
 
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -14,16 +14,16 @@ from brushexp_changes.tubes.paints import Tubes
 Array = np.ndarray
 PARTS = (1, 2, 3, 4, 6, 8, 12, 16)  # of a tube in a mixture of two
 PARTS_OF_THREE = (1, 2, 3, 4, 8)  # in a mixture of three
-NEAREST = 6  # mixtures of each colour that are looked at
-BINS = 20  # of each channel, in which colours of a picture are counted
-GREY = 5.0  # chroma in CIELAB up to which a mixture is grey
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
-ROUNDS = 30  # of exchanging mixtures; it settles in a few
+NEAREST = 6  # candidate mixtures per colour
+BINS = 20  # bins per channel for counting the colours of a picture
+GREY = 5.0  # CIELAB chroma up to which a mixture counts as grey
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB
+ROUNDS = 30  # upper bound on rounds of exchanging mixtures; a few suffice
 
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
-    """M mixtures: ``parts`` (M, T) of tubes, whole numbers, and their sRGB colours (M, 3) in [0, 1], float32."""
+    """M mixtures: whole ``parts`` (M, T) of each tube, and sRGB colours ``color`` (M, 3) in [0, 1], float32."""
 
     tubes: tuple[str, ...]
     parts: Array
@@ -36,7 +36,7 @@ class Mixtures:
         return Mixtures(self.tubes, self.parts[index], self.color[torch.from_numpy(np.asarray(index))])
 
     def from_dark(self) -> "Mixtures":
-        """Sort from dark to light."""
+        """Sort the mixtures from dark to light."""
         return self[np.argsort(to_lab(self.color.double().numpy())[:, 0], kind="stable")]
 
     def recipe(self, number: int) -> str:
@@ -46,7 +46,7 @@ class Mixtures:
 
 
 def all_mixtures(tubes: Tubes) -> Mixtures:
-    """List every mixture of one to three tubes in simple parts, each once."""
+    """List every mixture of one to three tubes in simple parts, without repeats."""
     rows = [*np.eye(len(tubes), dtype=int)]
     for count, amounts in ((2, PARTS), (3, PARTS_OF_THREE)):
         simple = [each for each in product(amounts, repeat=count) if gcd(*each) == 1]
@@ -59,14 +59,14 @@ def all_mixtures(tubes: Tubes) -> Mixtures:
 
 
 def differences(first: Array, second: Array) -> Array:
-    """Compute CIEDE2000 (N, M) between colours (N, 3) and (M, 3) of sRGB."""
+    """Compute CIEDE2000 (N, M) between sRGB colours (N, 3) and (M, 3)."""
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415  (slow to import)
 
     return np.asarray(deltaE_ciede2000(to_lab(first)[:, None], to_lab(second)[None]))
 
 
 def counted_colors(picture: Tensor) -> tuple[Array, Array]:
-    """Count the colours of a picture (3, H, W): their means (N, 3) in bins, and how many pixels are in each (N,)."""
+    """Bin the colours of a picture (3, H, W); return the mean colour (N, 3) and pixel count (N,) of each bin."""
     colors = picture.flatten(1).T.double().numpy()
     bins = (colors * BINS).astype(int).clip(0, BINS - 1) @ (BINS**2, BINS, 1)
     _, which, count = np.unique(bins, return_inverse=True, return_counts=True)
@@ -75,7 +75,7 @@ def counted_colors(picture: Tensor) -> tuple[Array, Array]:
 
 
 def near(candidates: Mixtures, colors: Array) -> Mixtures:
-    """Keep the mixtures that are among the ``NEAREST`` of any of the colours (N, 3) in CIELAB."""
+    """Keep the mixtures that are among the ``NEAREST`` to any of the colours (N, 3) in CIELAB."""
     from scipy.spatial import KDTree  # noqa: PLC0415  (slow to import)
 
     tree = KDTree(to_lab(candidates.color.double().numpy()))
@@ -84,10 +84,10 @@ def near(candidates: Mixtures, colors: Array) -> Mixtures:
 
 
 def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtures:
-    """Choose at most ``count`` mixtures from which pixels of a picture (3, H, W) differ least, by the mean CIEDE2000.
+    """Choose at most ``count`` mixtures that minimise the mean CIEDE2000 from the pixels of a picture (3, H, W).
 
-    They are taken one after the other, the one first that helps most; then each is exchanged for the best for those
-    pixels that are nearest to it, until nothing changes (k-medoids). From dark to light.
+    Mixtures are added greedily; then each is exchanged for the best one for its nearest pixels, until nothing changes
+    (k-medoids). The result is sorted from dark to light.
     """
     colors, weight = counted_colors(picture)
     candidates = near(candidates, colors)
@@ -105,10 +105,10 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
 
 
 def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
-    """Map the luminance of a picture (3, H, W) to what lies between the darkest and the lightest grey of the mixtures.
+    """Map the luminance of a picture (3, H, W) to the range between the mixtures' darkest and lightest grey.
 
-    It is black point compensation, as printing has it (ISO 18619, 2015), with the white point likewise: linear in
-    light, so that hues stay.
+    This is the black point compensation of printing (ISO 18619, 2015), applied to the white point as well; it is linear
+    in light and therefore preserves hues.
     """
     colors = mixtures.color.double().numpy()
     chroma = np.hypot(*to_lab(colors)[:, 1:].T)

@@ -1,4 +1,4 @@
-"""Draw the pages of a plan: overview, mixtures, stages, a drawing to paint by numbers, and sheets of strokes."""
+"""Draw the pages of a plan: overview, mixtures, stages, a paint-by-numbers drawing, and sheets of strokes."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ MM = 1 / 25.4  # inches
 POINTS = 72 / 25.4  # points in a mm
 PAGE = 210.0, 297.0  # mm, A4
 MARGIN, HEAD, LEGEND = 10.0, 14.0, 34.0  # mm
-GRID = 50.0  # mm on the painting between two lines of its grid
-ROWS, COLUMNS_OF_LEGEND = 28, 12  # rows of a table on a page, and swatches in a row of the legend
-ACROSS, DOWN = 3, 4  # pictures of stages on a page
+GRID = 50.0  # mm on the painting between two grid lines
+ROWS, COLUMNS_OF_LEGEND = 28, 12  # table rows per page, and swatches per row of the legend
+ACROSS, DOWN = 3, 4  # pictures of stages per page
 PICTURES = ACROSS * DOWN
-STAGE_SIDE = 320  # pixels of the longer side of the picture after a stage
-GAP, CAPTION = 4.0, 6.0  # mm between pictures, and of the line above each
-STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm, of the columns of the table of stages
+STAGE_SIDE = 320  # pixels on the longer side of a stage's picture
+GAP, CAPTION = 4.0, 6.0  # mm between pictures, and for the caption above each
+STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm: left edges of the columns in the table of stages
 MOST_PAGES = 400
-CHORDS = 17  # points of a stroke
+CHORDS = 17  # points per stroke
 INK, GREY, FAINT, GROUND = "#202020", "#707070", "#b0b0b0", "#f4f2ec"
 
 
@@ -51,9 +51,9 @@ def draw_plan(
     scale: float = 1.0,
     smallest_mm: float = 0.0,
 ) -> None:
-    """Write all pages as a PDF, the same bytes for the same plan; a UserError if there are too many.
+    """Write all pages as a PDF, byte-identical for the same plan; raise UserError if there are too many.
 
-    ``scale`` is that of the sheets of strokes; no part to paint by number is smaller than ``smallest_mm``.
+    ``scale`` applies to the sheets of strokes. No part of the paint-by-numbers drawing is smaller than ``smallest_mm``.
     """
     from matplotlib.backends.backend_pdf import PdfPages  # noqa: PLC0415  (slow to import)
 
@@ -92,7 +92,7 @@ def _pages(
 
 
 def _tiles(plan: Plan, scale: float) -> list[Tile]:
-    """Divide the painting into tiles of one size, each of which fits on a sheet."""
+    """Divide the painting into equal tiles that each fit on a sheet."""
     across, down = PAGE[0] - 2 * MARGIN, PAGE[1] - 2 * MARGIN - HEAD
     height, width = (side / plan.pixels_per_mm * scale for side in plan.job.size)
     rows, columns = max(1, ceil(height / down - 1e-6)), max(1, ceil(width / across - 1e-6))
@@ -101,7 +101,7 @@ def _tiles(plan: Plan, scale: float) -> list[Tile]:
 
 
 def _page(title: str) -> tuple[Figure, Axes]:
-    """Begin a page whose axes are in mm from its upper left corner."""
+    """Start a page with axes in mm from its upper left corner."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     figure = Figure(figsize=(PAGE[0] * MM, PAGE[1] * MM), facecolor="white")
@@ -151,7 +151,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
 
 
 def _ground(plan: Plan) -> str:
-    """Say with which mixture the ground is tinted."""
+    """Say which mixture tints the ground."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return "Leave the ground as it is."
@@ -160,7 +160,7 @@ def _ground(plan: Plan) -> str:
 
 
 def _in_parts(count: int) -> Iterator[range]:
-    """Divide rows among pages; no rows are an empty page."""
+    """Divide rows among pages; without rows there is one empty page."""
     return (range(first, min(first + ROWS, count)) for first in range(0, max(1, count), ROWS))
 
 
@@ -193,7 +193,7 @@ def _stages(plan: Plan) -> Iterator[Figure]:
 
 
 def _pictures(plan: Plan) -> Iterator[Figure]:
-    """Draw the painting as it is after each stage, played back."""
+    """Play the plan back and draw the painting after each stage."""
     height, width = plan.job.size
     room = (PAGE[0] - 2 * MARGIN) / ACROSS, (PAGE[1] - 2 * MARGIN - HEAD) / DOWN
     across = min(room[0] - GAP, (room[1] - GAP - CAPTION) * width / height)
@@ -212,7 +212,7 @@ def _pictures(plan: Plan) -> Iterator[Figure]:
 
 
 def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
-    """Draw the outlines of what the mixtures cover, with their numbers."""
+    """Draw outlines of the areas that each mixture covers, with the mixtures' numbers."""
     figure, axes = _page("By numbers")
     height, width = plan.job.size
     top = MARGIN + HEAD
@@ -239,7 +239,7 @@ def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
-    """Draw the grid of the painting, and its border, in a frame (left, right, bottom, top) that begins at a corner."""
+    """Draw the painting's grid and border in a frame (left, right, bottom, top), from ``corner`` of the painting on."""
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
     axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)
@@ -259,7 +259,7 @@ def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, f
 
 
 def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
-    """Draw the strokes of a brush, at their size times ``scale``, as far as they are on a tile."""
+    """Draw the part of a brush's strokes that lies on a tile, at ``scale`` times their size."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
     from matplotlib.patches import Rectangle  # noqa: PLC0415
 
@@ -287,7 +287,7 @@ def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
 
 
 def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: Patch, size: float) -> None:
-    """Write the number of its mixture on each stroke, in so many points, and a dot where it begins."""
+    """Write each stroke's mixture number on it, in a font of ``size`` points, and a dot where the stroke begins."""
     mixture = plan.table.mixture_of(plan.strokes.color[rows]).tolist()
     bright = plan.strokes.color[rows].mean(1).tolist()
     for k, line in enumerate(points):
@@ -300,7 +300,7 @@ def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: P
 
 
 def _on_tile(plan: Plan, brush: int, tile: Tile) -> torch.Tensor:
-    """Find the strokes of a brush, in the order of painting, that reach into a tile."""
+    """Find the strokes of a brush that reach into a tile, in painting order."""
     curves = curve_of(plan.strokes).double() / plan.pixels_per_mm
     reach = plan.brushes_mm[brush] / 2
     low, high = curves.amin(1) - reach, curves.amax(1) + reach

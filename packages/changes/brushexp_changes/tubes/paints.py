@@ -1,4 +1,4 @@
-"""Tubes of paint: what they reflect, and what their mixtures look like."""
+"""Read tubes of paint, and compute the colours of their mixtures."""
 
 import csv
 import math
@@ -17,7 +17,7 @@ from brushexp.contracts.files import explaining, read_text
 from brushexp.contracts.pictures import BT709, encode_srgb
 
 Array = np.ndarray
-OUTER, INNER = 0.03, 0.65  # light reflected where it enters paint, and where it leaves (Saunderson, 1942)
+OUTER, INNER = 0.03, 0.65  # light reflected on entering and on leaving paint (Saunderson, 1942)
 MOST_TUBES = 24  # tubes on a table
 # Relative power of daylight, CIE D65, at 400, 420, ... 700 nm.
 NANOMETRES = np.arange(400, 701, 20)
@@ -25,17 +25,17 @@ DAYLIGHT = np.array(
     [82.75, 93.43, 104.86, 117.81, 115.92, 109.35, 104.79, 104.41, 100.0, 95.79, 90.01, 87.70, 83.70, 80.21, 78.28,
      71.61]
 )  # fmt: skip
-LOBES = {  # of the colour matching functions: height, centre and the widths to both sides in nm
+LOBES = {  # lobes of the colour matching functions: height, centre and the widths on both sides in nm
     "x": ((1.056, 599.8, 37.9, 31.0), (0.362, 442.0, 16.0, 26.7), (-0.065, 501.1, 20.4, 26.2)),
     "y": ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)),
     "z": ((1.217, 437.0, 11.8, 36.0), (0.681, 459.0, 26.0, 13.8)),
 }
-KINDS = {  # what a file says of its tubes: letters of the columns -> the columns
+KINDS = {  # kinds of paint data a file may hold: letters of the columns -> the columns
     "color": {"color"},
     "R": {f"R{wave}" for wave in NANOMETRES},
     "KS": {f"{letter}{wave}" for letter in "KS" for wave in NANOMETRES},
 }
-SETS = {  # tubes by name, each from a file of this folder
+SETS = {  # sets of tubes by name, each from a file in this folder
     "eight": ("acrylics", ("titanium white", "bone black", "hansa yellow opaque", "cadmium orange", "pyrrole red",
                            "quinacridone magenta", "ultramarine blue", "phthalo green blue shade")),
     "acrylics": ("acrylics", ()),
@@ -47,7 +47,7 @@ SETS = {  # tubes by name, each from a file of this folder
 
 @dataclass(frozen=True, eq=False)
 class Tubes:
-    """T tubes, and how their paints mix: ``mix`` takes parts (M, T), 0 or more, to sRGB (M, 3) in [0, 1]."""
+    """T tubes and their mixing model: ``mix`` maps parts (M, T), 0 or more, to sRGB (M, 3) in [0, 1]."""
 
     names: tuple[str, ...]
     mix: Callable[[Array], Array]
@@ -57,11 +57,11 @@ class Tubes:
 
 
 def load_tubes(name: str, option: str = "tubes") -> Tubes:
-    """Load a set that ships, or a CSV file of one's own; a UserError says what is wrong with it.
+    """Load a shipped set of tubes or the user's CSV file; raise UserError if the file is invalid.
 
     The file has a column ``tube`` and, for each tube, ``color`` (sRGB, ``#c8a040``), reflectances ``R400`` to ``R700``,
-    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm. Commas stand between columns, or, as
-    spreadsheets write where numbers have a comma, semicolons or tabs.
+    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm. Columns are separated by commas, or
+    by semicolons or tabs, as spreadsheets write them where the decimal mark is a comma.
     """
     file, chosen = SETS.get(name, (name, ()))
     path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
@@ -109,7 +109,7 @@ def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
 
 
 def _number(text: str | None, where: str) -> float:
-    """Read a number, with a decimal point or comma."""
+    """Parse a number with a decimal point or comma."""
     try:
         number = float((text or "").replace(",", "."))
     except ValueError:
@@ -120,7 +120,7 @@ def _number(text: str | None, where: str) -> float:
 
 
 def _mixing(kind: str, values: Array) -> Callable[[Array], Array]:
-    """Choose how the paints mix by the ``kind`` of their values (T, ...); see `_values_of`."""
+    """Choose the mixing model for the ``kind`` of the values (T, ...); see `_values_of`."""
     if kind == "color":
         return _by_color(values)
     if kind == "R":
@@ -134,7 +134,7 @@ def _shares(parts: Array) -> Array:
 
 
 def _by_color(colors: Array) -> Callable[[Array], Array]:
-    """Mix by ``color=pigment``: geometric means of reflectances that belong to sRGB colours (T, 3)."""
+    """Mix as ``color=pigment`` does: by geometric means of the reflectances of sRGB colours (T, 3)."""
     space = build_named("color", "pigment", {})
     channels = space.encode(torch.from_numpy(colors)).numpy()
 
@@ -146,7 +146,7 @@ def _by_color(colors: Array) -> Callable[[Array], Array]:
 
 
 def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
-    """Mix by Kubelka and Munk (1931): means of absorption and scattering (T, bands), which hide the ground."""
+    """Mix by Kubelka and Munk (1931): average absorption and scattering (T, bands) of paints that hide the ground."""
 
     def mix(parts: Array) -> Array:
         ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
@@ -156,7 +156,7 @@ def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
 
 
 def _outside(inside: Array) -> Array:
-    """Compute what leaves the paint, of what it reflects inside, without its sheen (Saunderson, 1942)."""
+    """Convert internal reflectance to the reflectance outside the paint, without its sheen (Saunderson, 1942)."""
     return (1 - OUTER) * (1 - INNER) * inside / (1 - INNER * inside)
 
 
@@ -165,10 +165,10 @@ def _inside(outside: Array) -> Array:
 
 
 def seen(reflected: Array) -> Array:
-    """Compute sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65); what is out of gamut is clipped.
+    """Compute sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65), clipped to the gamut.
 
-    Source: the colour matching functions are those that Wyman, Sloan and Shirley (2013) fitted to CIE 1931, whose
-    errors cancel for white.
+    Source: the colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931, whose errors
+    cancel for white.
     """
     light = reflected @ _light_of_bands()
     return np.asarray(encode_srgb(light.clip(0, 1)))
@@ -176,7 +176,7 @@ def seen(reflected: Array) -> Array:
 
 @cache
 def _light_of_bands() -> Array:
-    """Compute linear sRGB (bands, 3) of the light in each band, of which that of a perfect white is 1."""
+    """Compute the linear sRGB (bands, 3) of the light in each band, normalised so that a perfect white is 1."""
     matching = np.stack([sum(_lobe(*lobe) for lobe in lobes) for lobes in LOBES.values()], axis=1)
     red, green, blue, white = (np.array([x / y, 1, (1 - x - y) / y]) for x, y in BT709)
     columns = np.stack([red, green, blue], axis=1)

@@ -1,4 +1,4 @@
-"""Plan strokes in stages of one brush and one mixture, with dips; play a plan, and divide it to paint by numbers."""
+"""Plan strokes in stages of one brush and one mixture, with dips; play plans back and draw them to paint by numbers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,11 +13,11 @@ from brushexp.contracts.results import measure_strokes
 from brushexp.contracts.strokes import Strokes, curve_of, cut_short, length_of
 from brushexp_changes.tubes.table import Table
 
-FULL = 0.6  # share of a load after which a brush begins to run dry
+FULL = 0.6  # share of a load at which a brush begins to run dry
 DRIEST = 0.4  # coverage at the end of a load
-FILMS = 4  # of a stroke that runs dry, each shorter than the one below
-NUMBERED = 300  # pixels of the longer side of what is drawn to paint by numbers
-TOUCHING = np.ones((3, 3), dtype=int)  # pixels of a part touch at their sides or corners
+FILMS = 4  # films that make up a drying stroke, each shorter than the one below
+NUMBERED = 300  # pixels on the longer side of the paint-by-numbers drawing
+TOUCHING = np.ones((3, 3), dtype=int)  # connectivity: pixels of a part touch at their sides or corners
 ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
 
 Array = np.ndarray
@@ -25,7 +25,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Stage:
-    """What is painted with one brush and one mixture: strokes ``first`` to ``last`` (exclusive) of a plan."""
+    """Strokes ``first`` to ``last`` (exclusive) of a plan, painted with one brush and one mixture."""
 
     number: int  # from 1
     brush_mm: float
@@ -38,11 +38,11 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """N strokes in the order in which they are painted, and what they are painted with."""
+    """N strokes in painting order, and the table of paints and brushes for them."""
 
-    job: ExportJob  # whose strokes have colours of mixtures and widths of brushes
+    job: ExportJob  # its strokes have the mixtures' colours and the brushes' widths
     table: Table
-    order: Tensor  # (N,) numbers of strokes in the order of painting
+    order: Tensor  # (N,) numbers of strokes in painting order
     pixels_per_mm: float
 
     @cached_property
@@ -52,26 +52,26 @@ class Plan:
 
     @cached_property
     def strokes(self) -> Strokes:
-        """The strokes in the order of painting."""
+        """The strokes in painting order."""
         return self.job.strokes[self.order]
 
     @cached_property
     def stage(self) -> Tensor:
-        """The stage (N,) of each stroke, never falling."""
+        """The stage (N,) of each stroke, non-decreasing."""
         return self.table.stage_of(self.strokes)
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        """Length of each stroke (N,), and how far its brush paints with one load, in pixels."""
+        """Length of each stroke (N,), and the length that its brush paints with one load (N,), in pixels."""
         strokes = self.strokes
         load = self.table.load * self.table.brushes.double()[self.table.brush_of(strokes)]
         return length_of(curve_of(strokes)).double().numpy(), load.numpy()
 
     @cached_property
     def used(self) -> Array:
-        """Length (N,) in pixels that was painted since the last dip when a stroke begins: 0 where it begins with a dip.
+        """Length (N,) in pixels painted since the last dip when each stroke begins; 0 if it begins with a dip.
 
-        A brush is dipped at the beginning of a stage, and where its load does not last for the next stroke.
+        A brush is dipped at the beginning of a stage, and whenever its load would not last for the next stroke.
         """
         used, before, stage = np.zeros(len(self.order)), 0.0, -1
         for k, (length, load, its) in enumerate(zip(*self._lengths, self.stage.tolist(), strict=True)):
@@ -88,7 +88,7 @@ class Plan:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """The stages that have strokes, in order."""
+        """The non-empty stages, in order."""
         numbers, first, counts = np.unique(self.stage.numpy(), return_index=True, return_counts=True)
         stages = []
         for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
@@ -104,11 +104,11 @@ class Plan:
 
     @property
     def metres(self) -> float:
-        """Length of all strokes."""
+        """Total length of all strokes."""
         return sum(stage.metres for stage in self.stages)
 
     def without_hidden(self, least_visible: float) -> "Plan":
-        """Leave out the strokes of whose paint a smaller share than this is seen at the end."""
+        """Leave out strokes whose visible share at the end is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
         measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
@@ -116,14 +116,14 @@ class Plan:
         return Plan(self.job, self.table, self.order[seen], self.pixels_per_mm)
 
     def after(self, strokes: int) -> ExportJob:
-        """Return the painting as it is after so many strokes of the plan."""
+        """Return the painting after the first ``strokes`` strokes of the plan."""
         begun = Plan(self.job, self.table, self.order[:strokes], self.pixels_per_mm)
         return begun.played()
 
     def played(self) -> ExportJob:
-        """Return the painting that comes of the plan, in which brushes run dry.
+        """Return the painting that following the plan produces, with brushes that run dry.
 
-        What covers less and less along a stroke is a few films, the same stroke cut short and laid over itself.
+        A drying stroke is a stack of films: the same stroke, cut shorter and shorter and laid over itself.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -141,7 +141,7 @@ class Plan:
 
 
 def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
-    """Plan a painting: its strokes as the table has them, by stages, in each back and forth in strips."""
+    """Plan a painting: adapt its strokes to the table and order them by stage, back and forth in strips within each."""
     strokes = table.with_mixtures(table.with_brushes(job.strokes.map(lambda value: value.detach().cpu())))
     job = replace(job, saved=replace(job.saved, strokes=strokes))
     x, y = curve_of(strokes)[:, 0].T.double().numpy()
@@ -152,10 +152,10 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
 
 
 def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
-    """Number the mixture (h, w) from 0 that a picture shows at each place, without slivers and spots.
+    """Label each pixel (h, w) of the finished plan with its mixture, from 0, without slivers and spots.
 
-    What a disc of ``smallest_mm``, or of the smallest brush, does not fit into goes to what is beside it, and so do
-    parts that are smaller than a square of that side: a hand could not paint them.
+    Places too narrow for a disc of ``smallest_mm`` or of the smallest brush, whichever is larger, and parts smaller
+    than a square of that side could not be painted by hand; they are merged with their neighbours.
     """
     small = plan.played().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
@@ -170,10 +170,10 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
 
 
 def without_slivers(regions: Array, side: float) -> Array:
-    """Merge what is narrower than ``side``, or smaller than its square, into what is beside it.
+    """Merge places narrower than ``side``, and parts smaller than its square, with their neighbours.
 
-    Narrow places are those that a morphological opening by a disc takes away (Serra, 1982). What is taken away gets
-    the number of the nearest place that stays, so parts that stay grow and none becomes small.
+    Narrow places are those that a morphological opening by a disc removes (Serra, 1982). Removed pixels get the number
+    of the nearest remaining pixel, so remaining parts only grow.
     """
     from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
 
@@ -191,7 +191,7 @@ def without_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a place (row, column) for a number in each part of a mask (h, w), and how far it is from the edge."""
+    """Find a place (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

@@ -1,4 +1,4 @@
-"""Plan a painting with the table that it was made with, or with one that is put on afterwards."""
+"""Plan a painting with the table that it was made with, or with one applied afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -14,16 +14,16 @@ from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.plan import Plan, plan_of
 from brushexp_changes.tubes.tubes import OfTubes
 
-OPTIONS = [one.name for one in fields(OfTubes) if one.init]  # which exporters have, too
+OPTIONS = [one.name for one in fields(OfTubes) if one.init]  # the exporters have them, too
 MM_PER_CM = 10
-COLOR_TOLERANCE = 1e-4  # of a channel: a colour that is nearer is that of the mixture
+COLOR_TOLERANCE = 1e-4  # Euclidean distance in RGB below which a colour is the mixture's
 
 
 def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, bool]:
-    """Plan a painting with the table that it was painted with, and tell whether it was.
+    """Plan a painting with its recorded table; return the plan, and whether that table applies unchanged.
 
-    ``options`` are those of ``change=tubes`` that differ from that, or None. A painting without it, or of which tubes,
-    mixtures or brushes differ, gets the nearest mixtures and brushes afterwards.
+    ``options`` override those of ``change=tubes`` with which the painting was made; None keeps the recorded value. A
+    painting made without ``tubes``, or with other tubes, mixtures or brushes, gets the nearest ones afterwards.
     """
     recorded = (recorded_settings(job.saved).get("change") or {}).get("tubes") or {}
     given = {name: options[name] for name in OPTIONS if options.get(name) is not None}
@@ -48,7 +48,7 @@ def _build(options: dict[str, Any]) -> OfTubes:
 
 
 def mixtures_in(job: ExportJob, candidates: Mixtures) -> Mixtures | None:
-    """Find the mixtures of the strokes of a painting, from dark to light; None if one has a colour of no mixture."""
+    """Find the mixtures of a painting's strokes, from dark to light; None if any colour matches no mixture."""
     colors = torch.unique(job.strokes.color.detach().cpu(), dim=0)
     if not len(colors):
         return None

@@ -1,4 +1,4 @@
-"""Write a plan for a person who paints: ``to=plan``."""
+"""Write a plan to paint from by hand: ``to=plan``."""
 
 import logging
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2
 
 @dataclass(frozen=True)
 class Difficulty:
-    """How much a plan asks of a person."""
+    """Difficulty of a plan for the person who paints it."""
 
-    options: dict[str, object]  # of `PlanSheets`, where they are not typed
-    smallest_mm: float  # side of the smallest part to paint by number
-    least_visible: float  # share of a stroke that is seen at the end, below which it is left out
+    options: dict[str, object]  # of `PlanSheets`, unless they are typed
+    smallest_mm: float  # side of the smallest part of the paint-by-numbers drawing
+    least_visible: float  # visible share of a stroke below which it is left out
 
 
 AS_PAINTED = Difficulty({}, 0.0, 0.0)
@@ -50,23 +50,23 @@ def _check_difficulty(name: str, option: str) -> None:
 @register("to", "plan")
 @dataclass(kw_only=True)
 class PlanSheets(Exporter):
-    """``plan.pdf``: what to mix, in which order to paint, and where; ``plan.csv`` has the strokes, in mm.
+    """``plan.pdf``: what to mix, and in which order and where to paint; ``plan.csv`` lists the strokes in mm.
 
-    Recipes with parts, swatches and ml, stages of one brush and one mixture, a picture after each of them, a drawing to
-    paint by numbers, and the strokes of each brush on sheets with a grid. The plan is played back, with brushes that
-    run dry, on its first page. What is null is as the painting was made with ``tubes=``; another painting gets mixtures
-    and brushes afterwards.
+    The PDF contains recipes with parts, swatches and ml; stages of one brush and one mixture, with a picture after
+    each; a paint-by-numbers drawing; and sheets with a grid that show the strokes of each brush. Its first page shows
+    the plan played back with brushes that run dry. Options that are null take the values with which the painting was
+    made by ``tubes=``; a painting made without it gets mixtures and brushes afterwards.
 
     Args:
         tubes: set of tubes, or a CSV file.
-        mixtures: at most so many.
-        brushes: widths in mm.
+        mixtures: maximum number of mixtures.
+        brushes: widths of the brushes in mm.
         width_cm: width of the painting in cm.
-        load: length that a brush paints with one load, in its widths.
-        scale: size of the sheets of strokes over that of the painting; 1 is to be traced.
-        difficulty: easy, medium or hard: how many mixtures, which brushes and how small parts there are, where
-            ``mixtures`` and ``brushes`` do not say it; null = as the painting was made.
-        target: picture that the plan is compared with in the log, such as the target.png of the run; null = none.
+        load: length that a brush paints with one load, in brush widths.
+        scale: scale of the sheets of strokes relative to the painting; 1 is for tracing.
+        difficulty: difficulty, easy, medium or hard: sets the size of the smallest part and, unless ``mixtures`` and
+            ``brushes`` are given, the mixtures and brushes; null = as the painting was made.
+        target: picture to compare the plan with in the log, such as the target.png of the run; null = none.
     """
 
     tubes: str | None = None
@@ -105,13 +105,13 @@ class PlanSheets(Exporter):
 
 
 def title_of(job: ExportJob) -> str:
-    """Name a plan by the picture that is painted, never by the folder of a run."""
+    """Name a plan after the picture that is painted, never after a run's folder."""
     image = str(recorded_settings(job.saved).get("image") or "")
     return f"To paint: {Path(image).stem}" if image else "To paint"
 
 
 def remarks_on(plan: Plan, own: bool) -> list[str]:
-    """Say in a few lines what there is to do."""
+    """Summarise in a few lines the work that a plan takes."""
     used = len({stage.mixture for stage in plan.stages})
     paint = sum(millilitres_of_tubes(plan).values())
     return [
@@ -122,7 +122,7 @@ def remarks_on(plan: Plan, own: bool) -> list[str]:
 
 
 def difference_from(plan: Plan, picture: str) -> float:
-    """Measure the median CIEDE2000 between a plan that is played back and a picture of its shape."""
+    """Measure the median CIEDE2000 between a played-back plan and a picture of the same shape."""
     played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
     height, width = played.shape[1:]
     target = load_picture(picture, max(height, width))
@@ -132,7 +132,7 @@ def difference_from(plan: Plan, picture: str) -> float:
 
 
 def table_of(plan: Plan) -> str:
-    """Write a plan as CSV: a line for each stroke, in the order of painting; mm from the upper left corner."""
+    """Format a plan as CSV: one line per stroke in painting order; mm from the upper left corner."""
     curves = (curve_of(plan.strokes) / plan.pixels_per_mm).flatten(1).tolist()
     rows = []
     for stage in plan.stages:

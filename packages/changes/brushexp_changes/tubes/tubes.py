@@ -1,4 +1,4 @@
-"""Paint with mixtures of given tubes and with brushes of given widths."""
+"""Paint with mixtures of given tubes, and brushes of given widths."""
 
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -22,27 +22,28 @@ from brushexp_changes.tubes.table import StageOrder, Table
 FREE_COLOR_SHARE = 0.4  # share of the steps in which colours are free
 LAST_CHOICE = 0.9  # share of the steps after which each stroke keeps its mixture
 STEPS_BETWEEN_CHOICES = 10  # steps between two choices of mixtures
-CHOICES_AT_ONCE = 3  # times that mixtures are chosen in each, since those of other strokes have changed meanwhile
-LEAST_SEEN = 0.5  # pixels: a stroke that is seen less keeps its mixture
+CHOICES_AT_ONCE = 3  # iterations per choice, since the mixtures of other strokes change meanwhile
+LEAST_SEEN = 0.5  # pixels: a stroke with less visible area keeps its mixture
 MM_PER_CM = 10
-AUTO = "auto"  # working_resolution by the number of strokes
+AUTO = "auto"  # working_resolution that follows the number of strokes
 
 
 @register("change", "tubes")
 @dataclass(kw_only=True, eq=False)
 class OfTubes(Change):
-    """Paint with what a table has, to be painted by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
+    """Paint with a table's paints and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
 
-    From the beginning strokes are opaque, have widths of brushes and are no longer than a load of paint lasts. After
-    two fifths of the steps each stroke has a mixture, which is chosen anew every few steps, and meanwhile stays, while
-    place, length and bend move on. Large brushes lie below small ones, and of each dark mixtures below light ones.
+    From the start, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts. After
+    two fifths of the steps, each stroke has a mixture, which is chosen anew every few steps, while place, length and
+    bend keep moving. Strokes of large brushes lie below those of small ones, and within a brush, dark mixtures lie
+    below light ones.
 
     Args:
         tubes: set of tubes to paint with: eight, acrylics, primaries, zorn, or a CSV file.
-        mixtures: mixtures of up to three tubes, at most.
+        mixtures: maximum number of mixtures, each of up to three tubes.
         brushes: widths of the brushes in mm.
         width_cm: width of the painting in cm.
-        load: length that a brush paints with one load, in its widths.
+        load: length that a brush paints with one load, in brush widths.
     """
 
     tubes: Annotated[str, Rule(load_tubes)] = "eight"
@@ -53,7 +54,7 @@ class OfTubes(Change):
     _table: Table | None = field(default=None, init=False, repr=False)  # once the target is known
 
     def settings(self, cfg: DictConfig) -> DictConfig:
-        """Let the picture be so large that the thinnest brush has a pixel, where the photograph is."""
+        """Enlarge the picture until the thinnest brush is one pixel wide, if the photograph is large enough."""
         if cfg.working_resolution != AUTO or cfg.resolution is not None or not self.brushes:
             return cfg
         sizes = sizes_of(cfg)
@@ -85,11 +86,11 @@ class OfTubes(Change):
         return toned
 
     def table_for(self, target: Tensor, candidates: Mixtures) -> Table:
-        """Choose the mixtures for a target (3, H, W), and scale the brushes to it."""
+        """Choose mixtures for a target (3, H, W) and scale the brushes to it."""
         return self.table_of(choose_mixtures(candidates, target, self.mixtures), target.shape[2])
 
     def table_of(self, mixtures: Mixtures, width: int) -> Table:
-        """Make a table with mixtures, and the brushes scaled to a picture so many pixels wide."""
+        """Make a table of mixtures, with brushes scaled to a picture ``width`` pixels wide."""
         brushes = torch.tensor(sorted(set(self.brushes), reverse=True)) * width / (MM_PER_CM * self.width_cm)
         return Table(mixtures, brushes, self.load)
 
@@ -115,11 +116,11 @@ class OfTubes(Change):
 
 
 def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
-    """Choose for each of N strokes the mixture nearest to the colour by which the squared error falls most.
+    """Choose for each of N strokes the mixture nearest to the colour that reduces the squared error most.
 
-    The picture is linear in the colours, sum_k w_k c_k with shares w_k of at most 1 in all. So with the error e of a
-    picture, c_k + sum(w_k e) / sum(w_k), sums over pixels, is the minimum of a function of each colour alone that lies
-    above the squared error of all (a majoriser): all strokes can go there at once.
+    The picture is linear in the colours: sum_k w_k c_k, with shares w_k that sum to at most 1. With the picture's
+    error e, the colour c_k + sum(w_k e) / sum(w_k), summed over pixels, minimises a separable upper bound of the
+    squared error (a majoriser), so all strokes can move to their minima at once.
     """
     for _ in range(CHOICES_AT_ONCE):
         strokes = table.with_mixtures(replace(strokes, color=best_colors(strokes, state)))
@@ -127,7 +128,7 @@ def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes
 
 
 def best_colors(strokes: Strokes, state: PaintingState) -> Tensor:
-    """Compute the colours (N, 3) at which the majoriser of `choose_anew` is least."""
+    """Compute the colours (N, 3) that minimise the majoriser of `choose_anew`."""
     order = state.order(strokes)
     color = strokes.color.clone().requires_grad_()
     with torch.enable_grad():

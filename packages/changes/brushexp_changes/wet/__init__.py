@@ -1,1 +1,1 @@
-"""Strokes drag along the wet paint that lies under them: ``wet=0.5``."""
+"""Let strokes drag the wet paint beneath them: ``wet=0.5``."""

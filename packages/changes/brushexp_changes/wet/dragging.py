@@ -1,4 +1,4 @@
-"""Drag paint along: a stroke picks up what lies under its start, and carries it along until it is spent."""
+"""Drag paint: a stroke picks up the paint under its start and carries it along until it is spent."""
 
 from dataclasses import replace
 
@@ -14,19 +14,19 @@ from brushexp.contracts.strokes import Strokes, curve_of, cut_short, drift_of
 REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, the lowest first
 MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke, at an amount of 1
 FILM_WIDTH = 0.9  # width of a film, in widths of the stroke
-MIN_DIFFERENCE = 0.02  # least difference of colour, in some channel, that makes a film
-MIN_COVERAGE = 0.1  # least coverage under a start; a bare canvas is dry
-STARTS = 1024  # starts that are sampled at once, to save memory
+MIN_DIFFERENCE = 0.02  # colour difference, in any channel, above which a stroke carries films
+MIN_COVERAGE = 0.1  # minimum coverage under a start; a bare canvas is dry
+STARTS = 1024  # starts sampled at once, to limit memory
 
 
 @torch.no_grad()
 def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, amount: float) -> tuple[Strokes, Tensor]:
-    """Drag paint along N strokes of a painting; return strokes and their order, front to back.
+    """Drag paint along N strokes of a painting; return the strokes and their order, front to back.
 
-    ``amount``, 0 to 1, is how much of the underlying colour a stroke drags along.
+    ``amount``, 0 to 1, is the share of the underlying colour that a stroke drags along.
 
-    What a stroke drags lies on it as thin films, strokes like itself from its start on, each shorter than the one
-    below, in the colour that lay under its start before. Films follow the N strokes, which keep their numbers.
+    The dragged paint lies on the stroke as thin films: copies of the stroke from its start on, each shorter than the
+    one below, in the colour that lay under the start. Films are appended to the N strokes, which keep their numbers.
     """
     if not amount or not len(strokes):
         return strokes, front_to_back
