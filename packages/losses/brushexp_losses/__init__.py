@@ -1,1 +1,1 @@
-"""Further losses, as members of the family ``loss``."""
+"""Losses beyond the textbook ones, and the networks behind LPIPS."""

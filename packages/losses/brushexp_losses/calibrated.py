@@ -1,8 +1,8 @@
-"""LPIPS with its published weights, or the distance in the network that comes with the program."""
+"""Open LPIPS with its published weights, or the distance in the bundled network."""
 
 from brushexp.contracts.pictures import Distance, bundled_distance, open_backbone, packaged_file, read_tensors
 
-# The published weights of the channels (LPIPS 0.1), which come with torchmetrics, and the taps they are for.
+# The published channel weights (LPIPS 0.1), which ship with torchmetrics, and the taps to which they apply.
 PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"
 CALIBRATED = {
     "alexnet": ("alex.pth", ("relu1", "relu2", "relu3", "relu4", "relu5")),
@@ -12,7 +12,7 @@ CALIBRATED = {
 
 
 def open_distance(backbone: str, weights: str | None, option: str = "loss.lpips.weights") -> Distance:
-    """Open a distance in a network of `open_backbone`, LPIPS if its weights are published; errors name ``option``."""
+    """Open a distance in a backbone's features, LPIPS where its weights are published; errors name ``option``."""
     if backbone == "effl0":
         return bundled_distance(weights, option)
     network = open_backbone(backbone, weights, option)

@@ -1,4 +1,4 @@
-"""AlexNet, SqueezeNet 1.1 and VGG16, layer by layer as torchvision numbers them, with weights that the user has."""
+"""AlexNet, SqueezeNet 1.1 and VGG16 in torchvision's layer numbering, with weights from the user's file."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pictures import Backbone
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, as torchvision trains its networks
-VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block
+VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions per block
 
 
 class Fire(nn.Module):
-    """Squeeze to few channels, then expand by two convolutions side by side."""
+    """Squeeze to a few channels, then expand with two parallel convolutions."""
 
     def __init__(self, before: int, inside: int, half: int) -> None:
         super().__init__()
@@ -58,9 +58,9 @@ class Architecture:
     """A network as a sequence of convolutions, rectifiers and poolings."""
 
     layers: Callable[[], Iterator[nn.Module]]
-    taps: tuple[str, ...]  # names of what comes out of its rectifiers and "fire" modules
-    default_tap: str  # this one serves best as a content loss
-    least: int  # pixels of the shortest side that has all activations; shorter ones repeat their border
+    taps: tuple[str, ...]  # names of the activations after rectifiers and "fire" modules
+    default_tap: str  # best suited to a content loss
+    least: int  # shortest side in pixels that yields all activations; smaller pictures are padded by their border
     context: int = 32  # see `Backbone`
 
 
@@ -80,9 +80,9 @@ ARCHITECTURES = {
 
 
 class ClassicNetwork(Backbone):
-    """A network of ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
+    """A network from ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
 
-    A ``state`` that lacks some of those is refused (UserError); others, of a classifier for instance, do not matter.
+    Raises UserError if ``state`` lacks any of those; other entries, such as a classifier's, are ignored.
     """
 
     mean: Tensor
@@ -93,7 +93,7 @@ class ClassicNetwork(Backbone):
         chosen = ARCHITECTURES[name]
         self.taps, self.default_taps = chosen.taps, (chosen.default_tap,)
         self.least, self.context = chosen.least, chosen.context
-        with torch.device("meta"):  # no numbers until there are those of the file
+        with torch.device("meta"):  # allocate nothing before the file's weights are assigned
             self.features = nn.Sequential(*chosen.layers())
         try:
             self.load_state_dict({key: state[key] for key in state if key.startswith("features.")}, assign=True)

@@ -1,4 +1,4 @@
-"""The calibrated distance of features: LPIPS."""
+"""LPIPS as a metric: a calibrated distance of features."""
 
 from typing import Annotated
 
@@ -14,7 +14,7 @@ class OfficialLpips(Metric):
     With ``effl0`` it is ``perceptual`` by another name.
 
     Args:
-        option: what sets the file, for messages.
+        option: key that sets the file, for error messages.
         backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
         weights: file with the network's features, under torchvision's names.
     """

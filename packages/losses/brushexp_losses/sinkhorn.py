@@ -14,30 +14,31 @@ from brushexp.contracts.pictures import downsample
 from brushexp.contracts.strokes import at_least_single
 
 FIRST_BLUR = 2.0  # blur of the first potentials: the largest cost on a square
-MIN_EPSILON = 0.01  # least blur: exp(-4 / epsilon) is no zero in double precision
+MIN_EPSILON = 0.01  # lower bound of the blur: exp(-4 / epsilon) stays above zero in double precision
 
 
 @register("loss", "sinkhorn")
 class Sinkhorn(Loss):
     """Sinkhorn divergence (optimal transport) of the colours to the target's; pulls strokes over large distances.
 
-    Each channel of the shrunk pictures is mass on the pixel grid; moving it costs the squared distance, in longer sides
-    of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278), mean over
-    channels: 0 for equal pictures and otherwise more. It compares how light is spread, not how much there is: add
-    ``mse``. It looks at the whole canvas, also where a step looks at a part, and ignores the focus.
+    Each channel of the downsampled pictures is a mass on the pixel grid; moving it costs the squared distance, in
+    longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278),
+    averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of light, not its
+    amount, so add ``mse``. It always covers the whole canvas, even in steps that look at only a part, and ignores the
+    focus.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel a step and the
-    plain transport cost, which is not least for equal pictures. Differs: all channels, the debiased cost, and a blur
-    that is halved until it is ``epsilon``.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel per step and the
+    plain transport cost, which equal pictures do not minimise. Differs: all channels, the debiased cost, and a blur
+    that is halved until it reaches ``epsilon``.
 
     Args:
-        weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
-            of the mean colour; where only details are missing it is a hundred times shorter. Beside ``mse`` the default
-            changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
-        side: longer side in pixels to which pictures are shrunk, by averaging; smaller ones stay as they are.
-        epsilon: blur of the transport, in squared longer sides, from 0.01.
-        iterations: steps with the final blur.
-        floor: mass that every pixel has beside its colour, so that black pictures have some.
+        weight: factor in the sum of losses. At 4, the gradient in the picture is as long as that of ``mse`` on a canvas
+            of the mean colour; where only details are missing, it is a hundred times shorter. Added to ``mse``, the
+            default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
+        side: longer side in pixels to which pictures are downsampled by averaging; smaller ones are left alone.
+        epsilon: blur of the transport, in squared longer sides, at least 0.01.
+        iterations: iterations with the final blur.
+        floor: mass added to every pixel, so that black pictures have some.
     """
 
     weight = 2.0
@@ -56,13 +57,13 @@ class Sinkhorn(Loss):
         self.side, self.floor = side, floor
         halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
         coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
-        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # each update has its blur, from coarse to fine
-        self._surroundings: Surroundings | None = None  # this and the following belong to the last step
+        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # one blur per update, from coarse to fine
+        self._surroundings: Surroundings | None = None  # this and the next two belong to the last step
         self._rest = torch.empty(0)  # (3, h, w) the shrunk picture without its part
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
     def forward(self, view: PaintedView) -> Tensor:
-        # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
+        # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, with equally many updates each, so equal masses give 0.
         theirs, own_theirs = self.of_target(view.whole_target, self._masses_and_potential)
         ours = masses(self._downsampled(view), self.floor)
         a, b = ours.log(), theirs.log()
@@ -71,12 +72,12 @@ class Sinkhorn(Loss):
         return divergence.mean().to(at_least_single(view.image))
 
     def _masses_and_potential(self, target: Tensor) -> tuple[Tensor, Tensor]:
-        """Return masses b of the target, and the potential (C, h, w) of OT(b, b)."""
+        """Return the target's masses b and the potential (C, h, w) of OT(b, b)."""
         theirs = masses(downsample(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, view: PaintedView) -> Tensor:
-        """Shrink the whole canvas (3, h, w); differentiable in the part that the step looks at."""
+        """Downsample the whole canvas to (3, h, w); differentiable in the part that the step looks at."""
         around = view.surroundings
         if around is None:
             return downsample(at_least_single(view.image), self.side)
@@ -96,13 +97,13 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) of pixels from ``first`` on in the ``small`` means over a side."""
+    """Compute the weights (count, small) of ``count`` pixels from ``first`` on in the ``small`` means along a side."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 
 
 def masses(small: Tensor, floor: float) -> Tensor:
-    """Normalise each channel of a picture (3, h, w) to a mass of 1."""
+    """Normalise each channel of a picture (3, h, w) to a total mass of 1."""
     mass = small.double().clamp_min(0) + floor
     return mass / mass.sum((1, 2), keepdim=True)
 
@@ -110,8 +111,8 @@ def masses(small: Tensor, floor: float) -> Tensor:
 def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
     """Compute K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019).
 
-    ``scores`` are the logarithms of the opposite masses, ``partners`` the numbers of the opposite potentials. All
-    updates but the first and one more with the last blur go half of the way.
+    ``scores`` are the logarithms of the opposite masses, ``partners`` the indices of the opposite potentials. Updates
+    are averaged with the previous potential, except the first and a final extra one with the last blur.
     """
     potential = torch.zeros_like(scores)
     for number, blur in enumerate([*blurs, blurs[-1]]):
@@ -123,8 +124,8 @@ def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) 
 def soft_minimum(scores: Tensor, blur: float) -> Tensor:
     """Compute -blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
 
-    Relative to the largest score no exponential that counts vanishes in double precision: scores lie within 2 / blur +
-    log(1 / floor + 1) of each other, and costs within 2 / blur. The kernel is separable.
+    After subtracting the largest score, no relevant exponential underflows in double precision: scores differ by at
+    most 2 / blur + log(1 / floor + 1), and costs by at most 2 / blur. The kernel is separable.
     """
     height, width = scores.shape[-2:]
     places = [torch.arange(n, dtype=scores.dtype, device=scores.device) / max(height, width) for n in (height, width)]
