@@ -1,1 +1,1 @@
-"""Painters that others have published, as members of the family ``painter``."""
+"""Painters published by others, as baselines."""

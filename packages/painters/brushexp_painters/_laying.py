@@ -1,4 +1,4 @@
-"""Helpers of painters that decide stroke by stroke."""
+"""Helpers for painters that decide stroke by stroke."""
 
 from collections.abc import Iterator
 
@@ -8,25 +8,25 @@ import torch
 from brushexp.contracts.families import PaintState
 from brushexp.contracts.strokes import Strokes, strokes_along
 
-PORTIONS = 60  # states that a painter yields, at most
-LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue in papers of the time
+PORTIONS = 60  # maximum number of states that a painter yields
+LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue, as in papers of the time
 
 Array = np.ndarray
 
 
 def portions(n: int) -> list[int]:
-    """Divide n strokes into up to `PORTIONS` states: how many strokes each has."""
+    """List the numbers of strokes in up to `PORTIONS` states of a painting of n strokes."""
     return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
 
 
 def lay(strokes: Strokes) -> Iterator[PaintState]:
-    """Yield the states of a painting whose strokes are known; a step is a stroke."""
+    """Yield the states of a painting with known strokes; one step is one stroke."""
     for n in portions(len(strokes)):
         yield PaintState(strokes[:n], n, len(strokes))
 
 
 def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
-    """Make strokes along curves (N, 3, 2) of a thickness (N,) in pixels and colours (N, 3)."""
+    """Make strokes along curves (N, 3, 2), with thickness (N,) in pixels and colour (N, 3)."""
     line, thick, shade = (torch.from_numpy(np.ascontiguousarray(x, np.float32)) for x in (curves, thickness, color))
     return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
 
@@ -37,5 +37,5 @@ def vectors(length: Array, angle: Array) -> Array:
 
 
 def numpy_generator(generator: torch.Generator) -> np.random.Generator:
-    """Seed a generator of NumPy from one of PyTorch."""
+    """Seed a NumPy generator from a PyTorch one."""
     return np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))

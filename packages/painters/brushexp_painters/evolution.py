@@ -13,11 +13,11 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST_CANDIDATE, SMALLEST_CANDIDATE, worst_places
 
-LEAST_HALF = 0.5  # pixels: half of the smallest thickness
-MARGIN = 1.5  # pixels around a stroke in which its soft edge ends
-SIDES = (2.5, 6.0)  # range of the side of a cell, in reaches of some stroke
-SUCCESS_RATE = 0.2  # share of children that live at which mutations keep their size (Rechenberg, 1973)
-STEP_RANGE = (0.01, 0.5)  # size of mutations: shape in lengths of the stroke, colour in its range
+LEAST_HALF = 0.5  # pixels: smallest half-thickness
+MARGIN = 1.5  # pixels around a stroke that contain its soft edge
+SIDES = (2.5, 6.0)  # range of a cell's side, in units of the reach of a random stroke
+SUCCESS_RATE = 0.2  # share of surviving children at which mutations keep their size (Rechenberg, 1973)
+STEP_RANGE = (0.01, 0.5)  # range of mutation sizes: shape in stroke lengths, colour in shares of its range
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Genes:
 
     middle: Array  # (N, 2) pixels
     along: Array  # (N, 2) from the middle to the end
-    bend: Array  # (N,) of the control point across that, in its lengths
+    bend: Array  # (N,) offset of the control point across that, in lengths of ``along``
     half: Array  # (N,) half of the thickness in pixels
     color: Array  # (N, 3)
     depth: Array  # (N,) the lowest first
@@ -35,7 +35,7 @@ class Genes:
         return Genes(*(getattr(self, gene.name)[index] for gene in fields(Genes)))
 
     def replace(self, index: Array, others: "Genes") -> "Genes":
-        """Copy the genes, with those at places ``index`` replaced by as many others."""
+        """Return a copy with the genes at ``index`` replaced by others."""
         result = Genes(*(getattr(self, gene.name).copy() for gene in fields(Genes)))
         for gene in fields(Genes):
             getattr(result, gene.name)[index] = getattr(others, gene.name)
@@ -43,7 +43,7 @@ class Genes:
 
     @property
     def reach(self) -> Array:
-        """The distance (N,) that strokes reach from their middles."""
+        """The distance (N,) from a stroke's middle to its farthest point."""
         return np.hypot(*self.along.T) * np.hypot(1, self.bend) + self.half + MARGIN
 
     def strokes(self, opacity: float) -> Strokes:
@@ -57,21 +57,21 @@ class Genes:
 @register("painter", "evolution")
 @dataclass(kw_only=True)
 class Evolution(Painter):
-    """A genetic algorithm: from random strokes on, children take the place of their parents where the error falls.
+    """A genetic algorithm: starting from random strokes, children replace their parents where that lowers the error.
 
     Source: the genetic algorithms of the thesis's 5.3, in the manner of Collet et al., 2000 (Polar IFS + Parisian
-    Genetic Programming): the painting is the whole population, not a member of one. It is Haeberli's relaxation (1990)
-    with a crossover. A child is its parent with some genes mutated, or with some of another stroke's; or it is a new
-    stroke on top where the error is. Mutations get larger or smaller by the one-fifth rule (Rechenberg, 1973).
+    Genetic Programming): the painting is the whole population, not one of its members. It is Haeberli's relaxation
+    (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or it is a new
+    stroke on top where the error is. Mutations grow or shrink by the one-fifth rule (Rechenberg, 1973).
 
-    Differs from the sources: the canvas is cut into cells, of another size and place in each generation; one stroke of
-    each that lies within it has a child, and all are judged in one picture, cell by cell. Colours are the picture's to
-    begin with.
+    Differs from the sources: the canvas is divided into cells, whose size and place change with each generation; in
+    each cell, one stroke that lies within it has a child, and all children are judged in one picture, cell by cell.
+    Initial colours are those of the picture.
 
     Args:
-        children: so many are judged, for each stroke.
-        crossover: share of the children that have genes of another stroke.
-        renewal: share that are new strokes.
+        children: number of children judged per stroke.
+        crossover: share of the children with genes of another stroke.
+        renewal: share of the generations whose children are new strokes.
         opacity: opacity of the paint.
     """
 
@@ -110,7 +110,7 @@ class Evolution(Painter):
     def _children(
         self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
     ) -> tuple[Array, Genes, Array]:
-        """Choose parents, a child of each in the same cell, and say which of the children are mutants."""
+        """Choose parents and make a child of each in the same cell; tell which children are mutants."""
         parents = cells.choose_one_each(genes, random)
         if random.random() < self.renewal:
             places = worst_places(target, canvas, random)
@@ -130,7 +130,7 @@ class Evolution(Painter):
 
 
 def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Change half of the genes of each stroke: at random where ``mutate`` (n,), else to those of others."""
+    """Change half of each stroke's genes: at random where ``mutate`` (n,) is true, otherwise to those of others."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
     genes = {}
@@ -146,7 +146,7 @@ def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.rando
 
 
 def initial_genes(request: PaintRequest, target: Array, random: np.random.Generator) -> Genes:
-    """Draw random strokes, small ones on top of large ones."""
+    """Sample random strokes, with small ones on top of large ones."""
     n, smallest = request.n, SMALLEST_CANDIDATE * request.pitch
     middle = random.uniform(0, 1, (n, 2)) * request.size[::-1]
     low, high = np.log(smallest), np.log(max(LARGEST_CANDIDATE * min(request.size), smallest))
@@ -155,7 +155,7 @@ def initial_genes(request: PaintRequest, target: Array, random: np.random.Genera
 
 
 def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
-    """Draw strokes of half-lengths (n,) at places (n, 2), in the colours of the target there, in random directions."""
+    """Sample strokes with half-lengths (n,) at places (n, 2), in the target's colours and random directions."""
     n = len(length)
     along = vectors(length, random.uniform(0, np.pi, n))
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
@@ -164,7 +164,7 @@ def random_genes(middle: Array, length: Array, target: Array, depth: Array, rand
 
 
 class Cells:
-    """Squares of random size and place that cover the canvas and more."""
+    """A grid of square cells, of random size and offset, that covers the canvas and more."""
 
     def __init__(self, size: tuple[int, int], genes: Genes, random: np.random.Generator) -> None:
         height, width = size
@@ -175,20 +175,20 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Number the cell (...) of each place (..., 2); places far from the canvas belong to the border."""
+        """Return the cell number (...) of each place (..., 2); places far off the canvas belong to border cells."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
     def room(self, place: Array) -> Array:
-        """Compute the distance (n,) of places (n, 2) from the borders of their cells."""
+        """Compute the distance (n,) from places (n, 2) to the nearest border of their cells."""
         inside = (place + self.shift) % self.side
         return np.minimum(inside, self.side - inside).min(1)
 
     def errors(self, difference: Array) -> Array:
-        """Sum the squares of a picture (H, W, 3) in each cell."""
+        """Sum a picture's squared values (H, W, 3) in each cell."""
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
     def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:
-        """Choose at most one of the strokes that lie within each cell, by their indices."""
+        """Choose at random one of the strokes that lie wholly within each cell, if any; return their indices."""
         index = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
         return index[np.unique(self.of(genes.middle[index]), return_index=True)[1]]

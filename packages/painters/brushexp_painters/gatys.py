@@ -18,25 +18,26 @@ from brushexp_painters._laying import PORTIONS, strokes_from_arrays
 @register("painter", "gatys")
 @dataclass(kw_only=True)
 class Gatys(Painter):
-    """The colours of a lattice of dots, found by gradient descent for the features of the picture and of a style.
+    """Style transfer on a lattice of dots, whose colours descend on the features of the picture and of a style.
 
-    Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). The colour of each pixel
-    descends on the difference in the features of the picture, and in the Gram matrices of a style's.
+    Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). Pixel colours descend on the
+    difference from the picture's features and from the Gram matrices of the style's features.
 
-    Differs from the paper: a pixel is a dot that covers it, so that canvas, catalogue and exports have it, with the
-    soft edge of ``renderer``: as many as pixels with `pixels_per_stroke=1`, else larger ones, each on its cell. It
-    starts at the picture, not at noise, from which the small network that ships finds no colours (`backbone=vgg16
-    weights=...` is nearer to the paper's). Adam, not L-BFGS. Without a style it has little to do.
+    Differs from the paper: each pixel is a dot with the soft edge of ``renderer``, so that canvas, catalogue and
+    exports contain it; `pixels_per_stroke=1` makes one dot per pixel, other values make larger dots, one per cell. It
+    starts from the picture, not from noise, because the bundled small network finds no colours from noise
+    (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style it has little to
+    do.
 
     Args:
-        style: a painting; null = the picture's own statistics.
-        start: the picture, or noise.
-        steps: steps of Adam.
-        lr: rate of the colours.
-        content: weight of the features of the picture.
+        style: painting whose style is transferred; null = the picture's own statistics.
+        start: start of the descent: picture or noise.
+        steps: number of Adam steps.
+        lr: learning rate of the colours.
+        content: weight of the picture's features.
         style_weight: weight of the Gram matrices.
         backbone: feature network.
-        weights: file with the network's weights; null takes those of its package.
+        weights: file with the network's weights; null = the weights in its package.
     """
 
     kind = "gradients, of features"
@@ -72,7 +73,7 @@ class Gatys(Painter):
 
 
 def lattice_dots(request: PaintRequest) -> Strokes:
-    """Make a dot in the mean colour of each cell of a lattice, at most one for each stroke, in random order."""
+    """Make a dot in the mean colour of each cell of a lattice, at most as many as strokes, in random order."""
     height, width = request.size
     rows = min(height, max(1, round(height / request.pitch)))
     columns = min(width, max(1, request.n // rows))

@@ -13,32 +13,32 @@ from brushexp.contracts.kernels import function, inline
 from brushexp.contracts.machine import share
 from brushexp_painters._laying import Array, numpy_generator, portions, strokes_from_arrays, vectors
 
-SAMPLES = 400  # pixels at which the error of a candidate is measured, about
-PIECES = 8  # straight lines that approximate a curve
+SAMPLES = 400  # approximate number of pixels at which a candidate's error is measured
+PIECES = 8  # line segments that approximate a curve
 LARGEST_CANDIDATE = 0.25  # largest half-length of the first candidates, in shorter sides of the canvas
 SMALLEST_CANDIDATE = 0.4  # smallest half-length of a candidate, in mean distances between strokes
-CELLS = 48  # cells of the map of the error on its longer side
-MAP_EVERY = 8  # strokes between two such maps
-STEP_SIZE = 0.3  # size of the first mutations, in lengths of the stroke
+CELLS = 48  # cells along the longer side of the error map
+MAP_EVERY = 8  # strokes between two error maps
+STEP_SIZE = 0.3  # size of the first mutations, in stroke lengths
 
 
 @register("painter", "greedy")
 @dataclass(kw_only=True)
 class Greedy(Painter):
-    """A search: each stroke is the best of random candidates, improved by hill climbing, in its optimal colour.
+    """A greedy search: each stroke is the best of random candidates, improved by hill climbing, in its optimal colour.
 
     Source: Fogleman, 2016 (primitive), after the trial and error of Haeberli (1990) and the evolutionary painters that
-    the thesis names. Each candidate has the colour that leaves the least squared error with what lies below, in closed
-    form; the stroke that lowers the error most stays, and is not touched again.
+    the thesis names. Each candidate gets the colour that minimises the squared error over the paint below, in closed
+    form; the stroke that lowers the error most is kept and never changed again.
 
-    Differs from the source: shapes are strokes; candidates are drawn where the error is, not evenly; several mutations
-    are tried at a time, ever smaller ones; and an error is measured at about 400 pixels of a stroke. The search
-    sees plain strokes, whatever the renderer.
+    Differs from the source: shapes are strokes; candidates are sampled where the error is, not uniformly; several
+    mutations are tried at a time, and they shrink from round to round; and errors are measured at about 400 pixels per
+    stroke. The search assumes plain strokes, whatever the renderer.
 
     Args:
-        candidates: random strokes that are tried for each stroke.
-        climbs: rounds of hill climbing.
-        mutations: changes of the best stroke that are tried in a round.
+        candidates: random candidates per stroke.
+        climbs: rounds of hill climbing per stroke.
+        mutations: mutations of the best stroke tried per round.
         opacity: opacity of the paint.
     """
 
@@ -71,7 +71,7 @@ class Greedy(Painter):
     def _best(
         self, target: Array, canvas: Array, places: Array, lengths: tuple[float, float], random: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Find points and half of the thickness (7,) of the stroke that lowers the error most, and its colour (3,)."""
+        """Find the stroke that lowers the error most: its points and half-thickness (7,), and its colour (3,)."""
 
         def best_of(strokes: Array) -> tuple[Array, Array, float]:
             gain, color = np.zeros(len(strokes)), np.zeros((len(strokes), 3), np.float32)
@@ -100,7 +100,7 @@ class Greedy(Painter):
 
 
 def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> Array:
-    """Draw 256 places (256, 2), with the squared error of the canvas as their probability."""
+    """Sample places (256, 2) with probability proportional to the squared error of the canvas."""
     step = max(1, -(-max(target.shape) // CELLS))
     error = np.square(target - canvas).sum(2)
     rows, columns = (np.arange(0, side, step) for side in error.shape)
@@ -113,7 +113,7 @@ def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> A
 
 @inline
 def _coverage(x, y, curve, half):
-    """Compute how much of the pixel at a place a stroke covers: a distance to its curve, one pixel soft."""
+    """Compute a stroke's coverage of the pixel at (x, y), from the distance to its curve; the edge is a pixel wide."""
     nearest = np.float32(1e12)
     ax, ay = curve[0], curve[1]
     for piece in range(1, PIECES + 1):
@@ -131,7 +131,7 @@ def _coverage(x, y, curve, half):
 
 @inline
 def _box(curve, half, height, width):
-    """Find the columns and rows, first and behind the last, that a stroke may touch."""
+    """Find the half-open ranges of columns and rows that a stroke may touch."""
     left, right = min(curve[0], curve[2], curve[4]) - half, max(curve[0], curve[2], curve[4]) + half
     top, bottom = min(curve[1], curve[3], curve[5]) - half, max(curve[1], curve[3], curve[5]) + half
     x0, x1 = max(int(left) - 1, 0), min(int(right) + 2, width)
@@ -141,9 +141,10 @@ def _box(curve, half, height, width):
 
 @function
 def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
-    """Compute how much each of strokes (K, 7) lowers the squared error of the canvas (H, W, 3), and its colour.
+    """Compute for each of strokes (K, 7) how much it lowers the canvas's squared error (H, W, 3), and its colour.
 
-    With coverage a, canvas v and r = target - (1 - a) v the error is the sum of (a c - r)^2, least at sum ar / sum aa.
+    With coverage a, canvas v and r = target - (1 - a) v, the error is the sum of (a c - r)^2; the minimum is at
+    c = sum ar / sum aa.
     """
     height, width = target.shape[0], target.shape[1]
     for k in range(begin, end):
@@ -173,7 +174,7 @@ def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
 
 @function
 def lay_stroke(canvas, curve, half, opacity, color):
-    """Paint one stroke onto a canvas (H, W, 3)."""
+    """Paint a stroke onto a canvas (H, W, 3)."""
     x0, x1, y0, y1 = _box(curve, half, canvas.shape[0], canvas.shape[1])
     for y in range(y0, y1):
         for x in range(x0, x1):

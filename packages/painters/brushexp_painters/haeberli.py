@@ -16,22 +16,22 @@ from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays,
 @register("painter", "haeberli")
 @dataclass(kw_only=True)
 class Haeberli(Painter):
-    """Straight strokes at random places, in the colour of the picture, along its edges, from large to small.
+    """Straight strokes at random places along the picture's edges, in its colours, from large to small.
 
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
-    picture, and its direction across the picture's gradient.
+    picture, and its direction is normal to the picture's gradient.
 
-    Differs from the paper: places and sizes are not a person's. Places are sampled, and the brush gets finer from the
-    first stroke to the last. The direction is that of the structure tensor, in which gradients of opposite signs do not
-    cancel. His relaxation of a fixed set of strokes is no part of it.
+    Differs from the paper: no person chooses places and sizes. Places are sampled, and the brush gets finer from the
+    first stroke to the last. Directions come from the structure tensor, in which gradients of opposite signs do not
+    cancel. Haeberli's relaxation of a fixed set of strokes is not included.
 
     Args:
-        places: jittered (no clumps and no holes: a scrambled Sobol sequence) or random.
+        places: distribution of the places: jittered (a scrambled Sobol sequence, without clumps or holes) or random.
         largest: thickness of the first strokes, in mean distances between strokes.
-        smallest: thickness of the last strokes, likewise.
-        length: length of a stroke, in its thickness.
-        stray: deviation of the direction from that of the picture, degrees.
-        opacity: 0 to 1.
+        smallest: thickness of the last strokes, in mean distances between strokes.
+        length: length of a stroke, in units of its thickness.
+        stray: standard deviation of the direction from the picture's, in degrees.
+        opacity: opacity of the paint, 0 to 1.
     """
 
     kind = "local rules"

@@ -12,41 +12,42 @@ from brushexp.contracts.pictures import sampled_at, worst_of_cells
 from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
-FIRST_LAYER = 0.2  # share of the strokes that the layer of the largest brush takes, about
-STEPS_PER_CURVE = 16  # steps after which a stroke needs one more Bezier curve, about
-FLAT = 1e-9  # slope of the luminance below which it has no direction
+FIRST_LAYER = 0.2  # approximate share of the strokes in the largest brush's layer
+STEPS_PER_CURVE = 16  # approximate number of steps per Bezier curve
+FLAT = 1e-9  # luminance gradient below which there is no direction
 
 
 @register("painter", "hertzmann")
 @dataclass(kw_only=True)
 class Hertzmann(Painter):
-    """Long curved strokes in layers: a large brush everywhere, smaller ones where the canvas still differs.
+    """Long curved strokes in layers: a large brush everywhere, then smaller ones where the canvas still differs.
 
     Source: Hertzmann, 1998 (Painterly Rendering with Curved Brush Strokes of Multiple Sizes). Each brush of radius R
-    looks at the picture blurred with f_s R, in cells of f_g R; where the mean difference of a cell is above T, a stroke
-    begins at its worst pixel and follows the normals of the luminance's gradient in steps of R, smoothed by f_c, in one
-    colour, until the canvas is nearer to the picture than that. The strokes of a layer are laid in random order.
+    paints the picture blurred by f_s R, in cells of f_g R. Where a cell's mean difference exceeds T, a stroke starts at
+    the cell's worst pixel and follows the normals of the luminance gradient in steps of R, smoothed by f_c, until the
+    canvas is closer to the picture than the stroke's colour is. The strokes of a layer are laid in random order.
 
-    Differs from the paper: its cubic B-splines are fitted by quadratic Bezier curves, one where that is within
-    ``tolerance``, else several that meet: those are what ``strokes`` counts. As a threshold the number of strokes is
-    given: each layer takes its worst cells (``threshold=100`` is the paper's, with at most so many). The bare canvas
-    ends strokes of the first layer as any paint does, or each would have the greatest length. The styles of the
-    paper are presets (`hertzmann_impressionist`) with its brushes relative to each other: in its pixels and with its
-    thresholds (``scale=1 threshold=100``) few thousand strokes leave most of a canvas bare.
+    Differs from the paper: its cubic B-splines become quadratic Bezier curves, one if that is within ``tolerance``,
+    otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the threshold: each
+    layer takes its worst cells (``threshold=100`` is the paper's, with at most as many strokes). Bare canvas ends
+    strokes of the first layer as paint does, or all of them would have the maximum length. The paper's styles are
+    presets (`hertzmann_impressionist`) with the same ratios between brushes; in the paper's pixels and with its
+    thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
 
     Args:
         radii: radii of the brushes, largest first, in units of ``scale``.
-        scale: pixels of a unit; null = such that the first layer takes about a fifth of the strokes.
-        threshold: T, mean difference of the colours in a cell, 0 to 441; null = what the strokes are enough for.
-        blur: f_s, deviation of the blur in radii.
-        grid: f_g, side of a cell in radii.
-        curvature: f_c; less than 1 straightens strokes.
-        min_length: steps that every stroke takes.
-        max_length: steps that none exceeds.
+        scale: pixels per unit; null = chosen so that the first layer takes about a fifth of the strokes.
+        threshold: mean colour difference of a cell above which it is painted (T), 0 to 441; null = as low as the number
+            of strokes allows.
+        blur: standard deviation of the blur (f_s), in radii.
+        grid: side of a cell (f_g), in radii.
+        curvature: smoothing of the direction (f_c); less than 1 straightens strokes.
+        min_length: minimum number of steps per stroke.
+        max_length: maximum number of steps per stroke.
         opacity: opacity of the paint.
         jitter_rgb: random change of red, green and blue, as a share of their range.
         jitter_hsv: random change of hue, saturation and value.
-        tolerance: distance between a stroke and its Bezier curves, in radii.
+        tolerance: maximum distance between a stroke and its Bezier curves, in radii.
     """
 
     kind = "local rules, and the canvas"
@@ -78,7 +79,7 @@ class Hertzmann(Painter):
         for k, radius in enumerate(radii):
             reference = gaussian_filter(target, (0, self.blur * radius, self.blur * radius), mode="nearest")
             canvas = request.draw(strokes.map(lambda value: value.to(request.target))).cpu().numpy()
-            cells = 1 / radii[k:] ** 2  # cells of this layer and of those to come, but for a factor
+            cells = 1 / radii[k:] ** 2  # cells of this and later layers, up to a factor
             room = n - len(strokes)
             room = room if k == 0 else round(room * cells[0] / cells.sum())
             layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)
@@ -87,14 +88,14 @@ class Hertzmann(Painter):
             strokes = Strokes.join(strokes, layer)
 
     def _scale(self, request: PaintRequest) -> float:
-        """Choose the pixels of a unit so that the cells of the largest brush take `FIRST_LAYER` of the strokes."""
+        """Choose the pixels per unit so that the cells of the largest brush take `FIRST_LAYER` of the strokes."""
         cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(
         self, reference: Array, canvas: Array, radius: float, room: int, random: np.random.Generator, everywhere: bool
     ) -> Strokes:
-        """Make the strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
+        """Make at most ``room`` strokes of one brush on a canvas (3, H, W)."""
         difference = 255 * np.linalg.norm(reference - canvas, axis=0)
         cells, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
         error = np.nanmean(cells, 1)
@@ -116,7 +117,7 @@ class Hertzmann(Painter):
     def _trace(
         self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
     ) -> tuple[Array, Array]:
-        """Trace S strokes from places (S,) in colours (3, S): their points (S, L + 1, 2) and numbers of steps (S,)."""
+        """Trace S strokes from places (S,) in colours (3, S); return points (S, L + 1, 2) and numbers of steps (S,)."""
         from scipy.ndimage import sobel  # noqa: PLC0415
 
         luminance = np.tensordot(LUMINANCE, reference, 1)
@@ -153,10 +154,10 @@ class Hertzmann(Painter):
 
 
 def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
-    """Fit quadratic Bezier curves (M, 3, 2) to polylines (S, L + 1, 2), and number (M,) the line of each.
+    """Fit quadratic Bezier curves to polylines (S, L + 1, 2); return each curve's line (M,) and the curves (M, 3, 2).
 
-    A line of so many ``steps`` (S,) that is farther than ``tolerance`` from its curve is cut in halves, which meet; the
-    curves of a line come in its direction.
+    ``steps`` (S,) counts the steps of each line. A line farther than ``tolerance`` from its curve is split into halves
+    that meet; the curves of a line are listed along it.
     """
     line, first, last = np.arange(len(points)), np.zeros(len(points), int), steps
     pieces: list[tuple[Array, Array, Array]] = []
@@ -175,7 +176,7 @@ def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Ar
 
 
 def least_squares_curves(points: Array, line: Array, first: Array, last: Array) -> tuple[Array, Array]:
-    """Fit curves (M, 3, 2) from point ``first`` to ``last`` of lines, and measure their largest errors (M,)."""
+    """Fit curves (M, 3, 2) from point ``first`` to ``last`` of each line, and measure their largest errors (M,)."""
     number = np.arange(points.shape[1])
     inside = (first[:, None] < number) & (number < last[:, None])
     t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # the points are evenly spaced

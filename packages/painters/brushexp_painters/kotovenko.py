@@ -1,4 +1,4 @@
-"""The painter ``kotovenko``: parametrisation and losses of the published successor of the thesis."""
+"""The painter ``kotovenko``: parametrisation and losses of the thesis's published successor."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -17,27 +17,28 @@ from brushexp_painters._laying import PORTIONS
 @register("painter", "kotovenko")
 @dataclass(kw_only=True)
 class Kotovenko(Painter):
-    """Superpixels as strokes, moved for features of the picture, in colours that follow the style alone.
+    """Superpixels as strokes, whose shapes follow the picture's features and whose colours follow the style alone.
 
     Source: Kotovenko et al., 2021 (Rethinking Style Transfer: From Pixels to Parameterized Brushstrokes,
-    arXiv:2103.17185), as its published code has it: location, start, end, control, width and colour of each stroke, no
-    depth and no opacity that is optimised; SLIC; content, Gram matrices, curvature and direction as losses; Adam with
-    one rate for the shape, by all of them, and one for the colour, by the style loss alone; 100 steps.
+    arXiv:2103.17185), following its published code: it optimises location, start, end, control, width and colour of
+    each stroke, but neither depth nor opacity; SLIC initialises; the losses are content, Gram matrices, curvature and
+    direction; Adam takes 100 steps, with one rate for the shape, on all losses, and one for the colour, on the style
+    loss alone.
 
-    Differs from the paper: strokes cover each other, the larger ones below, where a pixel of its canvas belongs to the
-    nearest stroke; features are of the small network that ships; weights are such that the terms are as far apart as
-    there. Its second stage, which optimises pixels and not strokes, is `painter=gatys`. Without a style, pixels are
-    compared and not features, and the colours follow them, too, as where such code is used to reconstruct pictures.
+    Differs from the paper: strokes cover each other, larger ones below, whereas in the paper each pixel belongs to the
+    nearest stroke; features come from the bundled small network; weights keep the paper's ratios between the terms. The
+    paper's second stage, which optimises pixels, is `painter=gatys`. Without a style, pixels are compared instead of
+    features, and the colours follow them, too, as when such code reconstructs pictures.
 
     Args:
-        style: a painting; null = none.
-        steps: steps of Adam.
-        lr: rate of the shape, pixels a step.
-        lr_color: rate of the colours.
-        content: weight of the features of the picture; without a style, of its pixels.
+        style: painting whose style is transferred; null = none.
+        steps: number of Adam steps.
+        lr: learning rate of the shape, in pixels per step.
+        lr_color: learning rate of the colours.
+        content: weight of the picture's features or, without a style, of its pixels.
         style_weight: weight of the Gram matrices.
-        curvature: weight of the bends.
-        direction: weight of how neighbours differ in direction.
+        curvature: weight of the curvature loss.
+        direction: weight of the difference in direction between neighbours.
     """
 
     kind = "gradients, of features and pixels"
@@ -59,7 +60,7 @@ class Kotovenko(Painter):
         area = strokes.width * (strokes.width + (strokes.end - strokes.start).norm(dim=1))
         strokes = strokes[area.argsort(descending=True)].map(lambda value: value.to(request.target))
         strokes = replace(strokes, opacity=torch.ones_like(strokes.opacity))
-        pixel = 2 / float(strokes.scale[0])  # in half-windows, which `slic` makes all alike
+        pixel = 2 / float(strokes.scale[0])  # in half-windows, which `slic` makes equal for all strokes
         units = dict.fromkeys(("position", "start", "control", "end"), pixel) | {"width": pixel / 2, "color": 1.0}
         catalogue = Catalogue(strokes, units)
         shape = [value for name, value in catalogue.named_parameters() if name in units and name != "color"]

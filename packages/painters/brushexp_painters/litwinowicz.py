@@ -11,35 +11,35 @@ from brushexp.contracts.families import Painter, PaintRequest, PaintState
 from brushexp.contracts.pictures import sampled_at
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
-DATA_WEIGHT = 1e3  # weight of the reliable directions, beside the bending of the field
+DATA_WEIGHT = 1e3  # weight of the reliable directions against the bending of the field
 
 
 @register("painter", "litwinowicz")
 @dataclass(kw_only=True)
 class Litwinowicz(Painter):
-    """Short straight strokes on a grid, along edges, clipped where they cross one.
+    """Short straight strokes on a grid, along edges and clipped at edges.
 
-    Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). From its centre a stroke grows
-    both ways, pixel by pixel, until it has its length or the Sobel magnitude of the smoothed luminance falls; it has
-    the colour of its centre, normal to the gradient; where there is hardly any, the direction comes from around by a
-    thin-plate spline. Length, thickness, direction and colour are perturbed at random, and so is the order.
+    Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). A stroke grows from its centre
+    both ways, pixel by pixel, until it reaches its length or the Sobel magnitude of the smoothed luminance falls. It
+    has the colour at its centre and lies normal to the gradient; where the gradient is weak, a thin-plate spline
+    interpolates the direction. Length, thickness, direction, colour and order are random.
 
-    Differs from the paper: the spacing follows from ``strokes``, and lengths that were pixels at its spacing of 2 are
-    in spacings, as is the blur, whose width is ours. The spline is the discrete one on the grid, of double angles,
-    in which gradients of opposite signs do not cancel. An edge is passed where the magnitude has fallen by ``fall``
-    from its highest, not by anything, which would be noise: its 8-bit values hid that. One picture only:
-    `image=clip.mp4` has strokes that optical flow carries.
+    Differs from the paper: the spacing follows from ``strokes``, and lengths, which the paper gives in pixels at a
+    spacing of 2, are in spacings, as is the blur, whose width we chose. The spline is discrete, on the grid, and of
+    doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the magnitude has fallen by
+    ``fall`` from its maximum; the paper ends it at any fall, which its 8-bit values protected from noise. The painter
+    is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
 
     Args:
-        length: length of a stroke without edges, least and most, in spacings.
-        thickness: least and most, in spacings.
-        smoothing: deviation of the Gaussian before gradients, in spacings.
-        flat: gradient below which a direction is interpolated, 8-bit levels a pixel in x and in y.
-        clip: end strokes at edges.
-        fall: least fall of the Sobel magnitude beyond an edge, 8-bit levels a pixel.
-        stray: greatest change of the direction, degrees.
-        stray_color: greatest change of red, green and blue, 8-bit levels.
-        stray_intensity: greatest change of all three together, as a share.
+        length: minimum and maximum length of an unclipped stroke, in spacings.
+        thickness: minimum and maximum thickness, in spacings.
+        smoothing: standard deviation of the Gaussian before gradients, in spacings.
+        flat: gradient in x and in y below which directions are interpolated, in 8-bit levels per pixel.
+        clip: whether strokes end at edges.
+        fall: fall of the Sobel magnitude that marks an edge, in 8-bit levels per pixel.
+        stray: maximum random change of direction, in degrees.
+        stray_color: maximum random change of red, green and blue, in 8-bit levels.
+        stray_intensity: maximum random change of all three channels together, as a share.
         opacity: opacity of the paint.
     """
 
@@ -82,7 +82,7 @@ class Litwinowicz(Painter):
         yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Compute angles (n,) at the places of a grid: normal to the gradient, interpolated where there is none."""
+        """Compute angles (n,) at the nodes of a grid: normal to the gradient, interpolated where that is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
@@ -92,7 +92,7 @@ class Litwinowicz(Painter):
         return 0.5 * np.arctan2(field[:, 1], field[:, 0])
 
     def _grow(self, smooth: Array, middle: Array, ahead: Array, reach: Array) -> Array:
-        """Grow strokes from their middles (n, 2) in directions (n, 2), by ``reach`` (n,) pixels at most."""
+        """Grow strokes from their middles (n, 2) in directions (n, 2), by at most ``reach`` (n,) pixels."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
         edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels a pixel
@@ -108,7 +108,7 @@ class Litwinowicz(Painter):
 
 
 def thin_plate(values: Array, reliable: Array, grid: tuple[int, int]) -> Array:
-    """Compute the field (n, k) on a grid of n places that bends least and has ``values`` where ``reliable`` (n,) is 1.
+    """Compute the least-bending field (n, k) on a grid of n nodes that has ``values`` where ``reliable`` (n,) is 1.
 
     It minimises the sum of squared Laplacians, with mirrored borders; it is 0 if no value is reliable.
     """

@@ -1,4 +1,4 @@
-"""The painter ``zou``: strokes are added in turn and optimised in ever finer blocks of the canvas."""
+"""The painter ``zou``: add strokes one by one and optimise them in ever finer blocks of the canvas."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,32 +15,33 @@ from brushexp.contracts.pictures import sampled_at
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
-IN_A_BLOCK = 10  # strokes in a block, about, where the number of levels is not chosen
-INSIDE = 0.9  # share of a block, from its other side, in which the middle of a stroke may lie
-BLUR = 1 / 16  # deviation of the blur of the error from which a place is drawn, in blocks
-WIDTHS = (0.02, 0.6)  # range of the width of a stroke, in blocks
+IN_A_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
+INSIDE = 0.9  # share of a block, measured from either side, in which a stroke's middle may lie
+BLUR = 1 / 16  # standard deviation of the blur of the error map for sampling places, in blocks
+WIDTHS = (0.02, 0.6)  # range of stroke widths, in blocks
 INITIAL_SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
-SHARPNESS = 4  # power of the error to which the probability of a place is proportional
+SHARPNESS = 4  # probability of a place is proportional to this power of the error
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
 
 
 @register("painter", "zou")
 @dataclass(kw_only=True)
 class ProgressiveBlocks(Painter):
-    """Blocks, first 1, then 4, 9, ...: in each, strokes are added in turn, and its strokes move by gradient descent.
+    """Strokes are added one by one in 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A stroke begins where the error is, in the
-    colour there, a tenth to a quarter of its block in size, in any direction. After each one, all strokes of the level
-    are optimised for the L1 difference and a transport loss, by centred RMSprop; earlier levels lie below and stay.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A stroke starts where the error is, in the
+    picture's colour, a tenth to a quarter of its block in size, in a random direction. After each addition, all strokes
+    of the level are optimised for the L1 difference and a transport loss by centred RMSprop; earlier levels lie below
+    and stay fixed.
 
-    Differs from the paper: the strokes are those of ``renderer``, not of its networks; all blocks of a level are on one
-    canvas, so that strokes may leave theirs, and the transport loss (`loss.sinkhorn`, debiased) is of the whole; there
-    are fewer iterations at a higher rate. Its transfer of style is `style=` of ``painter=gradient``.
+    Differs from the paper: ``renderer`` draws the strokes, not the paper's networks; all blocks of a level share one
+    canvas, so that strokes may leave their block, and the transport loss (`loss.sinkhorn`, debiased) covers the whole
+    canvas; there are fewer iterations at a higher rate. For style transfer, use `style=` with ``painter=gradient``.
 
     Args:
-        levels: levels of blocks; null = such that a block has about ten strokes.
-        iterations: iterations of each level, shared between the strokes that are added.
-        lr: rate of RMSprop, in halves of a block.
+        levels: number of levels; null = chosen so that a block has about ten strokes.
+        iterations: iterations per level, divided among the strokes added.
+        lr: learning rate of RMSprop, in half-blocks.
         transport: weight of the transport loss beside the L1 difference; 0 leaves it out.
     """
 
@@ -76,7 +77,7 @@ class ProgressiveBlocks(Painter):
     def _optimize(
         self, request: PaintRequest, below: Strokes, level: Catalogue, optimizer: Optimizer, m: int, steps: int
     ) -> None:
-        """Move the strokes of a level of m x m blocks, on those ``below``."""
+        """Optimise the strokes of a level of m x m blocks, on top of those ``below``."""
         size = level.scale.new_tensor(request.size[::-1])
         middle = ((level().position.detach() * m / size).floor().clamp(0, m - 1) + 0.5) * size / m
         reach = (INSIDE - 0.5) * size / m
@@ -101,7 +102,7 @@ def detach(catalogue: Catalogue) -> Strokes:
 
 
 def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """Make a stroke in each of m x m blocks of the canvas, where the error of the painting so far is largest."""
+    """Make a stroke in each of m x m blocks, at a place sampled by the error of the painting so far."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size
@@ -125,14 +126,14 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:
-    """Return the first pixel of a block and the one after its last, without the outer tenths where there are enough."""
+    """Return the half-open pixel range of a block without its outer tenths; it has at least one pixel."""
     first, last = (number + 1 - INSIDE) * side / m, (number + INSIDE) * side / m
     first = min(int(first), side - 1)
     return first, max(int(last), first + 1)
 
 
 def in_windows(strokes: Strokes, side: float) -> Strokes:
-    """Express strokes in windows of ``side`` pixels, so that all of a level have the same learning rates."""
+    """Express strokes in windows of ``side`` pixels, so that all strokes of a level have the same learning rates."""
     share = strokes.scale / side
     points = {name: getattr(strokes, name) * share[:, None] for name in ("start", "control", "end")}
     return replace(strokes, scale=torch.full_like(strokes.scale, side), width=strokes.width * share, **points)
