@@ -1,1 +1,1 @@
-"""Films are painted picture by picture, and strokes are carried from one picture to the next."""
+"""Paint films picture by picture, carrying strokes from one picture to the next."""

@@ -1,4 +1,4 @@
-"""Strokes are carried from picture to picture: they move where the film changes, and all others stay as they are."""
+"""Carry strokes from picture to picture: move those where the film changes, and leave all others alone."""
 
 import logging
 import math
@@ -18,46 +18,46 @@ from brushexp.contracts.strokes import Catalogue, Strokes, curve_of, half_width_
 from brushexp_films.changes import Changes, optical_flow
 
 log = logging.getLogger(__name__)
-ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points at which a stroke is asked whether its place has changed
-CHANGED_SHARE = 0.5  # of a stroke, from which it moves; with less, what it would change elsewhere is seen
-MOVED_SHARE = 0.05  # of the strokes that move which are laid elsewhere, besides those that do harm
-NEW_STROKE_SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
-TOLERANCE = 0.03  # root mean square error, 0 to 1, of places that are good enough
+ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points of a stroke at which changes are looked up, along and across
+CHANGED_SHARE = 0.5  # share of a stroke in changed places from which it moves; below, side effects elsewhere would show
+MOVED_SHARE = 0.05  # share of the moving strokes that are laid elsewhere, besides harmful ones
+NEW_STROKE_SIZE = 0.5  # size of replaced strokes, in pitches (mean distances between strokes)
+TOLERANCE = 0.03  # root mean square error, 0 to 1, that is good enough
 SHAPE = ("start", "control", "end")
 
 
 @dataclass(frozen=True)
 class Cel:
-    """The strokes of one picture of a film. All of a scene have as many, and each its row and its brush."""
+    """The strokes of one picture of a film. Throughout a scene, their number, and each stroke's row and brush, stay."""
 
     strokes: Strokes  # N
-    front_to_back: Tensor  # (N,) their numbers, the uppermost first
+    front_to_back: Tensor  # (N,) stroke numbers, uppermost first
     background: Tensor  # (3,) RGB of the bare canvas
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """Carries the strokes of a picture to the next one in a few gradient steps.
+    """Carry the strokes of a picture to the next one in a few gradient steps.
 
-    Strokes where the film changes go with its motion, and then move by the losses of the painting. Of these the ones
-    that do harm, or matter least, are replaced by smaller ones on top, where the error is; row and brush stay. All
-    other strokes stay as they are, bit for bit, and keep their depth, so that nothing pops up.
+    Strokes where the film changes follow its motion and are then optimised for the painting's losses. Those among them
+    that do harm or matter least are replaced by smaller ones on top where the error is, keeping row and brush. All
+    other strokes stay bit-identical and keep their depth, so that nothing pops up.
     """
 
     components: Components
     renderer: Renderer
     steps: int
-    seed: int = 0  # of the importance of strokes, where it is estimated
+    seed: int = 0  # of the estimate of the strokes' importance
 
     @cached_property
     def unused(self) -> dict[str, Any]:
-        """State of the losses before the first picture."""
+        """The losses' state before the first picture."""
         return state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """Return the strokes for a ``target`` (3, H, W) that differs where ``changed`` (H, W) is true.
 
-        ``painted`` (3, H, W) is the picture before, and ``motion`` (2, H, W) says where its pixels have gone.
+        ``painted`` (3, H, W) is the previous painting; ``motion`` (2, H, W) is the displacement of its pixels.
         """
         size = (target.shape[1], target.shape[2])
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
@@ -71,7 +71,7 @@ class Carrier:
         return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
-        """Take away the strokes that matter least, of those that move, and lay them where the error is largest."""
+        """Remove the least important of the moving strokes and lay them again where the error is largest."""
         number = find_strokes(cel.strokes, region, self.renderer.edge)
         picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
@@ -84,7 +84,9 @@ class Carrier:
         matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
         harmful = int((matter <= 3 * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
-        budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
+        budget = max(
+            1, round(len(moves) * picture.target[0].numel() / target[0].numel())
+        )  # same density as on the whole canvas
         pictures = (image, picture.target, region.of(changed).to(image))
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))
@@ -96,7 +98,7 @@ class Carrier:
         return replace(cel, strokes=cel.strokes.with_rows(removed, new), front_to_back=front_to_back)
 
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
-        """Take gradient steps with the strokes that move; the others around them are drawn and stay."""
+        """Take gradient steps on the moving strokes; their neighbours are drawn but stay fixed."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
         around[find_strokes(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
@@ -105,7 +107,7 @@ class Carrier:
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
         rates = [group["lr"] for group in optimizer.param_groups]
-        restore(self.components.losses, self.unused)  # the strokes depend on those of the picture before alone
+        restore(self.components.losses, self.unused)  # so that strokes depend on the previous picture's alone
         best = cel.strokes
 
         def closure() -> float:
@@ -132,14 +134,14 @@ class Carrier:
         return best
 
     def picture(self, target: Tensor, background: Tensor) -> Picture:
-        """Make a canvas on which this renderer draws."""
+        """Make a canvas for this renderer."""
         picture = Picture(target, None, background, self.components.blend)
         picture.renderer = self.renderer
         return picture
 
 
 class Reel:
-    """The state of a painted film, which depends on the last picture's strokes and on the film alone (`follow`)."""
+    """The state of a film being painted; it depends only on the film and on the last picture's strokes (`follow`)."""
 
     cel: Cel  # strokes of the last picture
 
@@ -147,7 +149,7 @@ class Reel:
         self.begin = begin  # paints the first picture (3, H, W) of a scene
         self.carrier = carrier
         self.changes = Changes(threshold)
-        self.image = torch.empty(0)  # (3, H, W) the last picture as painted, without light
+        self.image = torch.empty(0)  # (3, H, W) the last painting, without light
         self.scenes = 0
 
     def paint(self, picture: Tensor) -> None:
@@ -161,7 +163,7 @@ class Reel:
             self.show(self.carrier(self.cel, self.image, held, changed, optical_flow(before, held)))
 
     def follow(self, picture: Tensor, cel: Cel) -> None:
-        """Take over the strokes of the next picture, which has been painted already."""
+        """Adopt the strokes of the next picture, which is already painted."""
         self._see(picture)
         self.show(cel)
 
@@ -171,14 +173,14 @@ class Reel:
         return changed
 
     def show(self, cel: Cel) -> None:
-        """Paint the strokes of a picture."""
+        """Draw the strokes of a picture."""
         canvas = self.carrier.picture(self.changes.held, cel.background)
         self.cel, self.image = cel, canvas.draw(cel.strokes, cel.front_to_back)
 
 
 @torch.no_grad()
 def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
-    """Estimate the share (N,) of each stroke that lies in a mask (H, W) of the canvas, from some of its points."""
+    """Estimate the share (N,) of each stroke that lies in a mask (H, W), from sample points."""
     curve, half = curve_of(strokes), half_width_of(strokes)
     chord = curve[:, 2] - curve[:, 0]
     normal = torch.stack([-chord[:, 1], chord[:, 0]], 1) / chord.norm(dim=1, keepdim=True).clamp_min(1e-6)
@@ -190,7 +192,7 @@ def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
 
 @torch.no_grad()
 def advect(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
-    """Move the strokes ``which`` (N,), bool, by the median of a motion (2, H, W) along their curve."""
+    """Move the strokes ``which`` (N,), bool, by the median motion (2, H, W) along their curves."""
     median = at(motion, spine_of(strokes)).median(2).values.T
     return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
 
@@ -207,7 +209,7 @@ def at(picture: Tensor, points: Tensor) -> Tensor:
 
 
 def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | None:
-    """Bound the part of a canvas of ``size`` (H, W) that boxes, (N, 2) and (N, 2), touch; None if they touch none."""
+    """Return the region of a canvas of ``size`` (H, W) that contains all boxes (N, 2), (N, 2); None if it is empty."""
     if not len(low):
         return None
     left, top = (max(0, int(x)) for x in low.amin(0).floor().tolist())
@@ -216,14 +218,14 @@ def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | 
 
 
 def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Return the numbers (n,) of the strokes that may cover some of a region."""
+    """Return the numbers (n,) of the strokes that may reach into a region."""
     low, high = boxes_of(strokes, edge)
     corner = low.new_tensor([region.left, region.top])
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
-    """Give new strokes the opacity of ``old`` ones, and their colour and shape where these have no unit."""
+    """Give new strokes the opacity of ``old`` ones, and their colour and shape if those are not optimised."""
     fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):
         fields |= {"scale", "width", *SHAPE}

@@ -1,4 +1,4 @@
-"""Changes of a film above the noise of its codec, its motion and cuts, and the flicker of its painting are measured."""
+"""Measure a film's changes above the noise of its codec, its motion and cuts, and the flicker of its painting."""
 
 import numpy as np
 import torch
@@ -7,18 +7,18 @@ from torch.nn import functional
 
 from brushexp.contracts.pictures import downsample
 
-BLUR = 1.5  # pixels over which differences are averaged: the noise of a codec is that of single pixels
-GROWN = 2  # pixels by which a change is larger than what was found: half-covered pixels belong to it
-CUT = 0.12  # mean difference of two small pictures, 0 to 1, from which there is a cut between them
-CUT_SIDE = 16  # pixels of the longer side of these: what moves, or a camera that turns, hardly changes them
+BLUR = 1.5  # pixels over which differences are averaged, since codec noise affects single pixels
+GROWN = 2  # pixels by which a detected change is dilated to include half-covered pixels
+CUT = 0.12  # mean difference between two small pictures, 0 to 1, above which there is a cut
+CUT_SIDE = 16  # pixels on their longer side: motion or a turning camera hardly changes them
 STILL = 0.02  # root mean square difference, 0 to 1, below which the target counts as unchanged in `Flicker`
-FLOW_SIDE = 128  # pixels of the longer side at which motion is sought, in hundredths of a second: strokes need no more
-FLOW_RADIUS = 5  # of the windows there, pixels
-WARPS = 3  # refinements of each level of the pyramid
+FLOW_SIDE = 128  # pixels on the longer side for optical flow, which takes hundredths of a second; strokes need no more
+FLOW_RADIUS = 5  # pixels: radius of its windows
+WARPS = 3  # refinements per pyramid level
 
 
 def difference(first: Tensor, second: Tensor) -> Tensor:
-    """Compute the root mean square difference (H, W), over channels and ``BLUR`` pixels, of two pictures (3, H, W)."""
+    """Compute the root mean square difference (H, W) of two pictures (3, H, W), over channels and ``BLUR`` pixels."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     squares = (first - second).square().mean(0).cpu().numpy()
@@ -31,19 +31,19 @@ def is_cut(first: Tensor, second: Tensor) -> bool:
 
 
 class Changes:
-    """Finds what of a film has changed since it was last painted, picture by picture.
+    """Find the pixels of a film that have changed since they were last painted.
 
-    Each pixel is compared with what it was when it last changed: what fades slowly is found, and noise never adds up.
+    Each pixel is compared with its value at its last change, so slow fades are found and noise never adds up.
     """
 
     def __init__(self, threshold: float) -> None:
         self.threshold = threshold
-        self.held = torch.empty(0)  # (3, H, W) each pixel as it was when it last changed: what is to be painted
-        self.begins = True  # whether the last picture was the first one of a scene
+        self.held = torch.empty(0)  # (3, H, W) each pixel as of its last change: the picture to paint
+        self.begins = True  # whether the last picture began a scene
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Return where (H, W), bool, the next picture (3, H, W) differs; after a cut it is everywhere."""
+        """Return a mask (H, W), bool, of where the next picture (3, H, W) differs: everywhere after a cut."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:
@@ -56,14 +56,14 @@ class Changes:
 
 
 class Flicker:
-    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than `STILL`."""
+    """Mean absolute change, 0 to 1, of a painted film where its target changes by less than `STILL`."""
 
     def __init__(self) -> None:
         self._last: tuple[Tensor, Tensor] | None = None
         self._total, self._count = 0.0, 0
 
     def add(self, painting: Tensor, target: Tensor) -> None:
-        """Add the next picture of the painted film and of its target, (3, H, W) in [0, 1]."""
+        """Add the next picture of the painted film, and that of its target, both (3, H, W) in [0, 1]."""
         if self._last is not None:
             still = difference(target, self._last[1]) < STILL
             change = (painting - self._last[0]).abs().mean(0)
@@ -73,12 +73,15 @@ class Flicker:
 
     @property
     def value(self) -> float | None:
-        """None if nothing stayed."""
+        """The flicker; None if no pixel was still."""
         return self._total / self._count if self._count else None
 
 
 def optical_flow(first: Tensor, second: Tensor) -> Tensor:
-    """Estimate where pixels of ``first`` go, (2, H, W), right and down (Le Besnerais and Champagnat, 2005)."""
+    """Estimate the displacement of the pixels of ``first`` (2, H, W), right and down.
+
+    Source: Le Besnerais and Champagnat, 2005.
+    """
     from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
 
     small = [downsample(picture, FLOW_SIDE).mean(0).cpu().numpy() for picture in (first, second)]

@@ -1,4 +1,4 @@
-"""Films are read picture by picture, each with its time; `brushexp.pictures.video` writes pictures."""
+"""Read films picture by picture, with times; `brushexp.pictures.video` writes them."""
 
 import importlib
 import logging
@@ -30,34 +30,34 @@ from brushexp_films.cropping import crop_of
 from brushexp_films.frames import Shape, size_of, srgb_of
 
 log = logging.getLogger(__name__)
-USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
-MOST_RATE = 480  # pictures per second; a film that says more counts the ticks of its clock
-SAMPLE = 9  # pictures at the start of such a film, whose intervals tell its rate
-SHORTEST_FRAME = Fraction(1, 500)  # seconds: what would be seen for less, because clocks are rounded, is not shown
-MISSING = 0.5  # seconds by which a film may end before its header says
-LOCAL = {"protocol_whitelist": "file"}  # a playlist may name addresses
-WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders leave the transparency of these out
+USUAL_RATE = Fraction(25)  # pictures per second if a film does not say
+MOST_RATE = 480  # pictures per second; a film that claims more counts the ticks of its clock
+SAMPLE = 9  # pictures at the start of such a film from which its rate is estimated
+SHORTEST_FRAME = Fraction(1, 500)  # seconds: pictures shown for less, because clocks are rounded, are dropped
+MISSING = 0.5  # seconds by which a film may be shorter than its header says
+LOCAL = {"protocol_whitelist": "file"}  # so that a playlist cannot open network addresses
+WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders drop their transparency
 MOVING_SUFFIXES = (".gif", ".webp", ".png", ".apng", ".avif", ".avifs")
-BRIEF, INSTEAD = 10, 100  # milliseconds: up to so few of a picture mean as many as this, in all browsers
+BRIEF, INSTEAD = 10, 100  # milliseconds: all browsers replace delays up to ``BRIEF`` by ``INSTEAD``
 FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # an MP4 or QuickTime file begins with one of these
 CURE = "convert it to an MP4 (H.264)"
-Timed = tuple[np.ndarray, Fraction, Fraction]  # a picture (H, W, 3), its second, and how long it stays; 0 is unknown
+Timed = tuple[np.ndarray, Fraction, Fraction]  # picture (H, W, 3), second, length in seconds; 0 = unknown
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A film that can be read."""
+    """A readable film and its properties."""
 
     path: Path
     size: tuple[int, int]  # height and width of its pictures, upright, with square pixels
     rate: Fraction  # pictures per second, on average
-    count: int  # of its pictures, as the file says or estimated from its length; 0 if nothing is known
-    is_counted: bool = False  # whether the file says it
-    seconds: float = 0.0  # length of its pictures as the file says; 0 if it does not
+    count: int  # number of pictures, from the file or estimated from its length; 0 if unknown
+    is_counted: bool = False  # whether the file states the count
+    seconds: float = 0.0  # length of the video that the file states; 0 if it does not
 
 
 class Shown(NamedTuple):
-    """A picture (H, W, 3) uint8, sRGB, and from when to when it is seen, in seconds."""
+    """A picture (H, W, 3), uint8 sRGB, and the seconds between which it is shown."""
 
     picture: np.ndarray
     begin: Fraction
@@ -65,27 +65,29 @@ class Shown(NamedTuple):
 
 
 def is_film(path: str | Path) -> bool:
-    """Test whether a path has the suffix of a film."""
+    """Test whether a path has a film's suffix."""
     return Path(path).suffix.lower() in FILM_SUFFIXES
 
 
 def is_moving(path: str | Path) -> bool:
-    """Test whether a file holds several pictures, one after the other in time."""
+    """Test whether a picture file is animated."""
     if Path(path).suffix.lower() not in MOVING_SUFFIXES or not Path(path).is_file():
         return False
     try:
         with open_of_any_size(path, MOVING) as file:
             return bool(getattr(file, "is_animated", False))
-    except Exception:  # what is damaged is told by what reads it as a picture
+    except Exception:  # reading it as a picture reports the damage
         return False
 
 
 def moving_pictures(path: Path) -> Iterator[Timed]:
-    """Decode the pictures as `read_picture` does, with their times; decoders may raise anything."""
+    """Decode an animation's pictures as `read_picture` does, with their times; decoders may raise anything."""
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
         declared = declared_by(file)
-        is_apart = "default_image" in file.info and file.info["default_image"]  # of a PNG: for those that show no film
+        is_apart = (
+            "default_image" in file.info and file.info["default_image"]
+        )  # a PNG's still image for viewers without animation
         for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
             file.seek(number)
             picture = decode_image(file, declared=declared)
@@ -96,7 +98,7 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
 
 
 def open_clip(path: Path) -> Clip:
-    """Open a film, or a picture that moves, and read its header and first picture; a UserError if there is none."""
+    """Open a film or an animated picture, and read its header and first picture; raise UserError if there is none."""
     path = find_path(os.path.expanduser(path))
     if is_moving(path):
         lengths = [length for _, _, length in moving_pictures(path)]
@@ -110,7 +112,7 @@ def open_clip(path: Path) -> Clip:
         if not first:
             raise UserError(f"image={path} is a film without pictures; {CURE}")
         rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
-        own = float((stream.duration or 0) * (stream.time_base or 0))  # sound may last longer than pictures
+        own = float((stream.duration or 0) * (stream.time_base or 0))  # sound may outlast the pictures
         seconds = own or (container.duration or 0) / 1e6
         size = size_of(first[0], _shape_of(path, stream))
         _check_pixels(path, *size)
@@ -123,16 +125,16 @@ def _is_rate(rate: Fraction | None) -> bool:
 
 
 def _rate_of(frames: list[Any]) -> Fraction:
-    """Estimate the rate of a film that does not say it from its first pictures."""
+    """Estimate a film's rate from the intervals between its first pictures."""
     times = sorted(frame.pts * frame.time_base for frame in frames if frame.pts is not None)
     steps = sorted(after - before for before, after in pairwise(times) if after > before)
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
 def timed_pictures(clip: Clip) -> Iterator[Shown]:
-    """Decode the pictures one by one, upright, with their times since the film began, until it ends or breaks off.
+    """Decode the pictures one by one, upright, with times since the film's beginning, until it ends or breaks off.
 
-    Each is seen until the next one, the last one for as long as the film says or as the one before.
+    Each picture is shown until the next one; the last is shown for as long as the film states, or as the one before.
     """
     last: Timed | None = None
     for picture, time, length in _decoded(clip):
@@ -147,7 +149,7 @@ def timed_pictures(clip: Clip) -> Iterator[Shown]:
 
 
 def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[Shown]:
-    """Decode every n-th picture that is seen from one second to another one, with times from ``start`` on."""
+    """Decode every n-th picture shown between two seconds, with times relative to ``start``."""
     first = Fraction(start).limit_denominator(10**6)
     last = None if stop is None else Fraction(stop).limit_denominator(10**6)
     held: Shown | None = None
@@ -171,7 +173,7 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
 
 
 def _decoded(clip: Clip) -> Iterator[Timed]:
-    """Decode pictures with their seconds and lengths, and tell of a film that ends before its time."""
+    """Decode pictures with their times and lengths, and warn about a film that ends too early."""
     if is_moving(clip.path):
         yield from moving_pictures(clip.path)
         return
@@ -182,7 +184,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
             for frame in _frames(container, stream):
                 time = end if frame.pts is None else frame.pts * base - zero
                 length = (getattr(frame, "duration", 0) or 0) * base
-                length = length if length > SHORTEST_FRAME else Fraction(0)  # a tick of a recorder's clock
+                length = length if length > SHORTEST_FRAME else Fraction(0)  # a single tick of a recorder's clock
                 yield srgb_of(frame, shape), max(time, Fraction(0)), length
                 count, end = count + 1, time + (length or 1 / clip.rate)
         except _errors() as error:
@@ -194,7 +196,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
 
 
 def _frames(container: Any, stream: Any) -> Iterator[Any]:
-    """Decode a stream, with its transparency."""
+    """Decode a stream, including transparency."""
     has_alpha = {key.lower(): value for key, value in stream.metadata.items()}.get("alpha_mode") == "1"
     coder = WITH_ALPHA.get(stream.codec_context.name, "") if has_alpha else ""
     av = importlib.import_module("av")
@@ -209,15 +211,15 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _shape_of(path: Path, stream: Any) -> Shape:
-    """Read what a film says of the shape of its pictures."""
+    """Read pixel aspect and crop of a film."""
     aspect = stream.sample_aspect_ratio
     return Shape(Fraction(aspect) if aspect else Fraction(1), crop_of(path, stream.height, stream.width))
 
 
 def beginning_of(container: Any) -> Fraction:
-    """Find the second of the film's own clock at which picture or sound begins, whichever is first.
+    """Find the second on the film's own clock at which video or sound begins, whichever is first.
 
-    Sound that leads by less than a picture counts as if it began with that: its codec needs some to start.
+    Sound that leads by less than one picture counts as starting with the video: its codec needs a few samples to start.
     """
     streams = [*container.streams.video[:1], *container.streams.audio[:1]]
     begins = [(stream.start_time or 0) * stream.time_base for stream in streams if stream.time_base]
@@ -229,7 +231,7 @@ def beginning_of(container: Any) -> Fraction:
 
 
 def _why_unread(path: Path, error: Exception) -> str:
-    """Say what is wrong with a file that FFmpeg does not open, and what to do."""
+    """Explain why FFmpeg cannot open a file, and what to do about it."""
     if not path.stat().st_size:
         return "is empty (0 bytes); give a file that holds a film"
     if has_end(path) is False:
@@ -244,7 +246,7 @@ def _why_unread(path: Path, error: Exception) -> str:
 
 @contextmanager
 def _decoding(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a file and choose its first video."""
+    """Open a file and choose its first video stream."""
     check_file(path, "give a film, image=clip.mp4")
     try:
         av = importlib.import_module("av")

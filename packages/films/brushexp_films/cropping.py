@@ -1,4 +1,4 @@
-"""The part of the pictures of a film that its container shows is found; FFmpeg leaves it to those who show it."""
+"""Find the part of a film's pictures that its container marks as visible; FFmpeg leaves cropping to players."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,14 +7,14 @@ from typing import IO
 from brushexp.contracts.pictures import Crop, clean_aperture_in, properties_of_film
 
 SEGMENT, TRACKS, TRACK, VIDEO, CLUSTER = 0x18538067, 0x1654AE6B, 0xAE, 0xE0, 0x1F43B675  # elements of Matroska
-MARGINS = {0x54BB: "top", 0x54AA: "bottom", 0x54CC: "left", 0x54DD: "right"}  # pixels that are not shown (RFC 9559)
-MATROSKA = b"\x1aE\xdf\xa3"  # first bytes of such a file
+MARGINS = {0x54BB: "top", 0x54AA: "bottom", 0x54CC: "left", 0x54DD: "right"}  # cropped pixels (RFC 9559)
+MATROSKA = b"\x1aE\xdf\xa3"  # first bytes of a Matroska file
 LONGEST_ID, LONGEST_NUMBER = 4, 8  # bytes
-MOST_ELEMENTS = 1000  # of one level, which are looked at
+MOST_ELEMENTS = 1000  # maximum number of elements read per level
 
 
 def crop_of(path: Path, height: int, width: int) -> Crop | None:
-    """Find the rows and columns that are shown of the first video of a film, of pictures of this size; None for all."""
+    """Find the visible rows and columns of a film's first video, with pictures of the given size; None for all."""
     size = path.stat().st_size
     with path.open("rb") as file:
         is_matroska = file.read(len(MATROSKA)) == MATROSKA
@@ -27,7 +27,7 @@ def crop_of(path: Path, height: int, width: int) -> Crop | None:
 
 
 def _margins(file: IO[bytes], size: int) -> dict[str, int]:
-    """Read how many pixels of each side of the first video of a Matroska file are not shown."""
+    """Read the cropped pixels on each side of the first video in a Matroska file."""
     for segment, begin, end in _elements(file, 0, size):
         if segment != SEGMENT:
             continue
@@ -52,7 +52,7 @@ def _numbers(file: IO[bytes], begin: int, end: int) -> dict[str, int]:
 
 
 def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield name, beginning and end of the contents of the elements of EBML (RFC 8794) between two places."""
+    """Yield identifier, start and end of the content of each EBML element (RFC 8794) between two offsets."""
     at = begin
     for _ in range(MOST_ELEMENTS):
         if at >= end:
@@ -70,7 +70,7 @@ def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int,
 
 
 def _number(data: bytes, *, keeps_mark: bool) -> tuple[int, int]:
-    """Read a number whose first bit that is set says how many bytes it has; no bytes if there is none."""
+    """Parse a variable-length integer; return it and its number of bytes, 0 if there is none."""
     count = 9 - data[0].bit_length() if data and data[0] else 0
     if not count or count > len(data):
         return 0, 0

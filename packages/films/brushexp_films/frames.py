@@ -1,4 +1,4 @@
-"""A decoded picture of a film becomes sRGB over white, upright, with square pixels, whatever the film says of it."""
+"""Convert decoded frames to upright sRGB over white, with square pixels."""
 
 import math
 from dataclasses import dataclass
@@ -10,35 +10,35 @@ from PIL import Image
 
 from brushexp.contracts.pictures import HIGH_RANGE, Crop, encoding_of, unless_srgb
 
-MATRIX = "DISPLAYMATRIX"  # FFmpeg's name of what a container says of the place of its pictures
-FULL = 2  # FFmpeg's number for numbers that use their whole range
-RED, BLUE = 0.2627, 0.0593  # weights of BT.2020 in brightness
+MATRIX = "DISPLAYMATRIX"  # FFmpeg's name for a container's rotation and mirroring
+FULL = 2  # FFmpeg's code for full-range samples
+RED, BLUE = 0.2627, 0.0593  # luma weights of BT.2020
 
 
 class Placement(NamedTuple):
-    """How a picture is laid on the screen: mirrored side to side, if at all, and then turned."""
+    """Orientation of a picture on screen: mirrored horizontally, if at all, and then rotated."""
 
     is_mirrored: bool = False
-    turns: int = 0  # of 90 degrees, against the clock
+    turns: int = 0  # quarter turns, counter-clockwise
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a film says of the shape of all its pictures, as they are stored."""
+    """Pixel aspect and crop shared by a film's stored pictures."""
 
-    aspect: Fraction = Fraction(1)  # width over height of a pixel
-    crop: Crop | None = None  # rows and columns that are shown; None for all
+    aspect: Fraction = Fraction(1)  # pixel width / height
+    crop: Crop | None = None  # visible rows and columns; None for all
 
 
 def size_of(frame: Any, shape: Shape) -> tuple[int, int]:
-    """Compute height and width of a picture as `srgb_of` makes it."""
+    """Compute the height and width of the picture that `srgb_of` returns."""
     rows, columns = shape.crop or (slice(0, frame.height), slice(0, frame.width))
     size = (rows.stop - rows.start, max(1, round((columns.stop - columns.start) * shape.aspect)))
     return size[::-1] if placement_of(frame).turns % 2 else size
 
 
 def srgb_of(frame: Any, shape: Shape) -> np.ndarray:
-    """Convert a picture of FFmpeg to (H, W, 3) uint8."""
+    """Convert an FFmpeg frame to sRGB (H, W, 3), uint8."""
     encoding = unless_srgb(encoding_of(int(frame.color_primaries), int(frame.color_trc)))
     if int(frame.color_trc) in HIGH_RANGE and encoding is not None:
         picture = np.rint(255 * encoding.to_srgb(_deep(frame))).astype(np.uint8)
@@ -56,7 +56,7 @@ def srgb_of(frame: Any, shape: Shape) -> np.ndarray:
 
 
 def over_white(frame: Any) -> np.ndarray:
-    """Convert a picture to RGB; where it is transparent, white is seen."""
+    """Convert a frame to RGB, composited over white."""
     if not any(component.is_alpha for component in frame.format.components):
         picture: np.ndarray = frame.to_ndarray(format="rgb24")
         return picture
@@ -66,7 +66,7 @@ def over_white(frame: Any) -> np.ndarray:
 
 
 def _deep(frame: Any) -> np.ndarray:
-    """Convert a picture of 10 or more bits to RGB (H, W, 3) in [0, 1], of BT.2020."""
+    """Convert a frame of 10 or more bits to BT.2020 RGB (H, W, 3) in [0, 1]."""
     if frame.format.is_rgb:
         return frame.to_ndarray(format="rgb48le").astype(np.float32) / 65535
     planes = frame.reformat(format="yuv444p16le")
@@ -80,7 +80,7 @@ def _deep(frame: Any) -> np.ndarray:
 
 
 def placement_of(frame: Any) -> Placement:
-    """Read how a decoded picture is to be shown, from the nine numbers of its matrix (ISO/IEC 14496-12, 6.2.2)."""
+    """Read a decoded picture's orientation from the nine numbers of its matrix (ISO/IEC 14496-12, 6.2.2)."""
     said = frame.side_data.get(MATRIX)
     if said is None:
         return Placement()
@@ -91,5 +91,5 @@ def placement_of(frame: Any) -> Placement:
 
 
 def _turns(x: float, y: float) -> int:
-    """Count the quarter turns, against the clock, after which a row that went to the right goes to (x, y), y down."""
+    """Count the counter-clockwise quarter turns that rotate a rightward row towards (x, y), y down."""
     return round(-math.atan2(y, x) / (math.pi / 2)) % 4

@@ -16,11 +16,11 @@ from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, k
 from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
-FRAMES = "frames"  # folder of the catalogues, in a run's
-# keys that a film does not heed, and their defaults
+FRAMES = "frames"  # folder of the catalogues inside a run's folder
+# keys that films ignore, and their defaults
 OF_PICTURES = {"catalogue": None, "style.image": None, "working_resolution": "auto"}
-SCENE_START = "scene_start"  # group of configs, after looks: what lays the first strokes of a scene
-OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys of what shows how a picture came
+SCENE_START = "scene_start"  # config group, composed after looks, that chooses the initialiser of a scene
+OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys about a picture's making
 
 
 @dataclass
@@ -30,13 +30,13 @@ class FilmOptions:
     every: int = key(1, "paint every n-th frame of the film only", at_least(1))
     start: float = key(0, "start time in seconds", at_least(0))
     stop: float | None = key(None, "end time in seconds; null = end of the film", above(0))
-    steps: int = key(8, "gradient steps per frame, from the strokes of the frame before", at_least(0))
+    steps: int = key(8, "gradient steps per frame, starting from the previous frame's strokes", at_least(0))
     change: float = key(0.04, "smallest difference between frames that counts as a change, 0 to 1", between(0.001, 1))
 
 
 @dataclass
 class FilmTask(PaintTask):
-    """Paint a film picture by picture, the strokes of one carried to the next; image=clip.mp4 asks for this task."""
+    """Paint a film picture by picture, carrying strokes from one to the next; image=clip.mp4 chooses this task."""
 
     module = "brushexp_films.task"
     painted = f"FOLDER/{FRAMES}/000000.h5"
@@ -52,7 +52,7 @@ class FilmTask(PaintTask):
     def suits(typed: Mapping[str, Any]) -> bool:
         image, resumed = str(typed.get("image") or ""), typed.get("resume")
         files = [image] if os.path.exists(image) else image.split(",")
-        can_move = typed.get("task") != "paint"  # else the first picture is asked for
+        can_move = typed.get("task") != "paint"  # otherwise the user asks for the first picture
         moves = all(is_film(file) or (can_move and is_moving(os.path.expanduser(file))) for file in files)
         return moves or (resumed is not None and (Path(resumed) / FRAMES).is_dir())
 
@@ -66,7 +66,7 @@ class FilmTask(PaintTask):
             if (value := OmegaConf.select(cfg, name)) not in (default, None):
                 raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
         for name, node in cfg.change.items():
-            if not keep_built(node).only_ends:  # strokes that move on do without such changes
+            if not keep_built(node).only_ends:  # strokes that are carried on skip changes that only end a painting
                 word = as_typed_word(str(name), node)
                 raise UserError(f"{word} is for single pictures, and {cfg.image} is a film; drop {word}")
         if cfg.background == "transparent":

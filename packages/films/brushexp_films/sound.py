@@ -1,4 +1,4 @@
-"""The sound of a film is copied into its painting, in step with the pictures."""
+"""Copy a film's sound into its painting, in sync with the pictures."""
 
 import heapq
 import importlib
@@ -17,9 +17,9 @@ log = logging.getLogger(__name__)
 
 
 def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
-    """Copy the sound of ``source`` from second ``start`` on into an MP4, as long as it is, if an MP4 can hold it.
+    """Copy the sound of ``source`` from second ``start`` on into an MP4, for its duration, if an MP4 can hold it.
 
-    Seconds are counted from where the source begins. Whatever else it has beside pictures is told.
+    Seconds count from the beginning of the source. Further sound tracks and subtitles are reported, not copied.
     """
     if is_moving(source):
         return
@@ -43,7 +43,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def tell_what_is_left(container: Any, source: Path) -> None:
-    """Log further tracks of sound, and subtitles, which the painted film does not have."""
+    """Log further sound tracks and subtitles, which are not copied into the painted film."""
     tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
     if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):
         cure = "add them with: ffmpeg -i film.mp4 -i source -map 0 -map 1:a:1 -map 1:s? -c copy out.mkv"
@@ -51,7 +51,7 @@ def tell_what_is_left(container: Any, source: Path) -> None:
 
 
 def _packets(container: Any, stream: Any, into: Any, start: Fraction, end: Fraction | float) -> Iterator[Any]:
-    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
+    """Copy a stream's packets between two seconds into another stream, shifted to start at second 0."""
     before = round(start / stream.time_base)
     for packet in container.demux(stream):
         if packet.pts is not None and start <= packet.pts * packet.time_base < end:

@@ -1,4 +1,4 @@
-"""``task=film``: paint a film picture by picture, write it on the way, and collect its numbers."""
+"""``task=film``: paint a film picture by picture, write it on the way, and collect its metrics."""
 
 import logging
 import math
@@ -54,16 +54,16 @@ COMMON_FIELDS = (
     "renderer",
     "renderer_hash",
     "seed",
-)  # fields that the catalogues of all pictures have in common
-TICKS = Fraction(120_000)  # of a second: all usual rates, and clocks of milliseconds, are whole numbers of them
+)  # fields shared by the catalogues of all pictures
+TICKS = Fraction(120_000)  # per second; the common frame rates and milliseconds are whole numbers of ticks
 
 
 class PaintedFilm:
-    """A film that is being painted: what it is made of, and its numbers so far."""
+    """A film being painted: its parts, and its metrics so far."""
 
     def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
         self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
-        self.before = before  # a folder with pictures of this film that were painted before
+        self.before = before  # folder with already painted pictures of this film
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(1001)
@@ -77,20 +77,20 @@ class PaintedFilm:
 
     @property
     def planned(self) -> int:
-        """Number of pictures that are to be painted, as far as the film says how many it has; at least 1."""
+        """Number of pictures to paint, as far as the film states its length; at least 1."""
         film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
         if film.stop is not None:
             end = min(max(1, math.ceil(film.stop * rate)), end)
         return max(1, math.ceil((end - math.ceil(film.start * rate)) / film.every))
 
     def targets(self) -> Iterator[tuple[Tensor, Shown]]:
-        """Decode the pictures (3, H, W) that are to be painted, one after another, with their times."""
+        """Decode the pictures (3, H, W) to paint, one after another, with their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
             yield self.palette(planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
 
     def begin(self, picture: Tensor) -> Cel:
-        """Paint the first picture of a scene as a single one is painted."""
+        """Paint the first picture of a scene, like a single picture."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
@@ -99,12 +99,12 @@ class PaintedFilm:
             trainer = make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False, clips=False)
             failure = fit(trainer, painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        painter.hand_over()  # strokes move on: what only ends a painting is left out
+        painter.hand_over()  # strokes are carried on, so steps that only end a painting are skipped
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def painted_before(self, number: int) -> Cel | None:
-        """Load the strokes of a picture that an earlier run has painted, as it has all before it; None for others."""
-        before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
+        """Load a picture's strokes if an earlier run painted it and all pictures before it; None otherwise."""
+        before, self.before = self.before, None  # from the first missing picture on, all are painted anew
         if before is None or not (path := frame_in(before, number)).exists():
             return None
         try:
@@ -118,7 +118,7 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or take over its strokes of an earlier run, and return it (H, W, 3) in its light."""
+        """Paint a picture, or adopt its strokes from an earlier run, and return it (H, W, 3), lit."""
         since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
         if cel is None:
             self.reel.paint(target)
@@ -134,18 +134,18 @@ class PaintedFilm:
         return picture
 
     def lit(self) -> np.ndarray:
-        """Draw the last picture as painted, (H, W, 3), in its light."""
+        """Return the last painting (H, W, 3), lit."""
         return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
     def job(self) -> ExportJob:
-        """Describe the strokes of the last picture, to be drawn and saved."""
+        """Return the last picture's strokes as a job to draw and save."""
         cel = self.reel.cel
         return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
 
     def metrics(self, start: float | None, status: Status) -> dict[str, object]:
-        """Collect the numbers of metrics.json."""
+        """Collect the values of metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
-        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
+        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # black pictures have inf
         return {
             "psnr": float(np.mean(finite or [math.inf])),
             "psnr_lowest": min(self.psnr),
@@ -163,7 +163,7 @@ class PaintedFilm:
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the film that ``image`` names, or go on with ``resume``, and keep all pictures whatever ends it."""
+    """Paint the film ``image``, or continue ``resume``, and keep all finished pictures whatever ends the run."""
     cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
@@ -172,13 +172,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
-    with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
+    with replacing(folder / CHECKPOINT) as temporary:  # settings only; the rest of the state is in the pictures
         torch.save({RECORD_KEY: record_of(cfg, folder)}, temporary)
     reel = filming(folder / "film", "mp4", film.size, TICKS, usual=film.rate, begin=round(first[1].begin * TICKS))
     until_stopped = interruptible(stop.set, "stopping after this picture; the film so far will be written")
     with reel as video, showing("painting the film") as show, until_stopped:
         for number, (target, shown) in enumerate(chain([first], targets)):
-            if number and stop.is_set():  # there is a next picture, whatever the film says of its length
+            if number and stop.is_set():  # there is a next picture, whatever length the film states
                 failure = KeyboardInterrupt()
                 break
             try:
@@ -196,7 +196,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write preview and metrics of a film that has come to an end, and raise the ``failure`` that it was, if any."""
+    """Write the preview and metrics of a film that has ended, and raise the ``failure`` that ended it, if any."""
     folder, count = film.folder, len(film.psnr)
     pictures = []
     for number in sorted({0, count // 2, count - 1}):
@@ -228,11 +228,11 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Name the file of a run with the strokes of a picture."""
+    """Return the path of a picture's strokes in a run's folder."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 
 def cel_of(saved: Saved, device: torch.device) -> Cel:
-    """Read the strokes of a picture from its catalogue."""
+    """Read a picture's strokes from its catalogue."""
     above = saved.depth.argsort(descending=True)
     return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))
