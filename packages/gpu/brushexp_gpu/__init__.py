@@ -1,4 +1,4 @@
-"""The kernels of the blend `tiled` for GPUs, in Triton, which every build of PyTorch for CUDA brings."""
+"""GPU kernels for the blend `tiled`, in Triton, which every CUDA build of PyTorch includes."""
 
 import os
 import shutil
@@ -14,22 +14,22 @@ from brushexp.contracts.layers import KernelInput, Layers, Size
 def rasterize(
     inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
 ) -> Rasterizer | None:
-    """Make the rasterizer of plain and of textured strokes; None for others, and where no kernel of Triton runs."""
+    """Make a rasterizer for plain or textured strokes; return None for others, or if Triton cannot run."""
     known = inputs.kernel in (profile.KERNEL, profile.DRIFTING, textured_profile.KERNEL)
     if not known or not _runs_on(inputs.strokes.device.type):
         return None
-    from brushexp_gpu.rasterization import TritonRasterization  # noqa: PLC0415  (without a GPU nobody waits for it)
+    from brushexp_gpu.rasterization import TritonRasterization  # noqa: PLC0415  (not needed without a GPU)
 
     return TritonRasterization(inputs, layers, front_to_back, size, background, opaque)
 
 
 @cache
 def _runs_on(device: str) -> bool:
-    """Whether kernels run there: Triton starts them by code in C, or interprets them if TRITON_INTERPRET is 1."""
+    """Test whether kernels run on a device: Triton compiles C launchers, or interprets if TRITON_INTERPRET is 1."""
     if find_spec("triton") is None:
         return False
     import triton  # noqa: PLC0415
 
-    knobs = getattr(triton, "knobs", None)  # none in PyTorch before 2.8, with which nothing was tried
+    knobs = getattr(triton, "knobs", None)  # missing in PyTorch before 2.8, which is untested
     compiles = any((os.environ.get("CC"), shutil.which("gcc"), shutil.which("clang")))
     return knobs is not None and (knobs.runtime.interpret or (device == "cuda" and compiles))

@@ -1,7 +1,7 @@
-"""Where pixels lie beside curves, for the pixels of several tiles side by side: parts of the kernels.
+"""Locate pixels relative to curves, for several tiles at once: inlined parts of the kernels.
 
-Numbers of a stroke are (TILES, 1), those of pixels (TILES, AREA): row k is of the k-th of a program's tiles. Formulas
-are those of `brushexp.compositing`: `nearest`, `texture_places`.
+Values of strokes are (TILES, 1), those of pixels (TILES, AREA); row k belongs to the k-th of a program's tiles. The
+formulas are those of `brushexp.compositing`: `nearest`, `texture_places`.
 """
 # mypy: allow-untyped-defs
 
@@ -16,19 +16,19 @@ AREA = tl.constexpr(tile_lists.AREA)
 LEAST_SLOPE = tl.constexpr(float(processor.LEAST_SLOPE))
 LAST = tl.constexpr(float(processor.LAST))
 TIE = tl.constexpr(float(processor.TIE))
-CURVE_PARTS = tl.constexpr(16)  # of a curve; of each pair the lists say between which of them it is near the tile
+CURVE_PARTS = tl.constexpr(16)  # parts of a curve; the lists say which of them come near the tile
 
 
 @inline
 def pixels():
-    """Centres x and y (1, AREA) of the pixels of a tile, from its corner."""
+    """Return the centres x and y (1, AREA) of a tile's pixels, relative to its corner."""
     q = tl.arange(0, AREA)[None, :]
     return (q % TILE).to(tl.float32) + 0.5, (q // TILE).to(tl.float32) + 0.5
 
 
 @inline
 def load_curve(p, i, ox, oy, here):
-    """Bring curves from rows ``p`` + ``i`` (TILES,): start, seen from (ox, oy), start to control, and bend, x and y."""
+    """Load curves from rows ``p`` + ``i`` (TILES,): start relative to (ox, oy), start to control, and bend, x and y."""
     sx, sy = tl.load(p + i, here, 0.0) - ox, tl.load(p + i + 1, here, 0.0) - oy
     cx, cy = tl.load(p + i + 2, here, 0.0) - ox, tl.load(p + i + 3, here, 0.0) - oy
     ex, ey = tl.load(p + i + 4, here, 0.0) - ox, tl.load(p + i + 5, here, 0.0) - oy
@@ -38,20 +38,20 @@ def load_curve(p, i, ox, oy, here):
 
 @inline
 def clip(x, low, high):
-    """Bring ``x`` between both, which are numbers."""
+    """Clamp ``x`` to the range from ``low`` to ``high``, both scalars."""
     return tl.minimum(tl.maximum(x, low), high)
 
 
 @inline
 def halley(a, b, c, d, t):
-    """What Halley's method takes off ``t``."""
+    """Compute the step that Halley's method subtracts from ``t``."""
     f, g = ((a * t + b) * t + c) * t + d, tl.maximum((3.0 * a * t + 2.0 * b) * t + c, LEAST_SLOPE)
     return 2.0 * f * g / tl.maximum(2.0 * g * g - f * (6.0 * a * t + 2.0 * b), g * g)
 
 
 @inline
 def valley(a, b, c, d, t, low, high):
-    """Five steps from an end."""
+    """Take five steps of Halley's method from an end of the curve."""
     for _ in tl.static_range(5):
         t = clip(t - halley(a, b, c, d, t), low, high)
     return t
@@ -59,13 +59,13 @@ def valley(a, b, c, d, t, low, high):
 
 @inline
 def find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y):
-    """Parameters of the nearest points between ``low`` and ``high``: the nearer of both valleys of the distance.
+    """Find the parameters of the nearest points between ``low`` and ``high``: the nearer of the distance's two minima.
 
-    One search for all curves, that for the most bent ones on the processor: a branch would cost more than it saves.
+    All curves use the search that the CPU reserves for the most bent ones: a branch would cost more than it saves.
     """
     a, b, c0 = bx * bx + by * by, 3.0 * (bx * fx + by * fy), 2.0 * (fx * fx + fy * fy)
     size = a + tl.abs(b) + c0 + 1e-20
-    unit = 1.0 / size  # so that no square overflows
+    unit = 1.0 / size  # prevents overflow of squares
     tie = tl.sqrt(size) * TIE
     a, b, c0 = a * unit, b * unit, c0 * unit
     turn = clip(-b / (3.0 * a + 1e-20), low, high)
@@ -76,20 +76,20 @@ def find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y):
     ux, uy = (bx * u + 2.0 * fx) * u + mx, (by * u + 2.0 * fy) * u + my
     t = tl.where(tl.sqrt(tx * tx + ty * ty) <= tl.sqrt(ux * ux + uy * uy) + tie, t, u)
     least, most = tl.where(t <= turn, low, turn), tl.where(t <= turn, turn, high)
-    for _ in tl.static_range(2):  # where the derivative is flat, a step must not throw the nearer one away
+    for _ in tl.static_range(2):  # where the derivative is flat, a step must not leave the nearer minimum
         t = clip(t - clip(halley(a, b, c, d, t), -LAST, LAST), least, most)
     return t
 
 
 @inline
 def sum_pixels(values):
-    """Sums (TILES,) over the pixels of each tile, always in the same order."""
+    """Sum over the pixels of each tile (TILES,), always in the same order."""
     return tl.sum(values, axis=1)
 
 
 @inline
 def store_moments(out, x0, x1, x2, y0, y1, y2, here):
-    """Write the gradient of control points from that of start, start to control, and bend (TILES, AREA)."""
+    """Write the gradient of the control points, given those of start, start to control, and bend (TILES, AREA)."""
     x0, x1, x2 = sum_pixels(x0), sum_pixels(x1), sum_pixels(x2)
     y0, y1, y2 = sum_pixels(y0), sum_pixels(y1), sum_pixels(y2)
     tl.store(out, x0 - x1 + x2, here)

@@ -1,4 +1,4 @@
-"""Mark the functions that kernels are made of, and start kernels."""
+"""Mark inlined functions of kernels, and launch kernels."""
 
 from typing import Any
 
@@ -7,12 +7,12 @@ import triton
 
 
 def inline(function: Any) -> Any:
-    """Mark a function that kernels call; the interpreter, which has to change what is marked, takes it as it is."""
+    """Mark a function that kernels call; left unmarked for the interpreter, which would have to rewrite it."""
     return function if triton.knobs.runtime.interpret else triton.jit(function)
 
 
 def launch(kernel: Any, programs: int, *arguments: Any, **options: Any) -> None:
-    """Start so many programs of a kernel where its first tensor is; none is no error."""
+    """Launch ``programs`` programs of a kernel on the device of its first tensor; 0 is allowed."""
     if programs:
         with torch.cuda.device_of(arguments[0]):
             kernel[(programs,)](*arguments, **options)

@@ -1,6 +1,6 @@
-"""Which strokes touch which tile, by sorting on the device: pairs are made by stroke, and sorted by tile.
+"""Find which strokes touch which tile, by sorting on the device: pairs are made by stroke and sorted by tile.
 
-The only number that the processor waits for is that of all tiles in the boxes of strokes, for which room is made.
+The CPU waits for a single number, the total of tiles in the strokes' boxes, which sizes the buffers.
 """
 
 from dataclasses import dataclass
@@ -13,25 +13,25 @@ from brushexp.contracts.layers import Size
 from brushexp_gpu.launch import launch
 from brushexp_gpu.list_kernels import arrange_kernel, box_kernel, find_kernel
 
-CHUNK = 32  # strokes of a tile's list that the way back visits one after the other
-BLOCK = 128  # strokes or pairs of a program
+CHUNK = 32  # strokes of a tile's list that the backward pass visits sequentially
+BLOCK = 128  # strokes or pairs per program
 
 
 @dataclass(frozen=True)
 class Lists:
-    """The pairs of one canvas, in room for more: those of tiles in a stroke's box that it does not touch come last."""
+    """The pairs of one canvas; pairs of tiles that are in a stroke's box but not touched come last."""
 
     first: Tensor  # (tiles + 1,) where each tile's list begins in ``stroke``, ``slot`` and ``part``; row by row
     stroke: Tensor  # (room,) number of the stroke, front to back within a tile
-    slot: Tensor  # (room,) the pair's place when pairs are sorted by stroke
-    part: Tensor  # (room,) int32, the part of the curve that is near the tile; see `find_kernel`
+    slot: Tensor  # (room,) index of the pair when sorted by stroke
+    part: Tensor  # (room,) int32, part of the curve near the tile; see `find_kernel`
     space: Tensor  # (N + 1,) where each stroke's slots begin, by depth
     chunks: Tensor  # (tiles + 1,) where each tile's chunks of CHUNK strokes begin
     shape: Size  # tile rows and columns
 
     @property
     def chunk_room(self) -> int:
-        """How many chunks there are at most."""
+        """Upper bound on the number of chunks."""
         return len(self.first) - 1 + len(self.stroke) // CHUNK
 
 

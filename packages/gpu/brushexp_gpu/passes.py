@@ -1,13 +1,13 @@
-"""The passes over tiles: one program lays the strokes of some tiles over each other, in chunks of their lists.
+"""The passes over tiles: each program composites the strokes of a few tiles, in chunks of their lists.
 
-The way there leaves behind, of each pair of a tile and a stroke, the nearest points and the light above, and of each
-chunk its colour and the light that it lets through, as if it lay alone. `behind_pass` makes of these what lies behind
-each chunk, without a division by light that is all but gone; so the way back visits all chunks side by side. What a
-stroke receives from a tile goes to a row of its own, and `sum_rows` adds rows always in the same order: no atomics.
+The forward pass stores the nearest points and the light above for each pair of a tile and a stroke, and the colour and
+transmitted light of each chunk in isolation. `behind_pass` turns these into the colour behind each chunk, without
+dividing by nearly vanished light, so the backward pass can visit all chunks in parallel. Each pair writes its
+contribution to a row of its own, and `sum_rows` adds rows always in the same order: no atomics.
 
-Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` are the numbers of `KernelInput`; ``first``
-(tiles + 1,), ``stroke``, ``slot`` and ``part`` (pairs,) and ``chunks`` (tiles + 1,) are those of `Lists`; ``used``
-(tiles,) is how many chunks of each tile were painted. Channels are C, CP with those that fill them up to a power of 2.
+Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` come from `KernelInput`; ``first``
+(tiles + 1,), ``stroke``, ``slot`` and ``part`` (pairs,) and ``chunks`` (tiles + 1,) from `Lists`; ``used`` (tiles,) is
+the number of chunks painted per tile. There are C channels, padded to CP, a power of 2.
 """
 # mypy: allow-untyped-defs
 
@@ -28,12 +28,12 @@ from brushexp_gpu.planes import (
 )
 from brushexp_gpu.textured import look_up, textured_pull
 
-SIZES = ["tiles", "columns", "height", "width", "numbers"]  # of no size is there a kernel of its own
+SIZES = ["tiles", "columns", "height", "width", "numbers"]  # sizes that kernels are not specialised for
 
 
 @inline
 def _seek(part, j, sx, sy, fx, fy, bx, by, here):
-    """Nearest points (TILES, AREA) on the parts of curves that the lists name."""
+    """Find the nearest points (TILES, AREA) on the listed parts of curves."""
     bounds = tl.load(part + j, here, 0)[:, None]
     low, high = (bounds & 255).to(tl.float32) / CURVE_PARTS, (bounds >> 8).to(tl.float32) / CURVE_PARTS
     x, y = pixels()
@@ -42,7 +42,7 @@ def _seek(part, j, sx, sy, fx, fy, bx, by, here):
 
 @inline
 def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper, here, TEXTURED: tl.constexpr):
-    """Coverage before opacity, its slopes in a texture, and tone and its slopes, all (TILES, AREA); 0 if not here."""
+    """Compute coverage before opacity, its texture slopes, tone and its slopes, (TILES, AREA); 0 if not ``here``."""
     x, y = pixels()
     if TEXTURED:
         scale = load_number(strokes, at, 8, here)
@@ -69,7 +69,7 @@ def _judge(errors, pair, shown, goal, there, alpha, here, C: tl.constexpr, CP: t
 
 @inline
 def _store_state(states, chunk, own, clear, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the colour (CP, TILES, AREA) of chunks, and the light that they let through."""
+    """Write the colour (CP, TILES, AREA) of chunks and the light that they transmit."""
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
     at = states + (chunk * (C + 1) * AREA)[:, None] + q
     tl.store(at[None] + c * AREA, own, here[None, :, None] & (c < C))
@@ -85,10 +85,10 @@ def forward_pass(
 ):  # fmt: skip
     """Paint ``image`` (C, H, W), and write ``used``.
 
-    A tile is finished after a chunk that lets no more light than ``opaque`` through at any pixel; but if it should
-    JUDGE by a ``target`` (C, H, W), it looks at every stroke, and writes by slot ``errors`` (pairs, 2), the sums of
-    alpha |color - target|^2 and of alpha. If it should KEEP what the way back needs, it writes ``near`` and ``above``
-    (pairs, AREA) and ``states`` (chunks, C + 1, AREA), of which the last is the light.
+    A tile is finished after a chunk below which less light than ``opaque`` remains at every pixel. With JUDGE, the pass
+    visits every stroke instead, and writes by slot ``errors`` (pairs, 2): the sums of alpha |color - target|^2, for a
+    ``target`` (C, H, W), and of alpha. With KEEP, it writes what the backward pass needs: ``near`` and ``above``
+    (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the light.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
@@ -142,9 +142,9 @@ def behind_pass(
     states, behinds, chunks, chunk_tile, used, background, tiles,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr,
 ):  # fmt: skip
-    """Write ``behinds`` (chunks, C, AREA), the colour of all that lies behind each chunk, the bare canvas too.
+    """Write ``behinds`` (chunks, C, AREA), the colour behind each chunk, including the bare canvas.
 
-    ``chunk_tile`` (chunks,) is the tile of each chunk, and -1 of those that were not painted.
+    ``chunk_tile`` (chunks,) is the tile of each chunk, -1 if the chunk was not painted.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
@@ -165,7 +165,7 @@ def behind_pass(
 
 @inline
 def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
-    """Numbers of a program's chunks (TILES,) and their tiles, whether they were painted, and their pairs."""
+    """Return a program's chunks (TILES,), their tiles, whether they were painted, and their first pairs and counts."""
     chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
     tile = tl.load(chunk_tile + chunk, chunk < tl.load(chunks + tiles), -1)
     inside = tile >= 0
@@ -182,11 +182,11 @@ def backward_pass(
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr, WEIGHS: tl.constexpr,
 ):  # fmt: skip
-    """Visit the strokes of chunks back to front, each of which belongs to ``chunk_tile``, after `behind_pass`.
+    """Visit the strokes of chunks back to front, after `behind_pass`; each chunk belongs to its ``chunk_tile``.
 
-    ``picture`` is the gradient of the image (C, H, W), and what is written, by slot, is that of the strokes' numbers,
-    ``pairs`` (pairs, numbers). If it WEIGHS, ``picture`` is image less target, and the weight of each pixel
-    (C + 1, H, W), and ``pairs`` (pairs, 1) is what the weighted squared error would grow by without a stroke.
+    ``picture`` is the gradient of the image (C, H, W), and the output, by slot, is the gradient of the strokes'
+    numbers, ``pairs`` (pairs, numbers). With WEIGHS, ``picture`` is image - target and the weight of each pixel (C + 1,
+    H, W), and ``pairs`` (pairs, 1) is the increase of the weighted squared error without the stroke.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
@@ -197,7 +197,7 @@ def backward_pass(
     if WEIGHS:
         weight = tl.load(picture + C * height.to(tl.int64) * width + place, there, 0.0)
     else:
-        behind = tl.sum(behind * given, axis=0)  # of what is behind, only this is needed
+        behind = tl.sum(behind * given, axis=0)  # all that is needed of the colour behind
     for back in range(0, tl.max(count)):
         k = count - 1 - back
         here = k >= 0
@@ -244,7 +244,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write gradients of opacity, colour and drift from that of alpha ``ga`` and how much of a colour is ``seen``."""
+    """Write the gradients of opacity, colour and drift from that of alpha, ``ga``, and the visible share ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:
@@ -253,7 +253,7 @@ def _pull_color(
 
 @jit(do_not_specialize=["numbers"])
 def sum_rows(pairs, space, order, sums, numbers, WIDTH: tl.constexpr, ROWS: tl.constexpr):
-    """Sum the rows ``pairs`` (., numbers) of one stroke, from ``space`` on, in double precision: ``sums`` (N, .)."""
+    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space`` on, in double precision into ``sums`` (N, .)."""
     k = tl.program_id(0)
     begin, end = tl.load(space + k), tl.load(space + k + 1)
     row, column = tl.arange(0, ROWS)[:, None], tl.arange(0, WIDTH)[None, :]

@@ -1,4 +1,4 @@
-"""Paint a picture by Triton's kernels, as `brushexp.compositing.rasterization` does by Numba's."""
+"""Paint a picture with Triton kernels, as `brushexp.compositing.rasterization` does with Numba's."""
 
 import torch
 import triton
@@ -11,8 +11,8 @@ from brushexp_gpu.launch import launch
 from brushexp_gpu.lists import CHUNK, tile_lists
 from brushexp_gpu.passes import backward_pass, behind_pass, forward_pass, sum_rows
 
-TILES = 64 if triton.knobs.runtime.interpret else 1  # side by side in a program; a warp each
-ROWS = 64  # pairs of a stroke that are summed at once
+TILES = 64 if triton.knobs.runtime.interpret else 1  # tiles per program; one warp each
+ROWS = 64  # pairs of a stroke summed at once
 
 
 class TritonRasterization:
@@ -34,7 +34,7 @@ class TritonRasterization:
         self._kind = {"C": channels, "CP": triton.next_power_of_2(channels), "TILES": TILES, "num_warps": min(TILES, 8)}
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
-        """Paint a picture (C, H, W); ``keep`` what is needed if `gradient` or `importance` will follow."""
+        """Paint a picture (C, H, W); ``keep`` the state that `gradient` or `importance` needs."""
         lists, like, tiles = self.lists, self._strokes, len(self.lists.first) - 1
         channels, room = len(self.background), len(lists.stroke)
         image, used = like.new_empty((channels, *self.size)), torch.empty_like(lists.first[1:], dtype=torch.int32)
@@ -58,11 +58,11 @@ class TritonRasterization:
         return image
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute gradients of the strokes' numbers from that (C, H, W) of the picture."""
+        """Compute the gradient of the strokes' numbers from that of the picture (C, H, W)."""
         return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
+        """Compute the increase (N,) of the squared error, weighted by (H, W), without each stroke."""
         error = self.paint(None, keep=True) - target
         return self._sums(self._run_back(torch.cat([error, weight[None]]), 1, weighs=True))[:, 0]
 
@@ -77,7 +77,7 @@ class TritonRasterization:
         return pairs
 
     def _sums(self, pairs: Tensor) -> Tensor:
-        """Sum the rows (pairs, C) of each stroke: (N, C)."""
+        """Sum the rows (pairs, C) of each stroke into (N, C)."""
         columns = pairs.shape[1]
         sums = pairs.new_zeros((len(self._strokes), columns))
         width = triton.next_power_of_2(columns)
@@ -85,7 +85,7 @@ class TritonRasterization:
         return sums
 
     def _sizes(self) -> tuple[int, ...]:
-        """Those numbers of which there is no kernel of its own; see `passes.SIZES`."""
+        """Return the arguments that kernels are not specialised for; see `passes.SIZES`."""
         return len(self.lists.first) - 1, self.lists.shape[1], *self.size, self._strokes.shape[1]
 
     def _programs(self, parts: int) -> int:

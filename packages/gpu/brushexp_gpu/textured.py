@@ -1,4 +1,4 @@
-"""Strokes with textures: `brushexp.compositing.textured_profile` for the kernels of this package."""
+"""Strokes with textures: this package's version of `brushexp.compositing.textured_profile`."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -13,20 +13,20 @@ SLOWEST = tl.constexpr(frames_of.SLOWEST**2)
 SLOWEST_PIXELS = tl.constexpr(frames_of.SLOWEST_PIXELS**2)
 LEAST_SQUARE = tl.constexpr(frames_of.LEAST_SQUARE)
 SHORTEST_SQUARED = tl.constexpr(frames_of.SHORTEST_SQUARED)
-FRAME = tl.constexpr(9)  # numbers of a stroke's frame
+FRAME = tl.constexpr(9)  # numbers per stroke frame
 
 
 @inline
 def _size(fx, fy, bx, by):
-    """Squared size of a curve: of its velocity at both ends, halved."""
+    """Compute a curve's squared size: the squares of the half velocities at both ends."""
     return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
 
 
 @inline
 def _direction(t, sx, sy, fx, fy, bx, by, x, y):
-    """From the curve to pixels, velocity and its square, whether it moves, unit tangent, and 1 / its first length.
+    """Return curve-to-pixel vectors, velocity, its square, whether it moves, unit tangent, 1 / unnormalised length.
 
-    Where the curve stands still the tangent is square to the offset; see `brushexp.compositing.frame`.
+    Where the curve stands still, the tangent is perpendicular to the offset; see `brushexp.compositing.frame`.
     """
     wx, wy = x - sx - (fx + fx + bx * t) * t, y - sy - (fy + fy + by * t) * t
     dx, dy = fx + t * bx, fy + t * by
@@ -45,7 +45,7 @@ def _load_frame(frames, i, k: tl.constexpr, here):
 
 @inline
 def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
-    """Columns and rows in the texture, in texels, and how many of both it has (TILES, 1)."""
+    """Return columns and rows in the texture, in texels, and the texture's numbers of both (TILES, 1)."""
     wx, wy, _, _, _, _, tx, ty, _ = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     rows, columns = _load_frame(frames, i, 0, here), _load_frame(frames, i, 1, here)
     origin, body = _load_frame(frames, i, 2, here), _load_frame(frames, i, 3, here)
@@ -66,7 +66,7 @@ def _corner(word, k: tl.constexpr):
 
 @inline
 def _mix(word, x, y):
-    """Bilinear value between the four bytes of a word, and its slopes along x and y."""
+    """Interpolate bilinearly between the four bytes of a word; return the value and its slopes along x and y."""
     a, b, c, d = _corner(word, 0), _corner(word, 1), _corner(word, 2), _corner(word, 3)
     twist = a - b - c + d
     along_y = c - a + x * twist
@@ -75,7 +75,7 @@ def _mix(word, x, y):
 
 @inline
 def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, here):
-    """Opacity in 255ths, its slopes along columns and rows, tone, and its slopes, one for each step of 127."""
+    """Return opacity in 255ths, its slopes along columns and rows, and tone and its slopes in steps of 1 / 127."""
     u, v, columns, rows = _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here)
     column, row = tl.minimum(u.to(tl.int32), columns.to(tl.int32)), tl.minimum(v.to(tl.int32), rows.to(tl.int32))
     u, v = u - column.to(tl.float32), v - row.to(tl.float32)
@@ -88,7 +88,7 @@ def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, her
 
 @inline
 def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here):
-    """Write the gradient of curve and scale to ``out`` + 0 to 8, but 7, from that of the place in the texture."""
+    """Write the gradient of curve and scale to ``out`` + 0 to 8, except 7, from that of the texture coordinates."""
     wx, wy, dx, dy, speed, moves, tx, ty, one = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     size, beside = _size(fx, fy, bx, by), (t > 0.0) & (t < 1.0)
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx
@@ -101,7 +101,7 @@ def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half,
     gu, gv = tl.where(beside, 0.0, gu * scale * TEXEL_WIDTH), gv * scale
     turn = (gu * across - gv * along) * tl.minimum(one, 1.0 / tl.sqrt(size * LEAST_SQUARE + 1e-30))
     turn = tl.where(moves, turn, 0.0)
-    ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # to the point of the curve
-    vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # to half of the velocity there
+    ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # gradient of the curve's point
+    vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # of half the velocity there
     ux, uy = t * ax, t * ay
     store_moments(out, ax, 2.0 * ux + vx, t * (ux + vx), ay, 2.0 * uy + vy, t * (uy + vy), here)
