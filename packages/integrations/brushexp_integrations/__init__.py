@@ -1,1 +1,1 @@
-"""Other programs: trackers of runs, callbacks of Lightning, clusters and searches."""
+"""Connect runs to other programs: experiment trackers, Lightning's callbacks, clusters and hyperparameter searches."""

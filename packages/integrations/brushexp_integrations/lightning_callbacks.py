@@ -1,4 +1,4 @@
-"""Callbacks that come with Lightning, by name; their options are Lightning's own."""
+"""Offer Lightning's own callbacks by name, with Lightning's options."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
-    """Make a callback of Lightning, which takes seconds to import."""
+    """Make one of Lightning's callbacks; importing Lightning takes seconds."""
     return getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
 
 
 @register("callbacks", "learning_rate_monitor")
 class LearningRate(Callback):
-    """Record the learning rate among the curves of the run (Lightning's LearningRateMonitor)."""
+    """Record the learning rate with the run's curves (Lightning's LearningRateMonitor)."""
 
     def open(self, folder: Path) -> L.Callback:
         return lightning_callback("LearningRateMonitor", logging_interval="step")
@@ -30,13 +30,13 @@ class LearningRate(Callback):
 @register("callbacks", "early_stopping")
 @dataclass(kw_only=True)
 class StopOnPlateau(Callback):
-    """End the fit when a logged value no longer improves (Lightning's EarlyStopping).
+    """End the fit when a logged value stops improving (Lightning's EarlyStopping).
 
     Args:
-        monitor: the value, as the curves call it: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
-        mode: max where more is better, min where less is.
-        min_delta: least gain that counts.
-        patience: epochs without a gain before the end, in painting of 100 steps each.
+        monitor: name of the value in the curves: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
+        mode: direction of improvement: max or min.
+        min_delta: smallest change that counts as an improvement.
+        patience: epochs without improvement before the end; in painting, an epoch is 100 steps.
     """
 
     monitor: str = "psnr"
@@ -51,13 +51,13 @@ class StopOnPlateau(Callback):
 @register("callbacks", "model_checkpoint")
 @dataclass(kw_only=True)
 class BestCheckpoints(Callback):
-    """Keep checkpoints of Lightning in the folder ``checkpoints`` of the run (ModelCheckpoint).
+    """Save Lightning checkpoints in the run's folder ``checkpoints`` (ModelCheckpoint).
 
     Args:
-        monitor: the logged value by which the best are chosen; null keeps the last one, or with save_top_k=-1 all.
-        mode: max where more is better, min where less is.
-        save_top_k: how many; -1 for all.
-        every_n_train_steps: steps between two of them.
+        monitor: logged value that ranks the checkpoints; null keeps the last one, or all with save_top_k=-1.
+        mode: direction of improvement: max or min.
+        save_top_k: number of checkpoints to keep; -1 = all.
+        every_n_train_steps: steps between two checkpoints.
     """
 
     monitor: str | None = None
@@ -72,10 +72,10 @@ class BestCheckpoints(Callback):
 @register("callbacks", "timer")
 @dataclass(kw_only=True)
 class TimeLimit(Callback):
-    """End the fit after some time, and say how long it took (Lightning's Timer).
+    """End the fit after a given time, and log how long it took (Lightning's Timer).
 
     Args:
-        duration: days:hours:minutes:seconds, ``00:00:10:00`` for ten minutes.
+        duration: time limit as days:hours:minutes:seconds; ``00:00:10:00`` is ten minutes.
     """
 
     duration: Annotated[str, DURATION] = "00:01:00:00"

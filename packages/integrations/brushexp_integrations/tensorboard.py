@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @register("logger", "tensorboard")
 class TensorBoard(Logger):
-    """Curves, pictures, settings and numbers: ``tensorboard --logdir`` of a run, or of a sweep side by side.
+    """Log curves, pictures, settings and metrics; ``tensorboard --logdir`` shows a run, or a sweep's runs together.
 
-    They are in the folder ``tensorboard`` of each run. Hyperparameters are the words of the command line and the final
-    metrics, so that a sweep is a table; all settings and the path of the catalogue are texts.
+    The files are in each run's folder ``tensorboard``. Hyperparameters are the command line's words and the final
+    metrics, so that a sweep becomes a table; all settings and the catalogue's path are texts.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class TensorBoard(Logger):
         from lightning.pytorch.loggers import TensorBoardLogger  # noqa: PLC0415
 
         self._curves = TensorBoardLogger(run.folder, name="", version="tensorboard", default_hp_metric=False)
-        self._curves.log_hyperparams(dict(run.settings))  # into hparams.yaml: without metrics there is no table yet
+        self._curves.log_hyperparams(dict(run.settings))  # into hparams.yaml; the table needs metrics
         settings = yaml.safe_dump(dict(run.settings), sort_keys=False)
         self._curves.experiment.add_text("settings", f"```\n{settings}```")
         return self._curves

@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
 
 log = logging.getLogger(__name__)
-STEP = "trainer/global_step"  # name of the step in curves of Lightning's WandbLogger
+STEP = "trainer/global_step"  # name of the step in the curves of Lightning's WandbLogger
 EXIT_CODES = {Status.COMPLETED: 0, Status.INTERRUPTED: 130, Status.FAILED: 1}
-DEFAULTS = {  # environment of wandb, unless the user sets it
+DEFAULTS = {  # environment variables of wandb, unless the user sets them
     "WANDB_SILENT": "true",
-    "WANDB_CONSOLE": "off",  # it would keep all that the program prints
+    "WANDB_CONSOLE": "off",  # otherwise it records everything the program prints
     "WANDB_ERROR_REPORTING": "false",
     "WANDB_INIT_TIMEOUT": "15",  # seconds
-    "WANDB_FINISH_TIMEOUT": "60",  # seconds; what is not sent then stays in the folder
+    "WANDB_FINISH_TIMEOUT": "60",  # seconds; data not sent by then stays in the folder
 }
-ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # the same accounts under two names
+ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # one service under two addresses
 
 
 @register("logger", "wandb")
 class WeightsAndBiases(Logger):
-    """Curves, pictures, table and catalogue for Weights & Biases; without network unless you are logged in there.
+    """Log curves, pictures, a table and the catalogue to Weights & Biases; offline unless you are logged in there.
 
-    Everything stays in the folder ``wandb`` of the run; ``wandb sync`` sends offline runs later. Errors of wandb itself
-    are reported to its makers only if WANDB_ERROR_REPORTING says so.
+    Everything stays in the run's folder ``wandb``; ``wandb sync`` uploads offline runs later. Errors in wandb itself
+    are reported to its makers only if WANDB_ERROR_REPORTING is set to true.
 
     Args:
-        project: where the runs are shown.
-        entity: user or team that the project belongs to; None for the account's own.
-        mode: auto: online if somebody is logged in (WANDB_API_KEY or ``wandb login``), else offline, unless WANDB_MODE
-            says otherwise; disabled: nothing is kept.
-        group: shows runs together; None for the folder's name of the sweep.
-        tags: words by which runs are found.
+        project: project that collects the runs.
+        entity: user or team that owns the project; null = the account's own.
+        mode: mode of logging: auto (online if logged in by WANDB_API_KEY or ``wandb login``, otherwise offline, unless
+            WANDB_MODE says otherwise), online, offline, or disabled (nothing is kept).
+        group: group that shows runs together; null = name of the sweep's folder.
+        tags: tags to find runs by.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class WeightsAndBiases(Logger):
         from lightning.pytorch.loggers import WandbLogger  # noqa: PLC0415
 
         for key in ("WANDB_DATA_DIR", "WANDB_CACHE_DIR"):
-            os.environ.setdefault(key, str(run.folder / "wandb"))  # else some files go into the user's home
+            os.environ.setdefault(key, str(run.folder / "wandb"))  # otherwise some files go into the user's home
         begin = partial(
             wandb.init,
             **self.options,
@@ -122,7 +122,7 @@ class WeightsAndBiases(Logger):
 
 
 def mode_of(mode: str) -> Any:
-    """Translate a mode for wandb; None leaves it to WANDB_MODE."""
+    """Translate a mode into wandb's; None leaves the choice to WANDB_MODE."""
     import wandb  # noqa: PLC0415
 
     if mode != "auto":
@@ -131,7 +131,7 @@ def mode_of(mode: str) -> Any:
 
 
 def is_logged_in() -> bool:
-    """Tell whether wandb has an account, by environment, settings or netrc file; it asks nobody."""
+    """Test whether environment, settings or netrc file contain a wandb account, without any network access."""
     import wandb  # noqa: PLC0415
     from requests.utils import get_netrc_auth  # noqa: PLC0415  (wandb needs it, too)
 

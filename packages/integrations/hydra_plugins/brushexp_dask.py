@@ -21,8 +21,8 @@ class DaskLauncherConf:
     """Options of ``hydra/launcher=dask``."""
 
     _target_: str = "hydra_plugins.brushexp_dask.DaskLauncher"
-    address: str | None = None  # of the scheduler, tcp://host:8786; null: workers on this machine, for this sweep
-    n_jobs: int = -1  # jobs at once on a machine, that share its cores; -1 = one per core
+    address: str | None = None  # of the scheduler, tcp://host:8786; null = workers on this machine, for this sweep
+    n_jobs: int = -1  # concurrent jobs per machine, sharing its cores; -1 = one per core
 
 
 if find_spec("distributed"):  # the extra `dask`
@@ -30,7 +30,7 @@ if find_spec("distributed"):  # the extra `dask`
 
 
 class DaskLauncher(Launcher):
-    """Send jobs to workers of one thread each, for Hydra has one state in a process."""
+    """Send jobs to workers with one thread each, because Hydra has one state per process."""
 
     def __init__(self, address: str | None, n_jobs: int) -> None:
         self.address, self.n_jobs = address, n_jobs
@@ -39,16 +39,16 @@ class DaskLauncher(Launcher):
         self.hydra_context, self.task_function, self.config = hydra_context, task_function, config
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-        """Run the jobs, and wait for all of them."""
+        """Run all jobs and wait for them."""
         from distributed import Client, LocalCluster  # noqa: PLC0415
 
         from brushexp.contracts import UserError  # noqa: PLC0415
         from brushexp.contracts.machine import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
-        logging.getLogger("distributed").setLevel(logging.WARNING)  # else it logs the start of every worker
-        logging.getLogger("distributed.nanny").setLevel(logging.ERROR)  # else it tells of workers that end slowly
-        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # else it logs futures that Ctrl-C has abandoned
+        logging.getLogger("distributed").setLevel(logging.WARNING)  # otherwise it logs the start of every worker
+        logging.getLogger("distributed.nanny").setLevel(logging.ERROR)  # otherwise it logs workers that end slowly
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # otherwise it logs futures abandoned by Ctrl-C
         workers = min(len(jobs), jobs_at_once(self.n_jobs))
         with ExitStack() as stack:
             cluster = self.address or stack.enter_context(
@@ -65,7 +65,7 @@ class DaskLauncher(Launcher):
 
 
 def _work(state: Any, *job: Any) -> JobReturn:
-    """Run a job in a process in which Hydra has not been set up."""
+    """Run a job in a process where Hydra is not set up yet."""
     setup_globals()
     Singleton.set_state(state)
     return execute_job(*job)

@@ -1,4 +1,4 @@
-"""Hydra launcher ``processes``: run jobs of a sweep at once, in forks of this process, which has loaded everything."""
+"""Hydra launcher ``processes``: run a sweep's jobs in parallel, in forks of this process with everything loaded."""
 
 import ctypes
 import os
@@ -25,11 +25,11 @@ class ProcessesLauncherConf:
     """Options of ``hydra/launcher=processes``, which ``jobs=`` chooses."""
 
     _target_: str = "hydra_plugins.brushexp_processes.ProcessesLauncher"
-    n_jobs: int = -1  # jobs at once, that share the cores; -1 = one per core
+    n_jobs: int = -1  # concurrent jobs, sharing the cores; -1 = one per core
 
 
 def works_here() -> bool:
-    """Tell whether processes may be forked: libraries do not survive it elsewhere than on Linux, nor CUDA anywhere."""
+    """Test whether processes may be forked: libraries survive it only on Linux, and CUDA nowhere."""
     from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"
@@ -42,7 +42,7 @@ if sys.platform == "linux":
 
 
 class ProcessesLauncher(Launcher):
-    """Run jobs as Hydra's joblib launcher does, but load modules and kernels once."""
+    """Run jobs like Hydra's joblib launcher, but load modules and kernels only once."""
 
     def __init__(self, n_jobs: int) -> None:
         self.n_jobs = n_jobs
@@ -51,10 +51,10 @@ class ProcessesLauncher(Launcher):
         import torch  # noqa: PLC0415
 
         self.hydra_context, self.task_function, self.config = hydra_context, task_function, config
-        torch.set_num_threads(1)  # a fork would wait for the threads of OpenMP for ever
+        torch.set_num_threads(1)  # a fork would wait forever for OpenMP's threads
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-        """Run the jobs, and wait for all of them; a job that dies ends the sweep."""
+        """Run all jobs and wait for them; a job that dies ends the sweep."""
         from brushexp.contracts.machine import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
@@ -64,13 +64,13 @@ class ProcessesLauncher(Launcher):
 
     @contextmanager
     def _forks(self, count: int) -> Iterator[list[Pipe]]:
-        """Start processes that run the jobs which they are sent, and wait for their end."""
+        """Start processes that run the jobs sent to them; on leaving, wait for them to end."""
         fork, processes, pipes = get_context("fork"), [], list[Pipe]()
         for _ in range(count):
             here, there = fork.Pipe()
             processes.append(fork.Process(target=self._serve, args=(there, os.getpid(), [*pipes, here])))
             processes[-1].start()
-            there.close()  # so that its end is seen here
+            there.close()  # so that this process notices when it ends
             pipes.append(here)
         try:
             yield pipes
@@ -78,7 +78,7 @@ class ProcessesLauncher(Launcher):
                 pipe.send(None)
         except BaseException:
             for process, pipe in zip(processes, pipes, strict=True):
-                pipe.close()  # else one whose signal is lost would wait for a job, and we for its end
+                pipe.close()  # otherwise a process that misses the signal waits for a job, and we wait for it
                 with suppress(ProcessLookupError):
                     os.kill(process.pid or 0, signal.SIGINT)
             raise
@@ -87,10 +87,10 @@ class ProcessesLauncher(Launcher):
                 process.join()
 
     def _serve(self, pipe: Pipe, parent: int, of_parent: Sequence[Pipe]) -> None:
-        """Run jobs in a fork until there are no more, or its parent is killed or hears no more."""
+        """Run jobs in a fork until there are no more, or until the parent dies or closes its pipe."""
         for other in of_parent:
-            other.close()  # so that the parent alone has its ends
-        os.setpgrp()  # a Ctrl-C comes from the parent alone, and not from the terminal
+            other.close()  # so that only the parent holds its ends
+        os.setpgrp()  # so that Ctrl-C comes only from the parent, not from the terminal
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
         with suppress(KeyboardInterrupt, EOFError, ConnectionError):
             while os.getppid() == parent and (job := pipe.recv()) is not None:
@@ -100,7 +100,7 @@ class ProcessesLauncher(Launcher):
 
 
 def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, JobReturn]:
-    """Send each process a job, and the next when it has ended; return the results by the numbers of the jobs."""
+    """Send each process a job, and the next one when that ends; return the results by job number."""
     from brushexp.contracts import UserError  # noqa: PLC0415
 
     queue, idle, at_work, results = list(jobs), list(pipes), dict[Pipe, int](), dict[int, JobReturn]()
