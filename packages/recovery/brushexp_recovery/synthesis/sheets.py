@@ -48,7 +48,9 @@ class Sheet:
 def _halve(values: Array) -> Array:
     """Average blocks of two by two."""
     rows, columns = (size // 2 * 2 for size in values.shape[:2])
-    return 0.25 * sum(values[i:rows:2, j:columns:2] for i in range(2) for j in range(2))
+    blocks = [values[i:rows:2, j:columns:2] for i in range(2) for j in range(2)]
+    mean: Array = np.mean(blocks, 0)
+    return mean
 
 
 def places_across(columns: int) -> Array:
