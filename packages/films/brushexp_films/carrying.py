@@ -84,9 +84,7 @@ class Carrier:
         matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
         harmful = int((matter <= 3 * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
-        budget = max(
-            1, round(len(moves) * picture.target[0].numel() / target[0].numel())
-        )  # same density as on the whole canvas
+        budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
         pictures = (image, picture.target, region.of(changed).to(image))
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))

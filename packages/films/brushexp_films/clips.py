@@ -85,9 +85,7 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
         declared = declared_by(file)
-        is_apart = (
-            "default_image" in file.info and file.info["default_image"]
-        )  # a PNG's still image for viewers without animation
+        is_apart = "default_image" in file.info and file.info["default_image"]  # a PNG's fallback picture
         for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
             file.seek(number)
             picture = decode_image(file, declared=declared)
