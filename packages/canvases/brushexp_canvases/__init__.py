@@ -1,1 +1,1 @@
-"""Canvases on disk: pictures too large for memory, painted tile by tile on the workers of a Dask cluster."""
+"""Paint pictures too large for memory, tile by tile, on a canvas on disk and the workers of a Dask cluster."""

@@ -1,4 +1,4 @@
-"""Cut a canvas into tiles, and say which of them are painted before which."""
+"""Divide a canvas into tiles, and define the order in which they are painted."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,23 +10,23 @@ from brushexp.contracts.pictures import Region
 
 @dataclass(frozen=True, order=True)
 class Tile:
-    """A tile by its place in the grid."""
+    """A tile, given by its place in the grid."""
 
     row: int
     column: int
 
     @property
     def round(self) -> int:
-        """Number, 0 to 3, of the round in which it is painted: tiles of a round do not touch each other."""
+        """Number, 0 to 3, of the round in which the tile is painted; tiles of one round do not touch."""
         return 2 * (self.row % 2) + self.column % 2
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Square tiles of ``side`` pixels over a canvas of ``size`` (H, W), smaller ones at the right and the bottom.
+    """Square tiles of ``side`` pixels over a canvas of ``size`` (H, W), smaller at the right and bottom edges.
 
-    A tile is painted in its window, which is ``margin`` pixels wider on each side, within the canvas. Windows of tiles
-    of one round do not overlap, so that these tiles do not depend on each other.
+    A tile is painted in its window, which extends ``margin`` pixels beyond it on each side, within the canvas. Windows
+    of one round do not overlap, so their tiles are independent.
 
     >>> grid = Grid((100, 70), side=40, margin=8)
     >>> grid.shape, grid.region(Tile(2, 1)), grid.window(Tile(2, 1))
@@ -55,11 +55,11 @@ class Grid:
         return Region(tile.row * self.side, tile.column * self.side, self.side, self.side).widened(0, self.size)
 
     def window(self, tile: Tile) -> Region:
-        """Return the pixels that are looked at while a tile is painted."""
+        """Return the pixels that take part in painting a tile."""
         return self.region(tile).widened(self.margin, self.size)
 
     def tiles_in(self, region: Region) -> Iterator[Tile]:
-        """Yield the tiles that have pixels of a region."""
+        """Yield the tiles that overlap a region."""
         for row in range(region.top // self.side, -(-(region.top + region.height) // self.side)):
             for column in range(region.left // self.side, -(-(region.left + region.width) // self.side)):
                 yield Tile(row, column)
@@ -73,7 +73,7 @@ class Grid:
         return (other for other in self.around(tile) if other.round < tile.round)
 
     def near_borders(self, tile: Tile, region: Region, distance: int) -> np.ndarray:
-        """Mark the pixels (h, w) of a region around a tile that lie within ``distance`` of its borders with others.
+        """Mark the pixels (h, w) of a region around a tile within ``distance`` of its borders with other tiles.
 
         >>> Grid((4, 6), side=3, margin=1).near_borders(Tile(0, 0), Region(0, 0, 4, 4), 1).astype(int).tolist()
         [[0, 0, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1]]

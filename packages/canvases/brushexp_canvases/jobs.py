@@ -1,4 +1,4 @@
-"""Paint the tiles of a canvas on the workers of a Dask cluster, each as soon as those before it are painted."""
+"""Paint a canvas's tiles on the workers of a Dask cluster, each as soon as its predecessors are painted."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from brushexp_canvases.tile import Canvas, draw_tile, paint_tile
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-SILENT = logging.CRITICAL + 1  # level of the log of workers, whose errors reach us
-ANY_PORT = "127.0.0.1:0"  # for Dask's page, so that canvases can be painted side by side
-SLIM = {"distributed.worker.profile.enabled": False}  # it lets a worker grow with the number of its tiles
-WAIT = "10s"  # for a scheduler to answer
+SILENT = logging.CRITICAL + 1  # log level of workers; their errors reach us anyway
+ANY_PORT = "127.0.0.1:0"  # for Dask's dashboard, so that several canvases can be painted at once
+SLIM = {"distributed.worker.profile.enabled": False}  # profiling makes a worker's memory grow with its tiles
+WAIT = "10s"  # time for a scheduler to answer
 SLURM = "slurm"  # instead of an address
-MEMORY = "4GB"  # of a job of Slurm, unless Dask's settings say something else
-MOST_DEATHS = 3  # workers that may die of one tile; Dask's own default
+MEMORY = "4GB"  # memory of a Slurm job, unless Dask's settings say otherwise
+MOST_DEATHS = 3  # workers that one tile may kill; Dask's own default
 
 
 @contextmanager
 def workers(n: int, address: str | None) -> Iterator[Client]:
-    """Start ``n`` workers of one thread on this machine or by `SLURM`, or take those of a scheduler at ``address``."""
+    """Start ``n`` single-threaded workers here or by `SLURM`, or use those of the scheduler at ``address``."""
     try:
         from dask import config  # noqa: PLC0415  (the extra ``canvas``)
         from distributed import Client, LocalCluster  # noqa: PLC0415
     except ImportError as error:
         raise UserError("canvas= needs Dask; install it with: pip install 'brushexp[canvas]'") from error
     for name in (*(name for name in logging.root.manager.loggerDict if name.startswith("distributed")), "asyncio"):
-        logging.getLogger(name).setLevel(SILENT)  # what happens is said in our words
+        logging.getLogger(name).setLevel(SILENT)  # we report in our own words
     with ExitStack() as stack:
         if address in (None, SLURM):
             stack.enter_context(config.set(SLIM))
@@ -58,7 +58,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 @contextmanager
 def out_of_reach() -> Iterator[None]:
-    """Hold Ctrl-C back, and for good from threads and processes begun meanwhile: a terminal sends it to all of them."""
+    """Block Ctrl-C meanwhile, and permanently in threads and processes started here: terminals send it to all."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -67,7 +67,7 @@ def out_of_reach() -> Iterator[None]:
 
 
 def _by_slurm(n: int) -> Any:
-    """Submit ``n`` jobs of Slurm, each a worker; one that ends is submitted again."""
+    """Submit ``n`` Slurm jobs, one per worker; jobs that end are submitted again."""
     at_interrupt = signal.getsignal(signal.SIGINT)
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
@@ -76,7 +76,7 @@ def _by_slurm(n: int) -> Any:
         needed = "cluster=slurm needs dask-jobqueue; install it with: pip install 'brushexp[canvas,slurm]'"
         raise UserError(needed) from error
     finally:
-        signal.signal(signal.SIGINT, at_interrupt)  # which the import of dask-jobqueue changes
+        signal.signal(signal.SIGINT, at_interrupt)  # importing dask-jobqueue changes it
     if which("sbatch") is None:
         raise UserError("cluster=slurm submits jobs by sbatch, which is not here; start on a machine that has it")
     memory = config.get("jobqueue.slurm.memory", None) or MEMORY
@@ -87,10 +87,10 @@ def _by_slurm(n: int) -> Any:
 
 
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
-    """Paint and draw the tiles that are left ``todo``; ``show`` is told how many of these jobs are done.
+    """Paint and draw the remaining tiles ``todo``; ``show`` receives the number of finished jobs.
 
     A tile is painted after those ``before`` it, and drawn after those around it. A worker that dies is replaced, and
-    its tile is begun again. Returns the largest memory of a worker in MB, NaN where the system does not tell.
+    its tile starts over. Returns the largest memory of any worker in MB, NaN if the system does not report it.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:
@@ -104,7 +104,7 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
 
 
 def do_job(work: Callable[..., float | None], canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Do the work of a tile on a worker, which would grow with the number of its tiles if it kept their memory."""
+    """Do a tile's work on a worker, first freeing the previous tiles' memory."""
     gc.collect()
     give_memory_back()
     return work(canvas, tile, *before)
@@ -121,7 +121,7 @@ def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) 
         for done, future in enumerate(as_completed(futures), start=1):
             if future.status == "cancelled":
                 raise UserError(f"the scheduler is gone, with {len(futures) - done + 1} jobs left; {again}")
-            memory.append(future.result() or math.nan)  # raises what the job has raised
+            memory.append(future.result() or math.nan)  # re-raises the job's error
             show(done)
     except KilledWorker as error:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Lay the strokes that a tile begins with: those of its neighbours that stay, its own, and some that pass."""
+"""Lay a tile's first strokes: fixed ones of painted neighbours, its own, and temporary ones in unpainted neighbours."""
 
 from dataclasses import dataclass
 
@@ -16,16 +16,16 @@ from brushexp_canvases.store import CanvasStore
 
 @dataclass(frozen=True)
 class Laid:
-    """The strokes of a window before its first step, in pixels of the canvas; ``ring`` and ``depth`` are as long."""
+    """A window's strokes before its first step, in pixels of the canvas; ``ring`` and ``depth`` are equally long."""
 
-    ring: Strokes  # of neighbours that are painted; they stay as they are
-    depth: Tensor  # the depths of these
-    own: Strokes  # which the tile will have
-    passing: Strokes  # in neighbours that are not painted; they lie below the others, and are not stored
+    ring: Strokes  # of painted neighbours; they stay fixed
+    depth: Tensor  # depths of the ring
+    own: Strokes  # the tile's own
+    passing: Strokes  # in unpainted neighbours; below all others, not stored
 
 
 def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
-    """Lay the strokes of a tile whose window shows ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
+    """Lay a tile's strokes for its window's ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
     grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
     before = sorted(grid.before(tile))
     stored, depth = store.strokes_of(before)
@@ -42,13 +42,13 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
 
 
 def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Tell which of N strokes have boxes, ``edge`` pixels wider, that meet a region: (N,) bool."""
+    """Test which of N strokes have boxes, widened by ``edge`` pixels, that overlap a region: (N,) bool."""
     low, high = boxes_of(strokes, 1 + edge)
     first = low.new_tensor([region.left, region.top])
     return ((high > first) & (low < first + low.new_tensor([region.width, region.height]))).all(1)
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Tell which positions (N, 2) lie in a region; of two regions side by side, no position lies in both."""
+    """Test which positions (N, 2) lie in a region; adjacent regions share no position."""
     low = position.new_tensor([region.left, region.top])
     return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)

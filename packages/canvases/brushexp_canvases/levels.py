@@ -1,4 +1,4 @@
-"""Paint a saved painting, of any size, into the levels of a pyramid on disk, and pack what is made of it."""
+"""Paint a saved painting at any size into the levels of a pyramid on disk, and pack the files made from it."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -13,14 +13,14 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing, to_bytes
 from brushexp_canvases.pyramid import Level, grey_of, halve
 
-EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that the same painting gives the same bytes
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that equal paintings give equal bytes
 
 
 @contextmanager
 def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
-    """Paint the levels of a ``painting`` and, under a lamp, of its ``height``; on disk as long as ``with`` lasts.
+    """Paint the levels of a ``painting`` and, if it is lit, of its ``height``, on disk until ``with`` ends.
 
-    Heights are grey, the thickest paint white.
+    Heights are grey; the thickest paint is white.
     """
     with TemporaryDirectory(prefix="brushexp-") as folder:
 
@@ -44,7 +44,7 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
 
 @contextmanager
 def archive(path: Path) -> Iterator[Path]:
-    """Yield a folder to write into, and pack it into a zip file at ``path``: whole, or not at all."""
+    """Yield a folder to write into, and pack it into a zip file at ``path``, completely or not at all."""
     with TemporaryDirectory(prefix="brushexp-") as folder:
         yield Path(folder)
         with replacing(path) as temporary, ZipFile(temporary, "w") as packed:

@@ -1,4 +1,4 @@
-"""Pyramids of a large picture: levels of halved size, and the static files of Deep Zoom and IIIF that viewers read."""
+"""Make pyramids of large pictures: levels of halved size, and static Deep Zoom and IIIF files for viewers."""
 
 import json
 import os
@@ -16,33 +16,33 @@ from brushexp.contracts import UserError
 from brushexp.contracts.files import TEMPORARY, note_files, write_json, write_text
 from brushexp.contracts.pictures import Region
 
-TILE = 512  # pixels of a side of the files
-QUALITY = 90  # of JPEG
-BASE = "http://localhost:8000"  # address that IIIF documents begin with unless another is given
-LARGEST_WHOLE = 4096  # pixels of the longer side of the largest level that IIIF offers in one file
+TILE = 512  # side of a file in pixels
+QUALITY = 90  # JPEG quality
+BASE = "http://localhost:8000"  # default base address of IIIF documents
+LARGEST_WHOLE = 4096  # longer side in pixels of the largest level offered as one IIIF file
 DEEP_ZOOM = "http://schemas.microsoft.com/deepzoom/2008"
-HALVED_CHUNK = 1024  # pixels of a side that is halved at a time
+HALVED_CHUNK = 1024  # side in pixels of the parts halved at a time
 
 Read = Callable[[Region], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Level:
-    """A resolution of a picture: its size (H, W), and what reads a part of it, (3, h, w) uint8."""
+    """One resolution of a picture: its size (H, W), and a function that reads a part (3, h, w), uint8."""
 
     size: tuple[int, int]
     read: Read
 
     @property
     def whole(self) -> Region:
-        """All of it."""
+        """The region of the whole level."""
         return Region(0, 0, *self.size)
 
 
 def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[Level]:
-    """Fill arrays of half the size of the last until both sides are at most `TILE`; return the levels of all.
+    """Fill arrays, each half as large as the last, until both sides are at most `TILE`; return all levels.
 
-    ``whole`` is (3, H, W) uint8, and ``make`` gives an array to fill, of a number from 1 on and of a shape.
+    ``whole`` is (3, H, W) uint8; ``make`` returns an array to fill, given its number, from 1, and its shape.
     """
     levels = [level_of(whole)]
     while max(levels[-1].size) > TILE:
@@ -56,15 +56,15 @@ def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[
 
 
 def slices_of(region: Region) -> tuple[slice, slice, slice]:
-    """Index the part of an array (3, H, W) that is a region."""
+    """Return the slices of a region in an array (3, H, W)."""
     rows = slice(region.top, region.top + region.height)
     return slice(None), rows, slice(region.left, region.left + region.width)
 
 
 def add_levels(group: Any, name: str) -> list[Level]:
-    """Add levels ``1``, ``2``, ... to the level ``0`` (3, H, W) of a Zarr group, and say that it is an OME-Zarr image.
+    """Add levels ``1``, ``2``, ... to level ``0`` (3, H, W) of a Zarr group, and mark it as an OME-Zarr image.
 
-    A level is the mean over squares of four pixels of the one before.
+    Each level averages squares of four pixels of the one before.
     """
 
     def make(number: int, shape: tuple[int, int, int]) -> Any:
@@ -77,7 +77,7 @@ def add_levels(group: Any, name: str) -> list[Level]:
 
 
 def describe(name: str, count: int) -> dict[str, Any]:
-    """Describe an image of red, green and blue in ``count`` levels as OME-Zarr 0.5 does."""
+    """Describe an RGB image in ``count`` levels in the metadata of OME-Zarr 0.5."""
     datasets = [
         {"path": str(number), "coordinateTransformations": [{"type": "scale", "scale": [1, 2**number, 2**number]}]}
         for number in range(count)
@@ -91,12 +91,12 @@ def describe(name: str, count: int) -> dict[str, Any]:
 
 
 def level_of(array: Any) -> Level:
-    """Read a level from an array (3, H, W), of NumPy or Zarr."""
+    """Make a level from a NumPy or Zarr array (3, H, W)."""
     return Level((array.shape[1], array.shape[2]), lambda region: np.asarray(array[slices_of(region)]))
 
 
 def halved(pixels: np.ndarray) -> np.ndarray:
-    """Average (3, h, w) uint8 over squares of four pixels; an odd last row or column counts twice."""
+    """Average pixels (3, h, w), uint8, over squares of four; an odd last row or column counts twice."""
     odd = [(0, 0), (0, pixels.shape[1] % 2), (0, pixels.shape[2] % 2)]
     even = np.pad(pixels, odd, mode="edge").astype(np.uint16)
     total = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
@@ -107,7 +107,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
     """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image; returns both paths."""
     height, width = levels[0].size
     everything = list(levels)
-    while max(everything[-1].size) > 1:  # Deep Zoom goes on to a single pixel
+    while max(everything[-1].size) > 1:  # Deep Zoom continues down to a single pixel
         everything.append(level_of(halved(everything[-1].read(everything[-1].whole))))
     with whole_folder(tiles := folder / f"{name}_files") as into:
         for number, level in enumerate(reversed(everything)):
@@ -122,7 +122,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder to write into, which takes the place of ``path`` when all is written, and else is removed."""
+    """Yield a folder to write into, which replaces ``path`` once everything is written, and is removed otherwise."""
     with TemporaryDirectory(prefix=TEMPORARY[:-1], dir=path.parent) as temporary:
         (into := Path(temporary, path.name)).mkdir()
         yield into
@@ -133,7 +133,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 def grey_of(shares: np.ndarray) -> np.ndarray:
-    """Make a grey picture (3, h, w) uint8 of numbers (h, w), of which 0 is black and 1 or more white."""
+    """Make a grey picture (3, h, w), uint8, from values (h, w): 0 is black, 1 or more white."""
     return np.broadcast_to((255 * shares.clip(0, 1) + 0.5).astype(np.uint8), (3, *shares.shape))
 
 
@@ -141,8 +141,8 @@ def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: st
     """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
 
     ``names`` are the levels of each picture, all of one size; the first is the painting. The documents name each other
-    by addresses that begin with ``base``: where the folder will be served. Without a server behind, viewers get the
-    tiles, and whole pictures up to `LARGEST_WHOLE` pixels.
+    by addresses that begin with ``base``, where the folder will be served. Without an image server, viewers get the
+    tiles and whole pictures of up to `LARGEST_WHOLE` pixels.
     """
     if not base.startswith(("http://", "https://")):
         raise UserError(f"base={base} is no address; give where the files will be served, https://example.org/rhone")
@@ -194,7 +194,7 @@ def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, A
 
 
 def manifest_of(base: str, names: list[str], size: tuple[int, int], title: str) -> dict[str, Any]:
-    """Describe pictures of one ``size`` (H, W) as layers of one canvas, of which a viewer shows one at a time."""
+    """Describe pictures of one ``size`` (H, W) as alternative layers of one canvas."""
     height, width = size
     canvas, shape = f"{base}/canvas", {"height": height, "width": width}
     bodies = [

@@ -11,17 +11,17 @@ from brushexp.contracts import Rule, UserError, at_least, between, keep_built, o
 from brushexp.contracts.families import Painter
 from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, key
 
-OF_PICTURES = {  # keys that a canvas does not heed, and their defaults
+OF_PICTURES = {  # keys that canvases ignore, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
     "style.brushwork": None, "strokes": None, "working_resolution": "auto",
 }  # fmt: skip
 
-WITHOUT = {"paper": "smooth", "palette": "own"}  # families that look at all of a picture, and their members that do not
+WITHOUT = {"paper": "smooth", "palette": "own"}  # families that need the whole picture, and their members that do not
 NO_NAMES = ("nan", "none", "no", "false", "true", "yes")  # values that mean no folder of that name
 
 
 def check_canvas(value: str, option: str) -> None:
-    """Refuse (UserError) what is not meant as the name of a folder."""
+    """Raise UserError for a value that is not meant as a folder's name."""
     if value.lower() in NO_NAMES:
         raise UserError(f"{option}={value} names no folder; type {option}=big.zarr, or drop it to paint in memory")
 
@@ -31,23 +31,23 @@ CANVAS = Rule(check_canvas)
 
 @dataclass
 class CanvasTask(PaintTask):
-    """Paint a picture of any size tile by tile on a canvas on disk; canvas=big.zarr asks for this task."""
+    """Paint a picture of any size tile by tile on a canvas on disk; canvas=big.zarr chooses this task."""
 
     module = "brushexp_canvases.task"
 
     image: str = key(MISSING, "a picture file of any size, or an OME-Zarr image")
-    canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); one that is there is continued", CANVAS)
+    canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); an existing canvas is continued", CANVAS)
     tile: int = key(1024, "side of a tile in pixels", between(16, 4096))
     margin: int = key(
-        64, "pixels around a tile that are looked at while it is painted; at most half a tile", at_least(8)
+        64, "margin around a tile that takes part in painting it, in pixels; at most half a tile", at_least(8)
     )
     workers: int | None = key(
-        None, "processes or jobs that paint, of one thread each; null = one per core", at_least(1)
+        None, "number of painting processes or jobs, with one thread each; null = one per core", at_least(1)
     )
     cluster: str | None = key(
-        None, "slurm, or the address of a Dask scheduler, tcp://host:8786; null = workers on this machine"
+        None, "cluster to use: slurm, or a Dask scheduler's address, tcp://host:8786; null = workers on this machine"
     )
-    pyramid: str = key("dzi", "what is written beside the canvas to look at it", one_of("dzi", "iiif", "none"))
+    pyramid: str = key("dzi", "pyramid written beside the canvas, for viewing it", one_of("dzi", "iiif", "none"))
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:

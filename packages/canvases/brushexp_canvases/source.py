@@ -1,7 +1,7 @@
-"""Pictures of any size are read strip by strip, in sRGB of 8 bits.
+"""Read pictures of any size strip by strip, as 8-bit sRGB.
 
-TIFF, BigTIFF, PNG, JPEG, WebP and HEIC by libvips, JPEG 2000, which the libvips of wheels does not know, by GDAL; and
-OME-Zarr.
+libvips reads TIFF, BigTIFF, PNG, JPEG, WebP and HEIC; GDAL reads JPEG 2000, which the libvips in wheels lacks; Zarr
+reads OME-Zarr.
 """
 
 import math
@@ -17,11 +17,11 @@ import numpy as np
 
 from brushexp.contracts import UserError
 
-STRIP = 256  # rows that are in memory at a time
-HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and its levels for each of 8 bits
+STRIP = 256  # rows in memory at a time
+HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and 16-bit levels per 8-bit level
 DEPTHS = (np.uint8, np.uint16)
 JPEG2000 = (b"\x00\x00\x00\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51")  # first bytes of a file, and of a codestream
-SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # of libvips, by type: grey, and colour
+SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # libvips's names by type: grey and colour
 
 
 class Source(ABC):
@@ -31,7 +31,7 @@ class Source(ABC):
 
     @abstractmethod
     def read(self, top: int, rows: int) -> np.ndarray:
-        """Read the pixels (3, rows, W) uint8 of a strip, of which none lies above one that has been read."""
+        """Read the pixels (3, rows, W), uint8, of a strip; strips must be read from top to bottom."""
 
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the first row and the pixels (3, h, W) uint8 of each strip, from the top."""
@@ -54,7 +54,7 @@ def open_source(path: Path, resolution: int | None = None) -> Source:
 
 @contextmanager
 def _explaining(path: Path, error: type[Exception], program: str, needed: str) -> Iterator[None]:
-    """Turn an error of a program that reads a file into a UserError."""
+    """Turn the error of a program that reads a file into a UserError."""
     try:
         yield
     except error as reason:
@@ -63,7 +63,7 @@ def _explaining(path: Path, error: type[Exception], program: str, needed: str) -
 
 
 class PictureFile(Source):
-    """A file that libvips decodes as a stream: turned as its EXIF says, in sRGB by its profile, over white."""
+    """A file that libvips decodes as a stream: rotated by its EXIF, converted to sRGB by its profile, over white."""
 
     def __init__(self, path: Path, resolution: int | None = None) -> None:
         vips = _vips()
@@ -83,7 +83,7 @@ class PictureFile(Source):
 
 
 def in_srgb(image: Any) -> Any:
-    """Convert to sRGB of 8 bits by the profile of a picture, and lay what is transparent over white."""
+    """Convert a picture to 8-bit sRGB by its profile, and composite it over white."""
     if image.get_typeof("icc-profile-data"):
         image = image.icc_transform("srgb", depth=8, intent="relative")
     if image.hasalpha():
@@ -94,7 +94,7 @@ def in_srgb(image: Any) -> Any:
 
 
 class Jpeg2000File(Source):
-    """A JPEG 2000 of grey or colour, with alpha or without, of up to 16 bits; its numbers are taken as sRGB."""
+    """A grey or colour JPEG 2000 of up to 16 bits, with or without alpha; its values are taken as sRGB."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -104,7 +104,7 @@ class Jpeg2000File(Source):
             raise UserError(f"image={path} is a JPEG 2000, which needs rasterio; {cure}") from error
         self._explaining = partial(_explaining, path, rasterio.errors.RasterioError, "GDAL", "JPEG 2000")
         with self._explaining(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that it is no map
+            warnings.simplefilter("ignore")  # that it has no map projection
             self._file = rasterio.open(path, driver="JP2OpenJPEG")
         kinds = set(self._file.dtypes)
         if len(kinds) > 1 or not kinds <= SPACES.keys() or self._file.count > 4:
@@ -117,14 +117,14 @@ class Jpeg2000File(Source):
             bands = self._file.read(window=((top, top + rows), (0, self.size[1])))  # (c, rows, W)
         bits = int(self._file.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8 * bands.itemsize))
         if bits < 8 * bands.itemsize:
-            # libvips takes numbers of 10 or 12 bits stretched to 16
+            # libvips expects 10 or 12 bits stretched to 16
             bands = (bands * (np.iinfo(bands.dtype).max / (2**bits - 1))).round().astype(bands.dtype)
         space, pixels = SPACES[bands.dtype.name][len(bands) >= 3], np.ascontiguousarray(bands.transpose(1, 2, 0))
         return in_srgb(_vips().Image.new_from_array(pixels, interpretation=space)).numpy().transpose(2, 0, 1)
 
 
 class ZarrImage(Source):
-    """The first level of an OME-Zarr image of 8 or 16 bits, whose last axes are (H, W); one more may be 3, not 1."""
+    """The first level of an OME-Zarr image of 8 or 16 bits, with last axes (H, W) and one or three channels."""
 
     def __init__(self, path: Path) -> None:
         import zarr  # noqa: PLC0415  (the extra ``canvas``)

@@ -1,4 +1,4 @@
-"""A canvas on disk: target, painting and strokes as Zarr arrays in chunks of a tile, of which any part can be read."""
+"""Store a canvas on disk: target, painting and strokes, as Zarr arrays in chunks of one tile."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -15,16 +15,16 @@ from brushexp.contracts.strokes import FIELDS, Strokes
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.pyramid import slices_of
 
-PROGRAMS, FORMAT = "brushexp canvas ", "brushexp canvas 1"  # what every format begins with, and this one
-NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # of a stroke in its row: fields, brush and depth
-UNPAINTED = -1  # strokes of a tile that is not painted
+PROGRAMS, FORMAT = "brushexp canvas ", "brushexp canvas 1"  # prefix of all formats, and the current one
+NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # numbers per stroke: fields, brush and depth
+UNPAINTED = -1  # count of an unpainted tile
 PICTURES = ("target", "painting")
-HEIGHT = "height"  # of the paint, a third picture where it has relief: grey, black is the bare canvas
-SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # squared errors of a tile near its borders, and of all of it
+HEIGHT = "height"  # a third picture if the paint has relief: its height in grey, black for bare canvas
+SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared errors near its borders, and in total
 
 
 class CanvasStore:
-    """The arrays of a canvas; a tile is done when its number of strokes is there, which is written last.
+    """The arrays of a canvas; a tile is done once its number of strokes, which is written last, is stored.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ class CanvasStore:
     def create(
         path: Path, grid: Grid, capacity: int, record: dict[str, Any], pictures: Iterable[str] = PICTURES
     ) -> "CanvasStore":
-        """Make an empty canvas, for ``capacity`` strokes of a tile at most; ``record`` says what it is."""
+        """Make an empty canvas for at most ``capacity`` strokes per tile; ``record`` describes it."""
         root = _open(path, "w")
         chunk = (3, grid.side, grid.side)
         for name in pictures:
@@ -69,7 +69,7 @@ class CanvasStore:
         return part
 
     def write(self, name: str, region: Region, pixels: np.ndarray) -> None:
-        """Write a part (3, h, w) uint8; two processes must not write into one tile."""
+        """Write a part (3, h, w), uint8; no two processes may write into the same tile."""
         self.root[f"{name}/0"][slices_of(region)] = pixels
 
     def is_painted(self, tile: Tile) -> bool:
@@ -82,17 +82,17 @@ class CanvasStore:
         return int(self.root["count"][tile.row, tile.column])
 
     def strokes_of(self, tiles: Iterable[Tile]) -> tuple[Strokes, Tensor]:
-        """Read the N strokes of painted tiles, in pixels of the canvas, and their depths (N,): larger lies above."""
+        """Read the N strokes of painted tiles, in pixels of the canvas, and their depths (N,); larger is on top."""
         rows = [self.root["strokes"][tile.row, tile.column, : self.count_of(tile)] for tile in tiles]
         return unpacked(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
 
     def put_strokes(self, tile: Tile, strokes: Strokes, depth: Tensor) -> None:
-        """Store the strokes of a tile with their depths (N,), and that it is done."""
+        """Store a tile's strokes with their depths (N,), and mark it as painted."""
         self.root["strokes"][tile.row, tile.column, : len(strokes)] = packed(strokes, depth)
         self.root["count"][tile.row, tile.column] = len(strokes)
 
     def put_squares(self, tile: Tile, squares: Sequence[float]) -> None:
-        """Store the errors of a tile, as `SQUARES` names them, and that it is drawn."""
+        """Store a tile's errors, as named in `SQUARES`, and mark it as drawn."""
         self.root["squares"][tile.row, tile.column] = squares
 
     def errors(self) -> dict[str, float]:
@@ -105,20 +105,20 @@ class CanvasStore:
 
     @property
     def counts(self) -> np.ndarray:
-        """Numbers of strokes (rows, columns) of the tiles; `UNPAINTED` where there are none yet."""
+        """Number of strokes in each tile (rows, columns); `UNPAINTED` if not painted yet."""
         counts: np.ndarray = self.root["count"][:]
         return counts
 
 
 def packed(strokes: Strokes, depth: Tensor) -> np.ndarray:
-    """Lay strokes and their depths (N,) out as rows (N, `NUMBERS`) of float32."""
+    """Pack strokes and their depths (N,) into rows (N, `NUMBERS`) of float32."""
     columns = [value.detach().reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
     columns += [column[:, None].to(columns[0]) for column in (strokes.brush, depth)]
     return torch.cat(columns, dim=1).to("cpu", torch.float32).numpy()
 
 
 def unpacked(rows: np.ndarray) -> tuple[Strokes, Tensor]:
-    """Read strokes, each with its brush, and their depths from rows (N, `NUMBERS`)."""
+    """Unpack strokes, including their brushes, and depths from rows (N, `NUMBERS`)."""
     sizes = [field.size or 1 for field in FIELDS.values()]
     *columns, brush, depth = torch.from_numpy(np.ascontiguousarray(rows)).split([*sizes, 1, 1], 1)
     values = {

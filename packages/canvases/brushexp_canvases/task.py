@@ -24,15 +24,15 @@ from brushexp_canvases.store import HEIGHT, PICTURES, CanvasStore
 from brushexp_canvases.tile import Canvas, job_of
 
 log = logging.getLogger(__name__)
-LAYERS = ("painting", "target", "height")  # of the page, the first under the curtain
-OF_THE_RUN = (  # keys that say where and how the tiles are painted, and not what they will look like
+LAYERS = ("painting", "target", "height")  # of the page; the first is under the curtain
+OF_THE_RUN = (  # keys that decide where and how tiles are painted, but not their look
     *("canvas", "workers", "cluster", "pyramid", "output", "overwrite", "threads", "trainer", "logger", "callbacks"),
     *("report", "frames", "frame_side", "timelapse", "timelapse_seconds", "checkpoint_every", "objective", "metric"),
 )
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the tiles that are missing, write a pyramid with its page, and return the figures of metrics.json."""
+    """Paint the missing tiles, write a pyramid with its page, and return the values of metrics.json."""
     path = Path(cfg.canvas)
     store = CanvasStore(path) if path.exists() else begin(path, cfg)
     check_same(store, cfg)
@@ -77,7 +77,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def begin(path: Path, cfg: DictConfig) -> CanvasStore:
-    """Make the canvas of a picture, and copy the picture into it strip by strip."""
+    """Create a picture's canvas, and copy the picture into it strip by strip."""
     source = open_source(Path(cfg.image), cfg.resolution)
     grid = Grid(source.size, min(cfg.tile, max(source.size)), min(cfg.margin, max(source.size) // 2))
     capacity = 1 + round(grid.side**2 / cfg.pixels_per_stroke)
@@ -93,7 +93,7 @@ def begin(path: Path, cfg: DictConfig) -> CanvasStore:
 
 
 def copy_into(store: CanvasStore, source: Source) -> np.ndarray:
-    """Copy a picture into the canvas, and return its mean colour (3,) in 8 bits."""
+    """Copy a picture into the canvas, and return its mean colour (3,), 0 to 255."""
     (height, width), total = source.size, np.zeros(3)
     for top, rows in with_progress(source.strips(), height, "reading the picture", lambda item: item[1].shape[1]):
         store.write("target", Region(top, 0, rows.shape[1], width), rows)
@@ -108,12 +108,12 @@ def plain_settings(cfg: DictConfig) -> dict[str, Any]:
 
 
 def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
-    """Return the settings that decide how the canvas will look."""
+    """Return the settings that affect the look of the canvas."""
     return {key: value for key, value in plain_settings(cfg).items() if key not in OF_THE_RUN}
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Refuse to go on with a canvas that was begun with other settings."""
+    """Raise UserError if a canvas was begun with other settings."""
     before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):

@@ -1,4 +1,4 @@
-"""Paint one tile of a canvas, among the strokes of its neighbours that stay; and draw one, of all that reach it."""
+"""Paint a tile among its neighbours' fixed strokes, and draw a tile from all strokes that reach it."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -33,35 +33,35 @@ from brushexp_canvases.laying import lay, reaching
 from brushexp_canvases.pyramid import grey_of, slices_of
 from brushexp_canvases.store import HEIGHT, CanvasStore
 
-THICK = 0.25  # pitches of height that are white; thicker paint is white as well
-SEAM = 4  # pixels on each side of a border between tiles whose errors are those of the seam
-LIGHT_MARGIN = 2  # pixels around a part that its light depends on
-BORDER, WEIGHT = 8, 1.2  # pixels along borders between tiles, and how much more than others they count
+THICK = 0.25  # height, in pitches, from which paint is white
+SEAM = 4  # pixels on each side of a border between tiles that count as the seam
+LIGHT_MARGIN = 2  # pixels around a part that affect its light
+BORDER, WEIGHT = 8, 1.2  # width in pixels of the zones along borders, and their weight relative to other pixels
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """What workers know of a canvas: where it is, and the settings of the painting as plain data."""
+    """A canvas as workers receive it: its path, and the settings as plain data."""
 
     path: str
     settings: dict[str, Any]
-    plugins: str  # folder of the user's
+    plugins: str  # the user's folder
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
-        """Load the plugins, as a new process has to, and open the arrays and the config."""
-        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware for each tile
+        """Load the plugins, as every new process must, and open the arrays and the config."""
+        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it logs the hardware for each tile
         load_plugins(Path(self.plugins), warns=False)
         use_threads(1)
         return CanvasStore(Path(self.path)), self.config
 
     @property
     def config(self) -> DictConfig:
-        """The settings as they are read elsewhere."""
+        """The settings as a config."""
         return OmegaConf.create(self.settings)
 
 
 class AllButFirst(Sampler):
-    """Looks at the whole window, and moves all strokes but the ``first`` ones, which are drawn as they are."""
+    """Look at the whole window, and move all strokes except the ``first`` ones, which are drawn unchanged."""
 
     cost, moves = "that of the whole window", "all but those of neighbours"
 
@@ -74,10 +74,10 @@ class AllButFirst(Sampler):
 
 
 class Remembered(Order):
-    """Orders strokes as another order does, and remembers by which numbers; the ``first`` strokes keep those they have.
+    """Order strokes as another order does, and remember their depths; the ``first`` strokes keep given depths.
 
-    Numbers of all tiles together order the strokes of the canvas as the optimiser saw them. The ``passing`` last
-    strokes lie below all others.
+    Together, the depths of all tiles order the canvas's strokes as the optimiser saw them. The last ``passing`` strokes
+    lie below all others.
     """
 
     def __init__(self, order: Order, first: Tensor, passing: int) -> None:
@@ -95,14 +95,13 @@ class Remembered(Order):
 
 
 def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Paint a tile, and store its strokes; what tiles ``before`` it gave is waited for only.
+    """Paint a tile and store its strokes; ``before`` only makes Dask wait for the preceding tiles.
 
-    Returns the largest memory of this process so far in MB, None where the system does not tell.
+    Returns this process's peak memory so far in MB, None if the system does not report it.
 
-    The strokes of the neighbours that are painted stay as they are, as the ring of a partial update does (thesis 2020,
-    6.3). Where a neighbour is not painted yet, strokes are laid and optimised all the same, so that those of the tile
-    end as if the painting went on, and are then thrown away. They lie below those of the tile, which they must not
-    help to cover.
+    The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). In unpainted
+    neighbours, temporary strokes are laid and optimised, so that the tile's own strokes end as if the painting went on,
+    and are then discarded. They lie below the tile's strokes, so that they do not help to cover it.
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
@@ -115,7 +114,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     focus = evened(weights, store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
     parts = laid.ring, laid.own, laid.passing
-    strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # each keeps its own
+    strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # each keeps its brush
     strokes = strokes.moved(shift=(-window.left, -window.top))
     painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
     if painter.schedule.steps and len(laid.own):
@@ -130,10 +129,10 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 
 
 def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
-    """Let pixels ``near`` (h, w) borders between tiles count more than ``focus`` (h, w) or None says.
+    """Increase the weight of pixels ``near`` (h, w) borders between tiles over ``focus`` (h, w) or None.
 
-    So more strokes come to lie there. With as many as elsewhere the error was 1.07 times as large, as strokes of
-    neighbours are laid without them.
+    This puts more strokes there. With as many as elsewhere, the error was 1.07 times as large, because neighbours'
+    strokes are laid without them.
     """
     if not near.any():
         return focus
@@ -145,9 +144,9 @@ def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
 def painter_of(
     cfg: DictConfig, target: Tensor, strokes: Strokes, focus: Tensor | None, ring: Tensor, passing: int
 ) -> tuple[StrokeOptimizer, Remembered]:
-    """Make a painter of strokes of which the first stay, at the depths of the ``ring`` (R,); and its order.
+    """Make a painter that keeps the first strokes fixed at the depths ``ring`` (R,); return it and its order.
 
-    The last ones, ``passing`` in number, lie below the others.
+    The last ``passing`` strokes lie below the others.
     """
     parts, device = build_components(cfg), device_of(cfg.device)
     order = Remembered(parts.order, ring.to(device), passing)
@@ -159,7 +158,7 @@ def painter_of(
 
 
 def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
-    """Draw a tile of a canvas whose tiles around it are painted, with its light, and store it with its errors."""
+    """Draw a tile, lit, once the tiles around it are painted, and store it with its errors."""
     store, cfg = canvas.open()
     if store.is_drawn(tile):
         return
@@ -180,7 +179,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
-    """Make the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
+    """Return the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = reaching(strokes, region, LIGHT_MARGIN)
@@ -193,6 +192,6 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
-    """Sum squared errors of pictures (3, h, w) uint8, in [0, 1], as `SQUARES` names them; ``near`` (h, w) a border."""
+    """Sum squared errors, in [0, 1], of pictures (3, h, w), uint8, as named in `SQUARES`; ``near`` (h, w) is bool."""
     squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
     return float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size

@@ -1,1 +1,1 @@
-"""Exporters of pyramids, as members of the family ``to``."""
+"""Exporters that write pyramids."""

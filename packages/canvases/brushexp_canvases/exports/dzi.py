@@ -1,4 +1,4 @@
-"""Write the painting as a Deep Zoom image, with a page that shows it."""
+"""Write the painting as a Deep Zoom image, with a page to view it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from brushexp_canvases.levels import archive, levels_of
 class DeepZoom(Exporter):
     """``dzi.zip``: ``painting.dzi`` with its tiles, for web pages, and ``view.html``, which shows them from disk.
 
-    ``resolution=`` makes it larger than it was painted: strokes are scaled, not pixels, and painted in bands.
+    ``resolution=`` makes the image larger than the painting: strokes are scaled, not pixels, and painted in bands.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Write the painting as museums' viewers read it, by IIIF, as files that need no image server."""
+"""Write the painting as static IIIF files, which museums' viewers read without an image server."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ class Iiif(Exporter):
     """``iiif.zip``: ``manifest.json`` (Presentation API 3) and tiles (Image API 3, level 0), at any ``resolution``.
 
     Args:
-        base: address at which what is in it will be served; documents of IIIF name each other by it.
+        base: address at which the files will be served; IIIF documents refer to each other by it.
     """
 
     base: str = BASE

@@ -11,7 +11,7 @@ from brushexp.contracts.families import Exporter, ExportJob
 from brushexp_canvases.levels import archive, levels_of
 from brushexp_canvases.pyramid import Level, describe, slices_of
 
-CHUNK = 1024  # pixels of a side of a chunk
+CHUNK = 1024  # side of a chunk in pixels
 
 
 @register("to", "zarr")
@@ -28,14 +28,14 @@ class Zarr(Exporter):
 
 
 def write_image(path: Path, levels: list[Level]) -> None:
-    """Write the levels of an OME-Zarr image into a zip file, which is written by this thread alone."""
+    """Write the levels of an OME-Zarr image into a zip file, from this thread only."""
     try:
         import zarr  # noqa: PLC0415  (the extra ``canvas``)
         from zarr.storage import ZipStore  # noqa: PLC0415
     except ImportError as error:
         raise UserError("to=zarr needs Zarr; install it with: pip install 'brushexp[canvas]'") from error
     with warnings.catch_warnings(), ZipStore(path, mode="w") as store:
-        warnings.simplefilter("ignore")  # Zarr warns of what other languages may not read
+        warnings.simplefilter("ignore")  # Zarr warns about features that other languages may not support
         group = zarr.create_group(store, attributes={"ome": describe("painting", len(levels))})
         for number, level in enumerate(levels):
             chunks = (3, min(CHUNK, level.size[0]), min(CHUNK, level.size[1]))

@@ -1,6 +1,6 @@
-"""Show a pyramid from a folder: pan and zoom, layers under a curtain, strokes as shapes when near.
+"""Page that shows a pyramid from a folder, with pan and zoom, layers under a curtain, and strokes as shapes up close.
 
-Strokes are in square cells, each a script beside the page, which loads it when its part of the painting is near.
+Strokes are stored by square cells, each a script beside the page, which loads it when its part is viewed up close.
 """
 
 import json
@@ -21,8 +21,8 @@ from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "view.html"
-CELL = TILE  # pixels of a side; tiles of levels beyond those of the picture divide it
-CELLS = 4  # cells along a side of a part whose strokes are looked for at once
+CELL = TILE  # side in pixels; tiles magnified beyond the picture's divide it
+CELLS = 4  # side, in cells, of the parts whose strokes are searched at once
 FOLDER = "strokes_files"
 JobOf = Callable[[Region], ExportJob]
 
@@ -30,9 +30,9 @@ JobOf = Callable[[Region], ExportJob]
 def write_page(
     folder: Path, size: tuple[int, int], names: list[str], title: str, lead: str, strokes: dict[str, Any] | None = None
 ) -> Path:
-    """Write ``view.html``, which shows the Deep Zoom images ``names`` beside it, of ``size`` (H, W), from disk.
+    """Write ``view.html``, which shows the Deep Zoom images ``names`` of ``size`` (H, W) beside it, from disk.
 
-    The first is the painting; ``target`` may be one of the others. ``strokes`` are as `write_strokes` says.
+    The first is the painting; ``target`` may be among the others. ``strokes`` is what `write_strokes` returns.
     """
     layers = [*names[1:], *(["difference"] if "target" in names else [])]
     data = {"height": size[0], "width": size[1], "tile": TILE, "names": names, "strokes": strokes}
@@ -51,11 +51,11 @@ def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count
 
 
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
-    """Write the strokes of a painting of ``size`` (H, W), and return what the page needs to know of them.
+    """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs about them.
 
-    ``job_of`` gives all strokes that reach a part, in pixels from its corner. Each of ``column_row.js`` calls
-    `brushexp.cell` with what `pack_strokes` makes of the strokes that reach a cell, in pixels from the corner of the
-    cell; a stroke is in every cell that it reaches. ``textures.js`` has the textures of all.
+    ``job_of`` returns all strokes that reach a part, in pixels from its corner. Each ``column_row.js`` calls
+    `brushexp.cell` with the output of `pack_strokes` for the strokes that reach a cell, in pixels from the cell's
+    corner; a stroke is in every cell that it reaches. ``textures.js`` has all textures.
     """
     exact, textures = True, None
     with whole_folder(folder / FOLDER) as into:
@@ -74,12 +74,12 @@ def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[st
 
 
 def of_all(job: ExportJob) -> JobOf:
-    """Find the strokes that reach a part among all those of a painting."""
+    """Return a function that finds the strokes of a painting that reach a part."""
     return lambda part: _within(job, part, job.size)
 
 
 def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
-    """Keep the strokes that reach a part, in pixels from its corner; ``size`` (H, W) is that of the whole painting."""
+    """Keep the strokes that reach a part, in pixels from its corner; ``size`` (H, W) is the whole painting's."""
     number = job.bottom_up[reaching(job.strokes, part, job.renderer.edge)[job.bottom_up]]
     strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
     depth = torch.arange(len(number), dtype=torch.int32)
