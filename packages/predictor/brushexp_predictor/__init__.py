@@ -1,1 +1,1 @@
-"""Strokes at a glance: a network that sees a picture a few times and lays its strokes, without a gradient step."""
+"""Lay a picture's strokes with a network in a few passes, without gradient steps."""

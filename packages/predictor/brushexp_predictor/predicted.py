@@ -1,4 +1,4 @@
-"""Place strokes as a trained network does that sees the picture a few times."""
+"""Place strokes with a trained network, in a few passes over the picture."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -17,18 +17,19 @@ from brushexp_predictor.lay.colors import ROUNDS
 @register("init", "predicted")
 @dataclass(kw_only=True)
 class Predicted(Initializer):
-    """A network lays strokes from large to small, each where the canvas so far is worst, in a fifth of a second.
+    """Lay strokes with a network, from large to small, where the canvas so far is worst, in a fifth of a second.
 
-    It is trained through the renderer (``task=train_predictor``), as nothing but the picture of the strokes
-    counts. Source: the feed-forward prediction that the thesis (2020) aims at; in stages, each of which sees what is on
-    the canvas so far, as Paint Transformer (Liu et al., 2021). Differs: one stroke for each cell, which it may leave,
-    no labels, and colours by least squares at the end.
+    The network is trained through the renderer (``task=train_predictor``), because only the strokes' picture counts.
+    Source: the feed-forward prediction that the thesis (2020) aims at, in stages that see the canvas so far, as in
+        Paint
+    Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell, no labels, and colours by
+    least squares at the end.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or one that ships: plain, or brushed for
-            look=oil and its like (renderer=textured).
-        temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
-        color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
+        checkpoint: trained weights: a .safetensors file, or shipped ones: plain, or brushed for
+            look=oil and similar looks (renderer=textured).
+        temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
+        color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
         draft_effort: share of a look's steps that ``quality=draft`` takes from these strokes.
     """
 

@@ -1,4 +1,4 @@
-"""The painter ``predictor``: nothing but a trained network."""
+"""The painter ``predictor``: a trained network alone."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from brushexp_predictor.lay.colors import ROUNDS, best_colors
 @register("painter", "predictor")
 @dataclass(kw_only=True)
 class Predictor(Painter):
-    """A network that sees the picture a few times lays all strokes; see ``init=predicted``.
+    """Lay all strokes with a network, in a few passes over the picture; see ``init=predicted``.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or one that ships: plain, or brushed for
-            look=oil and its like (renderer=textured).
-        temperature: how much strokes vary from seed to seed, in the deviations that the network says; 0 = not at all.
-        color_rounds: of the search for the best colours (conjugate gradients); 0 keeps those that the network says.
+        checkpoint: trained weights: a .safetensors file, or shipped ones: plain, or brushed for
+            look=oil and similar looks (renderer=textured).
+        temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
+        color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
     """
 
     kind, differentiates = "a trained network", True

@@ -1,1 +1,1 @@
-"""A picture -> strokes: the network, what it says as strokes, from large cells to small ones, in their best colours."""
+"""From a picture to strokes: network, decoding of its output, levels from large cells to small, and best colours."""

@@ -1,4 +1,4 @@
-"""Which trained weights there are."""
+"""List and check the trained weights."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ from brushexp.contracts import Rule
 
 
 def check_weights(checkpoint: str, option: str) -> None:
-    """Refuse (UserError) what is neither the name of weights that ship nor the path of some."""
+    """Raise UserError unless a value names shipped weights or the path of a weights file."""
     from brushexp_predictor.lay.network import PREDICTORS  # noqa: PLC0415  (``--help`` needs no compiled kernels)
 
     replace(PREDICTORS, key=option).path_of(checkpoint)

@@ -1,4 +1,4 @@
-"""Find the colours that suit strokes best where they lie: least squares, for a painting is linear in its colours."""
+"""Find the best colours for strokes of fixed shape, by least squares: a painting is linear in its colours."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,16 +14,16 @@ Paint = Callable[[Strokes], Tensor]  # strokes on the canvas that is meant -> pi
 
 
 def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> Strokes:
-    """Bring the colours of strokes near those of least squared error, by conjugate gradients (Hestenes, Stiefel, 1952).
+    """Move stroke colours towards the least squared error by conjugate gradients (Hestenes and Stiefel, 1952).
 
-    Each round draws the strokes once and back, and costs about as much as a step of gradient descent. Rounds are
-    preconditioned by what is seen of each stroke. Colours are clamped to [0, 1] at the end.
+    Each round draws the strokes forward and backward and costs about as much as a gradient step. Rounds are
+    preconditioned by each stroke's visible area. Colours are clamped to [0, 1] at the end.
 
     Args:
-        strokes: N, whose forms stay.
-        target: (3, H, W).
-        draw: what draws strokes; linear in their colours but for the background.
-        rounds: 0 changes nothing.
+        strokes: N strokes, whose shapes stay fixed.
+        target: picture (3, H, W).
+        draw: function that draws strokes; affine in their colours.
+        rounds: number of rounds; 0 changes nothing.
     """
     if not rounds:
         return strokes

@@ -1,4 +1,4 @@
-"""Turn the numbers that the network says into strokes in pixels, and draw them."""
+"""Decode the network's output into strokes in pixels, and draw them."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ FIRST_OPACITY = 3.0  # log-odds, where the network says 0
 
 @dataclass(frozen=True)
 class Form:
-    """What lengths, widths and windows the strokes of a network have, in sides of a cell."""
+    """Lengths, widths and windows of a network's strokes, in sides of a cell."""
 
     half_length: float  # where the network says 0
     width: float
@@ -36,10 +36,10 @@ def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: 
     """Make the strokes of N cells.
 
     Args:
-        form: of the network.
-        numbers: (N, 11) as the network says them.
-        mean: (N, 3) colours of the target in the cells.
-        middle: (N, 2) middles of the cells (x, y) in pixels.
+        form: form of the network's strokes.
+        numbers: the network's output (N, 11).
+        mean: mean colours (N, 3) of the target in the cells.
+        middle: middles (N, 2) of the cells (x, y) in pixels.
         cell: side of a cell in pixels.
     """
     place, turn, shape = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
@@ -67,7 +67,7 @@ def areas_of(strokes: Strokes) -> Tensor:
 
 
 def draw(form: Form, strokes: Strokes, size: tuple[int, int], background: Tensor) -> Tensor:
-    """Draw strokes, the lowest first, as a picture (3, H, W), through the renderer that networks of a form learn by."""
+    """Draw strokes, the lowest first, as a picture (3, H, W), with the renderer that trains networks of a form."""
     renderer = BRUSHED if form.brushed else PLAIN
     front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=strokes.position.device)
     return BLEND(renderer(strokes), front_to_back, size, background).image

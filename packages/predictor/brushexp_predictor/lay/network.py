@@ -1,4 +1,4 @@
-"""The network looks at a picture and at what is on the canvas so far, and tells the stroke of each cell."""
+"""The network: it sees a picture and the canvas so far, and predicts a stroke for each cell."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +25,7 @@ PREDICTORS = CheckpointFormat(
 
 
 class Told(NamedTuple):
-    """What the network says of the cells of B pictures."""
+    """The network's output for the cells of B pictures."""
 
     numbers: Tensor  # (B, H, W, 11)
     deviations: Tensor  # (B, H, W, 11) logarithms
@@ -33,7 +33,7 @@ class Told(NamedTuple):
 
 
 class Block(nn.Module):
-    """A block of ConvNeXt (Liu et al., 2022) on features (B, H, W, C)."""
+    """A ConvNeXt block (Liu et al., 2022) on features (B, H, W, C)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -49,12 +49,12 @@ class Block(nn.Module):
 
 
 class StrokePredictor(nn.Module):
-    """Looks at a target and a canvas, `CELL` pixels a cell, and says for each cell what stroke should be laid there.
+    """Predict the stroke to lay in each cell of `CELL` pixels from a target and a canvas.
 
     Args:
-        form: of the strokes, a key of `FORMS`.
-        width: of the features of a cell.
-        blocks: of ConvNeXt, each of which sees two cells farther.
+        form: form of the strokes, a key of `FORMS`.
+        width: number of features per cell.
+        blocks: number of ConvNeXt blocks; each sees two cells farther.
     """
 
     def __init__(self, form: str = "plain", width: int = 64, blocks: int = 6) -> None:
@@ -85,7 +85,7 @@ class StrokePredictor(nn.Module):
 
 
 def load_predictor(checkpoint: str = SHIPPED_NAME) -> StrokePredictor:
-    """Load a trained network: a .safetensors file, or the name of one that comes with the program."""
+    """Load a trained network from a .safetensors file or by the name of a shipped one."""
     path = PREDICTORS.path_of(checkpoint)
     form = PREDICTORS.read_recipe(path)["options"].get("form", SHIPPED_NAME)
     if form not in FORMS:

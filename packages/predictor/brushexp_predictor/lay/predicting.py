@@ -1,4 +1,4 @@
-"""A network paints pictures of any size, which it looks at in parts, with exactly as many strokes as asked."""
+"""Paint pictures of any size with a network that sees them in parts, using an exact number of strokes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -18,7 +18,7 @@ TEMPERATURE = 1.0  # strokes of samples vary as much as the network says
 
 
 class Sample(NamedTuple):
-    """One painting of a picture, of several."""
+    """One of several paintings of a picture."""
 
     strokes: Strokes  # the lowest first, in pixels
     painting: Tensor  # (3, H, W)
@@ -34,15 +34,15 @@ def predict(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[Strokes]:
-    """Paint a target (3, H, W) with ``n`` strokes on its mean colour: those laid so far, the lowest first, by level.
+    """Paint a target (3, H, W) with ``n`` strokes on its mean colour; return each level's strokes so far, lowest first.
 
     Args:
-        network: frozen.
-        target: in [0, 1].
-        n: strokes that the last level ends with.
-        generator: of all that is random.
-        temperature: deviations by which numbers of strokes vary, in those that the network says; 0 for none.
-        focus: (H, W) weights of the pixels, of mean 1: where strokes go.
+        network: frozen network.
+        target: picture in [0, 1].
+        n: number of strokes after the last level.
+        generator: source of all randomness.
+        temperature: spread of the strokes' numbers, in the deviations that the network predicts; 0 = none.
+        focus: weights of the pixels (H, W), of mean 1, that attract strokes.
     """
     in_parts = partly(network)
     levels = levels_of((target.shape[1], target.shape[2]), n)
@@ -51,7 +51,7 @@ def predict(
 
 
 def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
-    """Give strokes the colours that suit a target (3, H, W) best, as the network's renderer draws them."""
+    """Give strokes their best colours for a target (3, H, W), as drawn by the network's renderer."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
@@ -59,7 +59,7 @@ def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, r
 def paint_samples(
     network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
 ) -> Iterator[Sample]:
-    """Paint a target (3, H, W) ``count`` times with ``n`` strokes, each time with other numbers drawn for them."""
+    """Paint a target (3, H, W) ``count`` times with ``n`` strokes, each time with different random numbers."""
     for number in range(count):
         generator = torch.Generator().manual_seed(1_000_003 * seed + number)
         *_, strokes = predict(network, target, n, generator, temperature)
@@ -74,7 +74,7 @@ def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
 
 
 def partly(network: StrokePredictor) -> Look:
-    """Let a network look at large pictures part by part; what it says is the same as of the whole."""
+    """Wrap a network to process large pictures part by part, with the same output as for the whole."""
 
     def look(target: Tensor, canvas: Tensor) -> Told:
         rows, columns = target.shape[2] // CELL, target.shape[3] // CELL

@@ -1,4 +1,4 @@
-"""Strokes are laid in levels from large cells to small ones, each where the canvas so far is worst."""
+"""Lay strokes in levels from large cells to small ones, each where the canvas so far is worst."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +21,7 @@ Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
 
 
 class Level(NamedTuple):
-    """A lattice of cells, of which some get a stroke."""
+    """A lattice of cells, some of which get a stroke."""
 
     rows: int
     columns: int
@@ -29,7 +29,7 @@ class Level(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """What is known of cells: those of a lattice, (B, rows, columns, ...), or K of one picture, (K, ...)."""
+    """Data about cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
 
     numbers: Tensor  # (..., 11) as the network says them, or a sample of them
     deviations: Tensor  # (..., 11) logarithms
@@ -41,7 +41,7 @@ class Cells(NamedTuple):
 
 @dataclass(frozen=True)
 class Laid:
-    """What is on the canvas of one picture after a level."""
+    """The canvas of one picture after a level."""
 
     form: Form
     strokes: Strokes  # the lowest first, in pixels of the target
@@ -81,10 +81,10 @@ def lay(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[list[Laid]]:
-    """Lay the strokes of targets (3, H, W) by the same levels; for each level what is then on each canvas.
+    """Lay the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
 
-    ``focus`` (H, W) weighs the pixels where it is decided which cells get a stroke. Gradients of a level's canvas flow
-    into the strokes of that level and those before it, but through no canvas that the network sees.
+    ``focus`` (H, W) weighs the pixels when choosing the cells that get a stroke. Gradients of a level's canvas flow
+    into the strokes of that and earlier levels, but not through the canvases that the network sees.
     """
     done = [nothing_on(target, form, levels[0]) for target in targets]
     for level, following in zip(levels, [*levels[1:], None], strict=True):
@@ -109,13 +109,13 @@ def lay(
 
 
 def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
-    """Begin with a canvas in the mean colour of the target (3, H, W)."""
+    """Start with a canvas in the mean colour of the target (3, H, W)."""
     none = target.new_empty(0)
     return Laid(form, Strokes.none(target), target.mean((1, 2)), *view_of(target, first), none, Cells(*6 * [none]))
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Lay the strokes of a level where they are expected to gain most, large ones below small ones."""
+    """Lay a level's strokes where the expected gain is largest, large ones below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
@@ -127,7 +127,7 @@ def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None
 
 
 def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float]:
-    """Return size and zoom of the canvas that a level sees; those of the target after the last level."""
+    """Return the size and zoom of the canvas that a level sees; after the last level, those of the target."""
     height, width = target.shape[1:]
     zoom = 1.0 if level is None else min(1.0, CELL * math.sqrt(level.rows * level.columns / (height * width)))
     return (max(1, round(height * zoom)), max(1, round(width * zoom))), zoom

@@ -1,1 +1,1 @@
-"""Several paintings of a picture -> its brushwork with intervals, and whether these hold."""
+"""Measure a picture's brushwork with intervals from several paintings of it, and calibrate the intervals."""

@@ -1,4 +1,4 @@
-"""``task=calibrate``: how often the intervals of samples hold the truth, and what makes them hold it in 90 %."""
+"""``task=calibrate``: measure the coverage of the samples' intervals, and scale them to 90 %."""
 
 import logging
 import time
@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
-    """Tell how many truths intervals hold, before and after they are fitted to other pictures: a row a measure."""
+    """Tabulate the coverage of intervals before and after fitting them to other pictures, one row per measure."""
     test, after, rows = join(reports), join(left_out(reports)), []
     for (of, name), kind in KINDS.items():
         plain, fitted = (coverage_of(report[of, name], kind) for report in (test, after))
@@ -83,7 +83,7 @@ def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
 
 
 def left_out(reports: Sequence[Report]) -> list[Report]:
-    """Scale the intervals of each picture's paintings, which come in turn, by what those of all others say."""
+    """Scale the intervals of each picture's paintings by a fit to all other pictures; pictures take turns."""
     apart = []
     for picture in range(min(len(PICTURES), len(reports))):
         own = reports[picture :: len(PICTURES)]

@@ -1,4 +1,4 @@
-"""Intervals that hold as many truths as they say: those of the samples, moved and stretched as known paintings ask.
+"""Calibrate intervals: shift and stretch those of the samples so that their coverage holds on known paintings.
 
 Cross-conformal prediction (Vovk, 2015) with the distance from the middle in spreads of the samples: a line for the
 middle is fitted to every other known painting, and distances of the rest from it are measured, and the other way round;
@@ -31,7 +31,7 @@ RIGHT = 90.0  # degrees: no direction is farther from another
 
 
 class Doubt(NamedTuple):
-    """What S samples say of (...) quantities; NaN where none of them says anything."""
+    """Summary of S samples of (...) quantities; NaN where no sample has a value."""
 
     middle: Array  # median, or mean direction in degrees in [0, 180)
     spread: Array  # mean distance of the samples from it
@@ -60,14 +60,14 @@ def doubt_of(values: Array, axial: bool) -> Doubt:
 
 
 def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
-    """Tell whether intervals (...) hold the truth; one about which nothing is said does not."""
+    """Test whether intervals (...) contain the truth; undefined intervals do not."""
     away = away_from(truth, doubt.middle, axial)
     return (away >= doubt.low) & (away <= doubt.high)
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """How the middle and the spread of samples become an interval."""
+    """Mapping from the middle and spread of samples to an interval."""
 
     offset: float  # of the middle
     slope: float

@@ -1,4 +1,4 @@
-"""Count how often intervals hold the truth, on paintings whose strokes are known."""
+"""Measure the coverage of intervals on paintings with known strokes."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ AT_ONCE = 512  # places
 
 
 class Evidence(NamedTuple):
-    """Truths of one measure, and what samples say of them, on the scale of `Kind.inner`."""
+    """Truths of one measure and the samples' summaries, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
     doubt: Doubt  # of (T,)
@@ -39,7 +39,7 @@ Report = Mapping[tuple[str, str], Evidence]  # by the keys of `KINDS`
 
 @dataclass(frozen=True)
 class Coverage:
-    """What intervals of one measure are worth."""
+    """Quality of the intervals of one measure."""
 
     share: float  # of the truths that they hold, each painting counting as one
     error: float  # standard error of it, from painting to painting
@@ -48,7 +48,7 @@ class Coverage:
 
 
 def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
-    """Compare the strokes of samples with the known ones, where these are seen, and the measures of the whole."""
+    """Compare the strokes of samples with the visible known ones, and the measures of whole paintings."""
     strokes = [sample.strokes for sample in samples]
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
@@ -92,7 +92,7 @@ def lattice(size: tuple[int, int], step: float) -> Tensor:
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
-    """Find the strokes (K,) that are seen, and the place (K, 2) of each that is nearest to the middle of what is."""
+    """Find the visible strokes (K,), and the visible place (K, 2) of each nearest to the middle of its visible part."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
     which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
@@ -130,12 +130,12 @@ def fit(report: Report) -> Scalings:
 
 
 def scaled(report: Report, scalings: Scalings) -> Report:
-    """Replace what samples say by the scaled intervals."""
+    """Replace the samples' intervals by scaled ones."""
     return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 
 
 def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:
-    """Count the truths that intervals hold; truths that are not defined do not count."""
+    """Count the truths that intervals contain, ignoring undefined truths."""
     known = np.isfinite(evidence.truth)
     right = holds(evidence.truth, evidence.doubt, kind.axial)[known]
     numbers = evidence.painting[known]

@@ -1,4 +1,4 @@
-"""Show where strokes are certain, as a sheet of maps beside the picture and its paintings."""
+"""Map the certainty of strokes, beside the picture and its paintings."""
 
 from pathlib import Path
 from typing import Any

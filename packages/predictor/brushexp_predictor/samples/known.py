@@ -1,4 +1,4 @@
-"""Paintings whose strokes are known, each decided by a seed and its number: calibration asks whether samples find them.
+"""Make paintings with known strokes for calibration, each determined by a seed and its number.
 
 Strokes are laid by ``init=layers`` with options of any painter's hand, then each is turned, lengthened, widened and
 recoloured by chance; in some paintings all run in one direction. They are drawn plain, or with the textures of brushes.

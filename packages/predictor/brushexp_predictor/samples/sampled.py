@@ -1,4 +1,4 @@
-"""Brushwork of a picture with intervals, from several paintings of it: ``brushexp.sample_brushwork``."""
+"""Measure a picture's brushwork with intervals, from several paintings of it: ``brushexp.sample_brushwork``."""
 
 import logging
 import math
@@ -41,7 +41,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class SampledBrushwork:
-    """What several paintings of a picture say of its brushwork."""
+    """Brushwork of a picture, estimated from several paintings of it."""
 
     picture: Tensor  # (3, H, W)
     samples: list[Sample]
@@ -66,13 +66,13 @@ def sample_brushwork(
 
     Args:
         image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        samples: paintings of it, two or more.
-        strokes: about how many the picture has; None for one for every 100 pixels.
-        resolution: longer side in pixels to which it is resampled; None for as it is.
-        checkpoint: weights, a .safetensors file or the name of shipped ones.
-        intervals: file of task=calibrate; None for the one beside the weights.
-        temperature: how much strokes differ between samples, in the deviations that the network says.
-        seed: of what differs.
+        samples: number of paintings, at least two.
+        strokes: approximate number of strokes in the picture; None = one per 100 pixels.
+        resolution: longer side in pixels to which the picture is resampled; None = unchanged.
+        checkpoint: weights: a .safetensors file, or the name of shipped ones.
+        intervals: file written by task=calibrate; None = the one beside the weights.
+        temperature: variation of strokes between samples, in the deviations that the network predicts.
+        seed: seed of that variation.
 
     Raises:
         UserError: what is wrong with the picture, the weights, the intervals or another argument.
@@ -83,7 +83,7 @@ def sample_brushwork(
 
 
 def sample_with(cfg: DictConfig) -> SampledBrushwork:
-    """Do what `sample_brushwork` does, by the checked keys of ``task=sample``."""
+    """Do the same as `sample_brushwork` from the checked keys of ``task=sample``."""
     picture = load_picture(cfg.image, cfg.resolution)
     scalings = scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
     if scalings is None:

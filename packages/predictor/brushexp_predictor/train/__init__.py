@@ -1,1 +1,1 @@
-"""Pictures to learn from -> weights: training through the renderer."""
+"""Train the predictor through the renderer: from training pictures to weights."""

@@ -1,4 +1,4 @@
-"""Pictures to learn from: crops of photographs, recoloured, and pictures of random strokes. Number and seed decide."""
+"""Training pictures: recoloured crops of photographs and pictures of random strokes, determined by number and seed."""
 
 import logging
 import math

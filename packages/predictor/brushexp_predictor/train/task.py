@@ -1,4 +1,4 @@
-"""``task=train_predictor``: train the network that lays strokes at a glance."""
+"""``task=train_predictor``: train the network that predicts strokes."""
 
 from pathlib import Path
 

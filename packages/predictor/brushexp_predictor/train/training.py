@@ -1,4 +1,4 @@
-"""The network learns through the renderer: by the error of the pictures of its strokes, without labels."""
+"""Train the network through the renderer, on the error of its strokes' pictures, without labels."""
 
 import math
 from collections import deque
@@ -158,7 +158,7 @@ def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
 
 
 def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
-    """Move strokes by so many steps of the default optimiser towards a target (3, H, W); the order stays."""
+    """Optimise strokes for a target (3, H, W) by ``steps`` steps of the default optimiser; the order stays."""
     plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
     with torch.inference_mode(False), torch.enable_grad():  # a validation of Lightning forbids gradients
         catalogue, target = Catalogue(strokes.map(Tensor.clone), plan.units), target.clone()
