@@ -1,4 +1,4 @@
-"""Turn simulated strokes into a trained renderer; the parts in the order of the data.
+"""Train renderers on simulated strokes; the parts are in the order of the data.
 
 schema (with rules, functions, tasks) -> engine -> stroke_sets -> fitting (with renderers, discriminator) -> evaluation
 """

@@ -1,4 +1,4 @@
-"""``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and networks that draw them."""
+"""``brushexp.simulate`` and ``brushexp.train_renderer``: simulate brush strokes, and train networks that draw them."""
 
 import time
 from os import PathLike
@@ -14,9 +14,9 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
     """Simulate strokes of a brush in memory: their parameters (n, 10) in [-1, 1], and pictures on empty canvases.
 
     Args:
-        n: strokes, drawn from the prior.
+        n: number of strokes, sampled from the prior.
         engine: name of the simulator.
-        seed: everything random follows from it.
+        seed: seed of all randomness.
         options: options of the engine, such as ``window=64``.
 
     >>> parameters, strokes = simulate(2, engine="disc", window=32)

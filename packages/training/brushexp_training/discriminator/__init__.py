@@ -1,1 +1,1 @@
-"""A network that tells valid strokes from corrupted ones, for ``loss=discriminator``."""
+"""Train and use a network that distinguishes valid strokes from corrupted ones: ``loss=discriminator``."""

@@ -1,4 +1,4 @@
-"""Corrupt valid strokes, which makes the negative examples that a discriminator learns from."""
+"""Corrupt valid strokes to make the negative examples for training a discriminator."""
 
 import math
 from collections.abc import Callable
@@ -81,7 +81,7 @@ def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Put one coordinate of one point beyond the square of all points of valid strokes, often just beyond."""
+    """Move one coordinate of one point outside the square that holds all points of valid strokes, often only just."""
     n = len(valid)
     where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
     beyond = INSET + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator)

@@ -1,4 +1,4 @@
-"""The loss of a network that recognises valid strokes; `discriminator_module` trains it."""
+"""Penalise invalid strokes by a network that recognises valid ones; `discriminator_module` trains it."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window
 
 
 class Discriminator(nn.Module):
-    """Three hidden layers: the shape of a stroke -> how valid it looks.
+    """Score the validity of a stroke's shape with three hidden layers.
 
     The score is a logit. As mirroring changes no stroke's validity, only magnitudes of coordinates and bend are used;
     all inputs go through asinh, so that there is a slope a thousand windows away.
@@ -54,18 +54,18 @@ class Discriminator(nn.Module):
 
 @register("loss", DISCRIMINATOR)
 class Discriminated(Loss):
-    """Hinge loss max(0, threshold - score) of a discriminator that was trained to recognise valid strokes.
+    """Hinge loss max(0, threshold - score) of a discriminator trained to recognise valid strokes.
 
-    Source: thesis 2020, 6.3 (only named there). The network, a few dense layers, has learned to tell strokes of
-    `strokes.prior` from corrupted ones and is frozen here. Where it looks is the window: start, control, end and width;
-    neither the place nor the colour. The threshold is the score that one valid stroke in twenty stays below, so
-    valid strokes cost almost nothing (0.04, corrupted ones 160); what is invalid is pulled back wherever it is in
-    ``strokes.catalogue.FIELDS``.
+    Source: thesis 2020, 6.3 (only named there). The network, a few dense layers, was trained to distinguish strokes of
+    `strokes.prior` from corrupted ones and is frozen here. It sees the shape in the window, that is start, control, end
+    and width, but neither the place nor the colour. The threshold is the score below which one valid stroke in twenty
+    falls, so valid strokes cost almost nothing (0.04, corrupted ones 160); invalid strokes are pulled back from
+    anywhere in ``strokes.catalogue.FIELDS``.
 
     Args:
-        weight: factor in the sum of losses. On a portrait ``mse`` alone left a third of the strokes valid, with the
-            default of this loss two thirds at a cost of 0.2 dB, and 0.001 left four fifths at about the same cost.
-        checkpoint: .safetensors of ``task=train_discriminator``; null takes the one that comes with the program.
+        weight: factor in the sum of losses. On a portrait, a third of the strokes ended valid with ``mse`` alone, two
+            thirds with the default (at a cost of 0.2 dB), and four fifths with 0.001 (at about the same cost).
+        checkpoint: .safetensors file from ``task=train_discriminator``; null = the one that ships.
     """
 
     weight = 0.0001

@@ -1,4 +1,4 @@
-"""``task=train_discriminator``: train a network that tells valid strokes from corrupted ones, and measure it."""
+"""``task=train_discriminator``: train and measure a network that distinguishes valid strokes from corrupted ones."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Draws ``batch_size`` new strokes of the prior at every step, and as many corrupted ones, by its number."""
+    """Sample ``batch_size`` new strokes of the prior and as many corrupted ones at each step, seeded by its number."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class ShapeData(L.LightningDataModule):
 
 
 class DiscriminatorModule(NetworkModule):
-    """Moves the weights of a discriminator until it tells valid strokes from corrupted ones.
+    """Train a discriminator to distinguish valid strokes from corrupted ones.
 
     The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that there is a
     slope from anywhere, -log sigma(D(hard) - D(corrupted)): a stroke that is half as corrupted scores higher.
@@ -100,7 +100,7 @@ def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
 
 @torch.no_grad()
 def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
-    """Measure how well valid and corrupted strokes are told apart.
+    """Measure how well a discriminator separates valid strokes from corrupted ones.
 
     ``auc`` is also by the kind of corruption, ``hinge`` is max(0, threshold - score). Some strokes that are called
     corrupted are valid, so neither accuracy nor AUC can reach 1.

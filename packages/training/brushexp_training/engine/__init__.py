@@ -1,1 +1,1 @@
-"""Brush simulators, as members of the family ``engine``."""
+"""Brush simulators: the family ``engine``."""

@@ -1,4 +1,4 @@
-"""Deposit the paint of bristles on the canvas: splats, and the flow of wet paint; compiled.
+"""Deposit the bristles' paint on the canvas and let it flow while wet; compiled.
 
 Grids are flat arrays of rows with one cell of margin around the canvas, so that no index can leave them.
 """

@@ -1,4 +1,4 @@
-"""Light wet paint: the picture of one stroke from its coverage and height."""
+"""Light wet paint: compute a stroke's picture from its coverage and height."""
 
 import numpy as np
 

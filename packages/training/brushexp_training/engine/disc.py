@@ -1,4 +1,4 @@
-"""The plainest brush: a row of discs. One worker paints a whole stroke on a canvas of its own."""
+"""The simplest brush: a row of discs. Each worker paints a whole stroke on its own canvas."""
 
 from typing import Annotated
 
@@ -22,7 +22,7 @@ F = np.float32
 
 @register("engine", "disc")
 class Disc(Engine):
-    """Bezier curve of 100 discs (Learning to Paint: Huang et al., 2019, arXiv:1903.04411): a smooth tube.
+    """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
     The discs are painted on a canvas twice as fine and averaged. Alpha is the share of a pixel that they cover; it is
     also the height. Nothing is random. A curve much longer than the window falls apart into single discs, as in the
@@ -32,7 +32,7 @@ class Disc(Engine):
     its own instead of one relative to the end points; discs are not rounded to whole pixels.
 
     Args:
-        window: pixels on the side of a picture, 8 to 512.
+        window: side of a picture in pixels, 8 to 512.
     """
 
     is_random = False

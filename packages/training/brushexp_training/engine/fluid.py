@@ -1,4 +1,4 @@
-"""Simulate wet oil paint under a brush of bristles."""
+"""Simulate wet oil paint under a bristle brush."""
 
 import math
 from typing import Annotated
@@ -40,22 +40,22 @@ class Fluid(Engine):
     shows, and alpha is how much the paint covers.
 
     Args:
-        window: pixels on the side of a picture, 8 to 1024.
-        supersample: cells of the simulation per pixel, in each direction.
+        window: side of a picture in pixels, 8 to 1024.
+        supersample: simulation cells per pixel, in each direction.
         frames: number of frames from start to end.
-        after: frames that the paint goes on flowing when the brush has left.
+        after: frames for which the paint keeps flowing after the brush has left.
         bristles: number of bristles, 10 to 200.
-        brushes: stroke number i is painted with brush i modulo this.
-        load: how much paint the brush carries, 0 to 1.
-        projection: keep the flow nearly free of divergence, as Fluid Paint does and SPIRAL's port does not.
+        brushes: number of brushes; stroke number i is painted with brush i modulo this.
+        load: amount of paint on the brush, 0 to 1.
+        projection: whether the flow is kept nearly free of divergence, as in Fluid Paint but not in SPIRAL's port.
         jacobi: iterations of the pressure solver.
-        fluidity: share of the flow's velocity that lasts from frame to frame, 0 to 1.
-        gravity: on the bristles, 256ths of the window per frame and frame.
-        damping: share of a bristle's velocity that lasts from frame to frame, 0 to 1.
+        fluidity: share of the flow's velocity kept from frame to frame, 0 to 1.
+        gravity: gravity on the bristles, in 256ths of the window per frame squared.
+        damping: share of a bristle's velocity kept from frame to frame, 0 to 1.
         stiffness: stiffness of the stiffest bristle, 0 to 1.
-        jitter: irregularity of the bristles' places, 0 to 1.
+        jitter: irregularity of the bristles' positions, 0 to 1.
         iterations: rounds of the bristles' constraints per frame.
-        rest: frames in which the brush comes to rest before it paints; for the first half it moves.
+        rest: frames in which the brush comes to rest before painting; it moves for the first half.
         approach: brush radii that it moves per frame meanwhile: the fewer, the more the start frays, the more, the more
             a stroke is a comb.
         relief: height of the paint for the light; 0 is flat.

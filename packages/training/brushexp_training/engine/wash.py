@@ -1,4 +1,4 @@
-"""Simulate a wash of watercolour, whose pigment gathers at its edge, where it dries first."""
+"""Simulate a watercolour wash, whose pigment gathers at the edge, where it dries first."""
 
 import math
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ class Wash(Engine):
     flows, the two are a formula of the distance to the stroke's edge.
 
     Args:
-        window: pixels on the side of a picture, 8 to 1024.
-        film: how much the middle of a stroke covers, 0 to 1.
-        rim: how much more its edge does, 0 to 1.
-        grain: how much coverage changes with the paper, as a share of it, 0 to 1.
-        wander: how far the outline wanders, in half widths, 0 to 0.5.
+        window: side of a picture in pixels, 8 to 1024.
+        film: coverage in the middle of a stroke, 0 to 1.
+        rim: additional coverage at its edge, 0 to 1.
+        grain: variation of coverage with the paper, as a share of the coverage, 0 to 1.
+        wander: deviation of the outline, in half widths, 0 to 0.5.
     """
 
     window: Annotated[int, between(8, 1024)] = 64

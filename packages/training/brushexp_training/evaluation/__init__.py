@@ -1,1 +1,1 @@
-"""How good a renderer is on strokes that it has not seen, and how fast."""
+"""Measure a renderer's accuracy on held-out strokes, and its speed."""

@@ -1,4 +1,4 @@
-"""Measure a renderer: errors on held-out strokes, speed, and drawings outside the range of training."""
+"""Measure a renderer: errors on held-out strokes, speed, and behaviour outside the training range."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ EXTREMES: dict[str, dict[str, object]] = {
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """Measure `error_figures`, `bristle_figures` and distances on ``n`` strokes that a renderer has not seen."""
+    """Measure `error_figures`, `bristle_figures` and distances on ``n`` held-out strokes."""
     sums, bristles = torch.zeros(5, dtype=torch.float64), torch.zeros(2, 2, 2, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
         drawn, truth = draw_batch(renderer, batch, window)
@@ -63,7 +63,7 @@ def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Ten
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """Measure how many strokes a second are painted, in windows beside each other, at the best of some repetitions."""
+    """Measure painting speed in strokes per second, in adjacent windows, as the best of several repetitions."""
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)

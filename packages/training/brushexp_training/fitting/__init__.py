@@ -1,1 +1,1 @@
-"""Lightning modules that train networks, and the fit that they share."""
+"""Train networks: Lightning modules, and the fit that they share."""

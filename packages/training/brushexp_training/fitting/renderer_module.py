@@ -87,7 +87,7 @@ class Critic(nn.Module):
 
 
 class RendererModule(NetworkModule):
-    """Moves the weights of a renderer until its pictures are those of the strokes (`evaluation.squared_error`).
+    """Train a renderer to reproduce the strokes' pictures (`evaluation.squared_error`).
 
     Lightning sees one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its own step
     within ``training_step``. UserError if the renderer has no weights, or its windows are of another size.

@@ -1,1 +1,1 @@
-"""Renderers that are networks, and their pruning."""
+"""Neural renderers, and their pruning."""

@@ -1,4 +1,4 @@
-"""The thesis's neural renderer draws the picture of a stroke's window from ten numbers."""
+"""The thesis's neural renderer, which draws a stroke's window from ten numbers."""
 
 import math
 from collections.abc import Callable
@@ -51,14 +51,14 @@ class InverseVGG(PatchRenderer):
     Args:
         window: side of the picture in pixels: 64, 128 or 256.
         width: channels at the finest size; twice as many at each coarser one.
-        widest: most channels of a size.
+        widest: maximum number of channels at any size.
         dense: widths of the dense layers before the one that makes the coarsest picture.
         subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
-        coordconv: coordinates that are told to the network. none; window: x and y, as two more channels of every
+        coordconv: coordinates given to the network. none; window: x and y, as two more channels of every
             convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
             each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
-        tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
-        noise: strength at first of the noise that is added to every convolution, learned per channel (Karras et al.,
+        tint: whether the stroke's colour is added to the output, so that the network only has to learn the light on it.
+        noise: initial strength of the noise added to every convolution, learned per channel (Karras et al.,
             2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
             training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
             signal: it is one plane, which all channels share.
