@@ -1,4 +1,4 @@
-"""The contract of each family of plugins, as checks that a package runs over its own.
+"""Checks of each plugin family's contract, which packages run over their own members.
 
     import brushexp
     import pytest
@@ -17,7 +17,7 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks of a family; there are none if its contract is only about types.
+    """List the checks of a family; the list is empty if its contract is only about types.
 
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth']

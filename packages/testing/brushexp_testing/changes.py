@@ -1,4 +1,4 @@
-"""Check what changes of a painting must do."""
+"""Check the contract of changes to a painting."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,7 @@ STEPS = 100
 
 
 def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> PaintingState:
-    """Describe a painting of random colours after so many steps, with these strokes."""
+    """Return the state of a painting of random colours after ``step`` steps, with given strokes."""
     renderer, blend = Analytic(), Compositor(Tiled(), Rgb())
     ground = torch.tensor([0.9, 0.8, 0.6])
 
@@ -43,7 +43,7 @@ def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> Painti
 
 
 def begun(make: Make) -> tuple[Any, Strokes]:
-    """Build a change, and bring a painting to its first strokes."""
+    """Build a change, and start a painting with its first strokes."""
     change, strokes = make(), some_strokes(N, SIZE)
     change.target(painting_at(0, strokes).target)
     return change, change.begin(strokes, painting_at(0, strokes))
@@ -65,7 +65,7 @@ def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
 
 
 def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
-    """Check that there are as many valid strokes from the beginning to the end, and a second limit changes nothing."""
+    """Check that the number of valid strokes never changes, and that limiting strokes twice is the same as once."""
     change, strokes = begun(make)
     assert isinstance(change.order(Depth()), Order)
     assert len(strokes) == N
@@ -80,7 +80,7 @@ def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
 
 
 def ends_with_at_least_its_strokes_in_one_order(make: Make) -> None:
-    """Check that finished strokes begin with the N that there were, and that none of them is left out of the order."""
+    """Check that finished strokes begin with the original N, and that the order includes all of them."""
     for n in (0, 1, N):
         change, strokes = make(), some_strokes(n, SIZE)
         state = painting_at(STEPS, strokes, is_over=True)
@@ -93,7 +93,7 @@ def ends_with_at_least_its_strokes_in_one_order(make: Make) -> None:
 
 
 def aims_alike_after_it_is_restored(make: Make) -> None:
-    """Check that a change which takes over the state of another goes on as that one does."""
+    """Check that a change restored from another's state continues identically."""
     change, strokes = begun(make)
     state = painting_at(50, strokes)
     change.aim(state.target, state.ground, state)

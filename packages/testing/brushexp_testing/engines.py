@@ -1,4 +1,4 @@
-"""Check what every brush simulator must do."""
+"""Check the contract of brush simulators."""
 
 import torch
 from torch import Tensor
@@ -64,7 +64,7 @@ def returns_pictures_and_heights(make: Make) -> None:
 
 
 def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
-    """Check that any part of a set, simulated alone, is that part of the whole."""
+    """Check that simulating any part of a set alone gives the same strokes as simulating the whole."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
     for start, stop in ((0, 1), (2, 3), (2, 6)):
@@ -73,7 +73,7 @@ def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
 
 
 def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
-    """Check that every seed that there may be gives the same bits again."""
+    """Check that every valid seed reproduces the same bits."""
     engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
     for seed in (0, 2**63, 2**64 - 1):
         one = engine(parameters, seed=seed)
@@ -86,7 +86,7 @@ def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
 
 
 def draws_anything_finite(make: Make) -> None:
-    """Check that extreme strokes, and none, give valid pictures and leave their neighbours alone."""
+    """Check that extreme strokes, and empty sets, give valid pictures and do not affect their neighbours."""
     engine, alone = make(window=WINDOW), _valid(1)
     parameters = torch.cat([torch.tensor(EXTREMES), alone])
     simulated = engine(parameters, seed=1)

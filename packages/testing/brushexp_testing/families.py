@@ -1,4 +1,4 @@
-"""Check what the plugins of each family must do, but engines, changes, palettes and papers."""
+"""Check the contracts of all families except engines, changes, palettes and papers."""
 
 import tempfile
 from collections.abc import Callable
@@ -37,7 +37,7 @@ def some_strokes(
     width: tuple[float, float] = (0.02, 0.3),
     dtype: torch.dtype = torch.float32,
 ) -> Strokes:
-    """Draw ``n`` random strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray."""
+    """Sample ``n`` random strokes on and around a canvas of ``size`` (H, W); ``bend`` scales their curvature."""
     generator = torch.Generator().manual_seed(seed)
     uniform = partial(torch.rand, generator=generator)
     start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
@@ -60,7 +60,7 @@ def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Stro
 
 
 def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
-    """Check of an initialiser the number, the ranges of all fields, and that the seed alone decides."""
+    """Check that an initialiser's strokes have the right number and ranges, and depend on the seed alone."""
     for n in (1, 7, 60):
         target = torch.rand(3, *SIZE)
         strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
@@ -102,7 +102,7 @@ def loads_its_checkpoint(make: Make) -> None:
 
 
 def paints_the_size_it_is_told(make: Make) -> None:
-    """Check of a blend the size and range of the picture, and that each stroke has an accuracy."""
+    """Check the size and range of a blend's picture, and that each stroke has an accuracy."""
     layers = Analytic()(some_strokes(9, SIZE))
     canvas = make()(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
     assert canvas.image.shape == (3, *SIZE)
@@ -120,7 +120,7 @@ def gives_every_stroke_a_depth(make: Make) -> None:
 
 
 def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
-    """Check that a loss is one finite number with finite gradients, without strokes too, and 0 at best."""
+    """Check that a loss is a finite number with finite gradients, even without strokes, and 0 at its best."""
     loss = make()
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
@@ -148,7 +148,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
 
 
 def revises_what_is_there(make: Make) -> None:
-    """Check that a density policy exceeds no budget in the end, revises no strokes too, and restores its state."""
+    """Check that a density policy ends within its budget, accepts an empty set, and restores its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
         assert 1 <= density.first(60, 60) <= 60
@@ -168,7 +168,7 @@ def revises_what_is_there(make: Make) -> None:
 
 
 def stays_on_the_canvas(make: Make) -> None:
-    """Check that a sampler looks within the picture, and at strokes that there are, each once."""
+    """Check that a sampler's region lies within the picture, and that its strokes exist and occur once."""
     sampler = make()
     for step in range(20):
         view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
@@ -205,7 +205,7 @@ def lowers_a_loss(make: Make) -> None:
 
 
 def writes_into_the_folder_of_the_run(make: Make) -> None:
-    """Check that a logger writes what it was told into a file."""
+    """Check that a logger writes the logged values into a file."""
     with tempfile.TemporaryDirectory() as name:
         logger = make()
         curves = logger.open(Run(Path(name)))
@@ -217,7 +217,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 
 
 def paints_with_no_more_strokes_than_asked(make: Make) -> None:
-    """Check that a painter yields valid strokes within the budget, counts on, and leaves no bare canvas.
+    """Check that a painter yields valid strokes within the budget, counts its steps, and leaves no bare canvas.
 
     The seed alone decides, and pictures of few pixels and of one colour are painted, too.
     """

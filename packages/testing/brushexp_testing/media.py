@@ -1,4 +1,4 @@
-"""Checks of what a painting is made with beside strokes: palettes and papers."""
+"""Check the contracts of palettes and papers."""
 
 import torch
 
@@ -7,7 +7,7 @@ from brushexp_testing.families import SIZE, Check, Make
 
 
 def keeps_size_and_range(make: Make) -> None:
-    """Check that a palette maps a picture to one of its size, in range, the same each time, and leaves it as it was."""
+    """Check that a palette maps a picture to one of equal size, in range and repeatably, without modifying it."""
     picture = torch.rand(3, *SIZE)
     before, palette = picture.clone(), make()
     for one in (picture, torch.zeros(3, *SIZE), torch.ones(3, 1, 2)):
@@ -20,7 +20,7 @@ def keeps_size_and_range(make: Make) -> None:
 
 
 def is_one_paper_in_bands(make: Make) -> None:
-    """Check that a paper looks and rises in bands of rows as it does in one, and bare ground stays bare."""
+    """Check that a paper has the same look and relief in bands of rows as in one piece, and keeps bare ground bare."""
     paper, flat, bare = make(), torch.rand(3, *SIZE), torch.tensor([0.2, 0.9, 0.5])
     whole = Rows(0, SIZE[0], SIZE)
     covered, relief = paper.cover(flat, bare, whole), paper.relief(whole)
