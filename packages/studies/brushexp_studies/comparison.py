@@ -1,4 +1,4 @@
-"""What the report of a sweep gains: verdicts, fronts, curves, effects and a sheet of all its paintings."""
+"""Add comparisons to a sweep's report: verdicts, fronts, curves, effects and a sheet of all its paintings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from brushexp_studies.pareto import write_front
 
 
 def write_comparisons(folder: Path, frame: DataFrame) -> None:
-    """Write what compares the runs of a sweep; an album has its sheet alone."""
+    """Write the comparisons of a sweep's runs; an album gets only its sheet."""
     if not is_album(frame):
         paired.write_differences(folder, frame)
         write_front_and_curves(folder, frame)

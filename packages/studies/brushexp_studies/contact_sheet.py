@@ -1,4 +1,4 @@
-"""Draw pictures in a grid on white paper, with labels below them; and such a sheet of all runs of a sweep."""
+"""Draw pictures in a grid on white, with labels below them, and make such a sheet of a sweep's runs."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class SheetCell:
 
 
 def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``sheet.png`` of the runs of a sweep; None if none has left a picture.
+    """Write ``sheet.png`` of a sweep's runs; return None if no run has a picture.
 
     A picture of many strokes gets twice the room. Runs that differ in two settings and cover all combinations form a
     matrix, with a row for each picture if they differ in those; others stand row by row.

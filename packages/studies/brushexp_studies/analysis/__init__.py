@@ -1,1 +1,1 @@
-"""Brushwork as art historians measure it, of catalogues: strokes -> measures -> summary -> tables, figures."""
+"""Measure the brushwork of catalogues as art historians do: strokes -> measures -> summary -> tables, figures."""

@@ -14,9 +14,9 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
     """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
 
     Args:
-        painting: what `paint` gave, or the path of a catalogue.
-        radius: pixels to neighbours; None for four pitches sqrt(pixels / strokes).
-        visible: share of a stroke that must be seen, or it is left out.
+        painting: painting returned by `paint`, or the path of a catalogue.
+        radius: radius of a stroke's neighbourhood in pixels; None = four pitches sqrt(pixels / strokes).
+        visible: visible share below which a stroke is left out.
 
     >>> import brushexp
     >>> analysis = brushexp.analyse(brushexp.paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))

@@ -1,4 +1,4 @@
-"""Draw the brushwork of a painting on one sheet, or that of two with the same axes."""
+"""Draw the brushwork of one painting on a sheet, or of two with the same axes."""
 
 import math
 from collections.abc import Sequence
@@ -83,7 +83,7 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
-    """Draw how parallel strokes are, with lines that follow them, longer where they agree."""
+    """Draw the coherence of directions as lines along the strokes, longer where these agree."""
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
     coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
     place = (0, analysis.size[1], analysis.size[0], 0)

@@ -1,4 +1,4 @@
-"""The brushwork of a painting in numbers, and how far two of them are apart."""
+"""Summarise the brushwork of a painting in numbers, and compare two paintings."""
 
 import math
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ OVERALL = {
 
 @dataclass(frozen=True)
 class Analysis:
-    """Measures of the strokes of a painting that count."""
+    """Measures of a painting's visible strokes."""
 
     name: str  # in tables and figures
     source: str  # its file

@@ -1,4 +1,4 @@
-"""Write what was measured: a table of strokes, a summary as JSON and one as Markdown."""
+"""Write the measures: a table of strokes, and a summary as JSON and Markdown."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -38,7 +38,7 @@ def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
 
 
 def strokes_csv(analysis: Analysis) -> str:
-    """Write a row per stroke that counts, in the order of the catalogue; what is not defined is empty.
+    """Write a row per visible stroke, in the catalogue's order; undefined values are empty.
 
     The last column names the setting that gave lengths, widths, areas and elongatedness; it is empty if none did.
     """
@@ -75,7 +75,7 @@ def _heading(analysis: Analysis) -> str:
 
 
 def sizes_warning(analysis: Analysis) -> str:
-    """Say that the sizes of painted strokes are no measures of the picture."""
+    """Warn that the sizes of painted strokes do not measure the picture."""
     name = escape_markdown(analysis.name)
     return (
         f"**Length, width, area and elongatedness of {name} are set by `{analysis.sizes_by}`** and say "
