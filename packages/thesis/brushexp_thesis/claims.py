@@ -1,4 +1,4 @@
-"""Read the claims of the thesis, and judge each by the paired difference that a study has measured."""
+"""Read the thesis's claims, and judge each by the paired difference measured in a study."""
 
 import math
 import shlex
@@ -68,7 +68,7 @@ class Claim:
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
-    """Read the claims of a YAML file by study; a UserError says which is incomplete, or names no metric."""
+    """Read the claims in a YAML file, by study; raise UserError for one that is incomplete or names no metric."""
     try:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}

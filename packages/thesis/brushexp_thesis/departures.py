@@ -1,4 +1,4 @@
-"""``task=departures``: list every setting in which finished paintings differ from the procedure of the thesis."""
+"""``task=departures``: list every setting in which finished paintings differ from the thesis's procedure."""
 
 import json
 import logging

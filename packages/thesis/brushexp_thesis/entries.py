@@ -15,7 +15,7 @@ Kind = TypeVar("Kind")
 
 
 def read_plain_yaml(path: Path, cure: str) -> dict[str, Any]:
-    """Read the mapping of a YAML file, which may refer to nothing outside of itself."""
+    """Read a mapping from a YAML file, which must not refer to anything outside itself."""
     text = read_text(path, cure)
     if "${" in text:
         raise UserError("${...} refers to something else; write the value itself")

@@ -47,7 +47,7 @@ def p_of_both_ways(gains: Sequence[float], matters: float) -> float:
 
 
 def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, float]:
-    """Compute the median with its bootstrap interval (percentiles; Efron, 1979), the same whenever it is asked."""
+    """Compute the median with its bootstrap interval (percentiles; Efron, 1979), reproducibly."""
     sample = np.array(gains, float)
     drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])

@@ -1,4 +1,4 @@
-"""Measure how good a painting is where its target is flat, and where it is busy."""
+"""Measure a painting's quality where its target is flat, and where it is busy."""
 
 import torch
 from torch import Tensor

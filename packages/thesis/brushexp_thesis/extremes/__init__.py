@@ -1,1 +1,1 @@
-"""Numerical accuracy: extreme scenes, and a verdict on how each part of the program draws them."""
+"""Test numerical accuracy: extreme scenes, and a verdict on how each part of the program draws them."""
