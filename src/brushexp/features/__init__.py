@@ -1,4 +1,4 @@
-"""Feature networks, from pictures to named activations, for losses and metrics, without access to any network."""
+"""Feature networks for losses and metrics: from pictures to named activations, without internet access."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` takes
 
 
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
-    """Open a feature network with the weights of a file or, where there is one, of its pip package.
+    """Open a feature network with weights from a file or, if there is one, from its pip package.
 
     A UserError names what to install or to set if there is none; ``option`` is the key of the file.
     """

@@ -71,7 +71,7 @@ def _crop(features: Tensor, frame: Region, tile: Region) -> Tensor:
 
 
 def _positions(first: int, length: int, side: int, n: int) -> slice:
-    """Find those of ``n`` positions over a ``side`` that lie in a span of it.
+    """Find which of ``n`` positions along a ``side`` lie in a span of it.
 
     Their stride is a power of two, which divides the span's begin, and its end unless that is the end of the side.
     """

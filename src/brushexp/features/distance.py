@@ -1,4 +1,4 @@
-"""Measure the perceptual distance of two pictures in the form of LPIPS."""
+"""Measure the perceptual distance between two pictures, in the manner of LPIPS."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -16,7 +16,7 @@ LEAST_SQUARED_LENGTH = 1e-8
 
 
 class Distance(nn.Module):
-    """Perceptual distance of two pictures: 0 for equal ones, about 1 for unlike ones.
+    """Perceptual distance between two pictures: 0 if they are equal, about 1 if they are unlike.
 
     Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the difference of feature vectors scaled to
     length 1, averages over positions and weighs the channels of several taps. With the network ``effl0`` there is one

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0, the feature network that a pip package brings."""
+"""EfficientNet-Lite0, the feature network whose weights a pip package provides."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""The families of plugins: all that a user may want to vary."""
+"""List the families of plugins: everything that a user may want to vary."""
 
 FAMILIES = {
     "painter": "target picture -> strokes, state after state",

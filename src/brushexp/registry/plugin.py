@@ -78,7 +78,7 @@ class Plugin:
 
     @property
     def meanings(self) -> dict[str, str]:
-        """Map each option to what the docstrings of the class and its bases say about it under ``Args:``."""
+        """Map each option to its description under ``Args:`` in the docstrings of the class and its bases."""
         texts: dict[str, str] = {}
         for cls in reversed(self.cls.__mro__):
             section = inspect.cleandoc(cls.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
@@ -88,7 +88,7 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Map the names of facts by which one chooses among the family to their values."""
+        """Map the names of facts for choosing among the family to their values."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
