@@ -188,7 +188,7 @@ def output_folder(value: str) -> str:
     """Write the value of ``output`` so that Hydra reads it; a UserError if nothing can be written there."""
     if not value:
         raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
-    if value.strip().lstrip("+-").lower() in NO_FOLDERS:
+    if value.strip().lstrip("+-").lower() in NO_FOLDERS and not os.path.lexists(value):
         raise UserError(f"output={value} names no folder; type output=FOLDER, or output=./{value} if that is its name")
     if "${" in value and is_path(value):
         raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
