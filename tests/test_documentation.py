@@ -58,7 +58,9 @@ def first_of(override):
 def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "a.jpg").touch()
+    (tmp_path / "photos" / "1887").mkdir()
+    for photo in ("a.jpg", "1887/b.jpg"):
+        (tmp_path / "photos" / photo).touch()
     words = [word for word in shlex.split(command, comments=True) if word not in ("-m", "--multirun", "--help")]
     flags = ["-m"] * ("-m" in command.split())
     overrides = OverridesParser.create().parse_overrides(

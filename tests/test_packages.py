@@ -141,6 +141,7 @@ WORDS = {
     "brushes",
     "canvas",
     "changes",
+    "exports",
     "measure",
     "media",
     "films",

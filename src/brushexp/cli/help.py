@@ -156,7 +156,7 @@ def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
     lines = []
     for key in keys:
         value = reduce(getitem, key.name.split("."), raw)
-        if value in UNTYPED:
+        if isinstance(value, str) and value in UNTYPED:
             value = UNTYPED[value]
         elif str(value).startswith("${"):
             value = OmegaConf.select(cfg, key.name)
