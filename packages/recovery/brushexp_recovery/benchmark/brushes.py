@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d, grey_closing
 
 from brushexp_recovery.curves.bezier import chords_of, points_on
 from brushexp_recovery.synthesis.layout import StrokeLayout
-from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, join_windows
 
 Array = NDArray[Any]
 
@@ -30,15 +30,7 @@ def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> 
     windows = [
         _draw_window(brush, curves[k], layout.width[k], layout.color[k], side[k], random) for k in range(len(layout))
     ]
-    return StrokeWindows(
-        texels=np.concatenate(windows).astype(np.float32),
-        first=first_texels(side),
-        side=side,
-        position=position,
-        scale=side.astype(float),
-        curve=layout.curve,
-        width=layout.width,
-    )
+    return join_windows(windows, side, position, layout)
 
 
 def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int, random: np.random.Generator) -> Array:

@@ -12,7 +12,7 @@ from brushexp_recovery.curves.nearest import length_of_line, nearest_place, unit
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis.hand import Random
 from brushexp_recovery.synthesis.layout import StrokeLayout
-from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, close_gaps, join_windows, place_windows
 
 Array = NDArray[Any]
 F = np.float32
@@ -70,25 +70,15 @@ def choose_marks(random: Random) -> Marks:
 
 def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
     """Draw strokes on a canvas (H, W) in windows as large as they are, a texel a pixel."""
-    reach = 0.5 * layout.width[:, None] * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
-    low, high = layout.curve.min(1) - reach, layout.curve.max(1) + reach
-    side = np.ceil((high - low).max(1)).astype(int)
-    corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
-    grain = _standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
+    reach = 0.5 * layout.width * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
+    corner, side = place_windows(layout, reach)
+    grain = standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
     points = points_on(layout.curve - corner[:, None], POINTS)
     windows = [
         _draw_mark(points[k], layout.width[k], layout.color[k], int(side[k]), corner[k], grain, marks, random)
         for k in range(len(side))
     ]
-    return StrokeWindows(
-        texels=np.concatenate(windows),
-        first=first_texels(side),
-        side=side,
-        position=corner + 0.5 * side[:, None],
-        scale=side.astype(float),
-        curve=layout.curve,
-        width=layout.width,
-    )
+    return join_windows(windows, side, corner + 0.5 * side[:, None], layout)
 
 
 def _draw_mark(
@@ -112,10 +102,10 @@ def _draw_mark(
         load,
         texels,
     )
-    return _close_gaps(texels)
+    return close_gaps(texels, CLOSED_GAP)
 
 
-def _standardise(noise: Array) -> Array:
+def standardise(noise: Array) -> Array:
     """Give noise mean 0 and deviation 1."""
     return ((noise - noise.mean()) / max(noise.std(), 1e-6)).astype(F)
 
@@ -123,20 +113,12 @@ def _standardise(noise: Array) -> Array:
 def _draw_bristles(random: Random, tracks: int) -> Array:
     """Draw how bristles (`SAMPLES`, ``tracks``) differ: each from the others, and each slowly along the stroke."""
     slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
-    return _standardise(_standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
+    return standardise(standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 
 
 def _draw_outline(random: Random) -> Array:
     """Draw how either side (`SAMPLES`, 2) departs from a smooth one."""
-    return _standardise(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
-
-
-def _close_gaps(window: Array) -> Array:
-    """Complete texels (side, side, len(Texel)) with their alpha whose gaps are closed: (side * side, len(Texel))."""
-    from scipy.ndimage import grey_closing  # noqa: PLC0415
-
-    window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=CLOSED_GAP)
-    return window.reshape(-1, len(Texel))
+    return standardise(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
 
 
 @function

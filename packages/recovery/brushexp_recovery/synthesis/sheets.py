@@ -14,8 +14,8 @@ from brushexp_recovery.curves.nearest import length_of_line, nearest_place, unit
 from brushexp_recovery.raster.blur import gaussian_blur
 from brushexp_recovery.synthesis.hand import Random
 from brushexp_recovery.synthesis.layout import StrokeLayout
-from brushexp_recovery.synthesis.marks import POINTS
-from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, first_texels
+from brushexp_recovery.synthesis.marks import POINTS, standardise
+from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, close_gaps, join_windows, place_windows
 
 Array = NDArray[Any]
 F = np.float32
@@ -33,16 +33,16 @@ NARROWEST_GAP = 5  # pixels
 class Sheet:
     """A straight stroke: rows run along it, from `BEYOND_ENDS` before its start; columns across it."""
 
-    cover: Array  # (A, C) float32 in [0, 1], the coverage of paint
-    tint: Array  # (A, C, 3) float32, by which the colour of the stroke is multiplied
-    height: Array  # (A, C) float32, of the paint; 1 is full
+    cover: Array  # (A, C) in [0, 1], the coverage of paint
+    tint: Array  # (A, C, 3) by which the colour of the stroke is multiplied
+    height: Array  # (A, C) of the paint; 1 is full
 
     def reduce(self, width: float) -> "Sheet":
-        """Average blocks of a sheet until it is about as fine as the pixels of a stroke of a ``width``."""
-        cover, tint, height = self.cover, self.tint, self.height
+        """Average blocks of a sheet until it is about as fine as the pixels of a stroke of a ``width``; float32."""
+        cover, tint, height = (np.ascontiguousarray(each, F) for each in (self.cover, self.tint, self.height))
         while cover.shape[1] > 2.6 * max(width, 4.0) and min(cover.shape) >= 4:
             cover, tint, height = _halve(cover), _halve(tint), _halve(height)
-        return Sheet(np.ascontiguousarray(cover), np.ascontiguousarray(tint), np.ascontiguousarray(height))
+        return Sheet(cover, tint, height)
 
 
 def _halve(values: Array) -> Array:
@@ -66,8 +66,7 @@ def ends_of(rows: int, length: float) -> Array:
 
 def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
     """Draw smooth noise of mean 0 and deviation 1."""
-    noise = gaussian_blur(random.normal(size=size), sigma)
-    return (noise - noise.mean()) / max(noise.std(), 1e-6)
+    return standardise(gaussian_blur(random.normal(size=size), sigma))
 
 
 def draw_bristles(random: Random, rows: int, columns: int) -> Array:
@@ -90,8 +89,8 @@ def draw_outline(random: Random, rows: int, columns: int, length: float, rough: 
     sides = 1 + rough * smooth_noise(random, (rows, 2), (0.01 * rows * random.uniform(2, 12), 0))
     edge = sides[:, (across > 0).astype(int)] * np.sqrt(1 - (1 - np.clip(tip / ends, 0, 1)) ** 2)
     soft = 2.5 / columns
-    cover = np.clip((edge - np.abs(across)) / soft + 0.5, 0, 1) * np.clip(tip * columns + 0.5, 0, 1)
-    return cover.astype(F)
+    cover: Array = np.clip((edge - np.abs(across)) / soft + 0.5, 0, 1) * np.clip(tip * columns + 0.5, 0, 1)
+    return cover
 
 
 def grey_tint(tone: Array) -> Array:
@@ -109,10 +108,7 @@ def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeW
 
     ``draw`` makes a sheet for a stroke whose length is so many widths.
     """
-    reach = layout.width[:, None] * (0.5 + BEYOND_SIDES + BEYOND_ENDS) + MARGIN
-    low, high = layout.curve.min(1) - reach, layout.curve.max(1) + reach
-    side = np.ceil((high - low).max(1)).astype(int)
-    corner = np.floor(0.5 * (low + high) - 0.5 * side[:, None])
+    corner, side = place_windows(layout, layout.width * (0.5 + BEYOND_SIDES + BEYOND_ENDS) + MARGIN)
     points = points_on(layout.curve - corner[:, None], POINTS).astype(F)
     windows = []
     for k in range(len(layout)):
@@ -120,34 +116,9 @@ def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeW
         steps = np.linalg.norm(np.diff(points[k], axis=0), axis=1)
         sheet = draw(float(steps.sum()) / width).reduce(width)
         texels = np.zeros((int(side[k]), int(side[k]), len(Texel)), F)
-        _bend(
-            points[k],
-            F(width),
-            layout.color[k].astype(F),
-            sheet.cover.astype(F),
-            sheet.tint.astype(F),
-            sheet.height.astype(F),
-            texels,
-        )
-        windows.append(_close_gaps(texels, width))
-    return StrokeWindows(
-        texels=np.concatenate(windows),
-        first=first_texels(side),
-        side=side,
-        position=corner + 0.5 * side[:, None],
-        scale=side.astype(float),
-        curve=layout.curve,
-        width=layout.width,
-    )
-
-
-def _close_gaps(window: Array, width: float) -> Array:
-    """Complete texels (S, S, len(Texel)) with their coverage whose gaps are closed: (S * S, len(Texel))."""
-    from scipy.ndimage import grey_closing  # noqa: PLC0415
-
-    size = max(NARROWEST_GAP, round(GAP_SHARE * width))
-    window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=size)
-    return window.reshape(-1, len(Texel))
+        _bend(points[k], F(width), layout.color[k].astype(F), sheet.cover, sheet.tint, sheet.height, texels)
+        windows.append(close_gaps(texels, max(NARROWEST_GAP, round(GAP_SHARE * width))))
+    return join_windows(windows, side, corner + 0.5 * side[:, None], layout)
 
 
 @function

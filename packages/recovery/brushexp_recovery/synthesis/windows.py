@@ -1,6 +1,6 @@
 """Strokes drawn one by one in windows of their own, by any engine or renderer of the program."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -60,6 +60,37 @@ class StrokeWindows:
 def first_texels(side: Array) -> Array:
     """Return the first texel (N,) of windows of sides (N,) that follow each other."""
     return np.concatenate([[0], np.cumsum(side**2)[:-1]])
+
+
+def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
+    """Place square windows on whole pixels around strokes that ``reach`` (N,) pixels beyond their control points.
+
+    Returns their upper left corners (N, 2) and their sides (N,).
+    """
+    low, high = layout.curve.min(1) - reach[:, None], layout.curve.max(1) + reach[:, None]
+    side = np.ceil((high - low).max(1)).astype(int)
+    return np.floor(0.5 * (low + high) - 0.5 * side[:, None]), side
+
+
+def close_gaps(window: Array, gap: int) -> Array:
+    """Complete texels (S, S, len(Texel)) with their alpha without gaps up to ``gap`` pixels: (S * S, len(Texel))."""
+    from scipy.ndimage import grey_closing  # noqa: PLC0415
+
+    window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=gap)
+    return window.reshape(-1, len(Texel))
+
+
+def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: StrokeLayout) -> StrokeWindows:
+    """Join the texels of windows of sides (N,) around their centres ``position`` (N, 2), a texel a pixel."""
+    return StrokeWindows(
+        texels=np.concatenate(texels).astype(np.float32, copy=False),
+        first=first_texels(side),
+        side=side,
+        position=position,
+        scale=side.astype(float),
+        curve=layout.curve,
+        width=layout.width,
+    )
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from brushexp_recovery.synthesis.choices import choose_hand
 from brushexp_recovery.synthesis.families.family import PaintFamily
 from brushexp_recovery.synthesis.hand import Hand, Random
@@ -44,4 +42,4 @@ class Dabs(PaintFamily):
         bristles = draw_bristles(random, rows, COLUMNS)
         height = cover * (0.8 + self.bulge * (1 - places_across(COLUMNS) ** 2) + 0.15 * bristles)
         tint = grey_tint(1 + 0.05 * bristles)
-        return Sheet(cover, tint.astype(np.float32), height.astype(np.float32))
+        return Sheet(cover, tint, height)

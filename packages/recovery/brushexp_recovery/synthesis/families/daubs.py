@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from brushexp_recovery.synthesis.choices import choose_hand
 from brushexp_recovery.synthesis.families.family import PaintFamily
 from brushexp_recovery.synthesis.hand import Hand, Random
@@ -40,4 +38,4 @@ class Daubs(PaintFamily):
         bristles = draw_bristles(random, rows, COLUMNS)
         tone = self.dark * (1 + self.streak * bristles)
         height = cover * (0.6 + self.furrow * bristles)
-        return Sheet(cover, grey_tint(tone).astype(np.float32), height.astype(np.float32))
+        return Sheet(cover, grey_tint(tone), height)

@@ -47,5 +47,5 @@ class Hatching(PaintFamily):
         grain = smooth_noise(random, (rows, COLUMNS), random.uniform(0.5, 1.5))
         bristles = draw_bristles(random, rows, COLUMNS)
         paint = self.full - self.dry * share + 0.6 * bristles + self.grain * grain
-        cover = (cover * np.clip(self.sharp * paint + 0.5, 0, 1)).astype(np.float32)
-        return Sheet(cover, grey_tint((1 + 0.06 * bristles).astype(np.float32)), 0.6 * cover)
+        cover = cover * np.clip(self.sharp * paint + 0.5, 0, 1)
+        return Sheet(cover, grey_tint(1 + 0.06 * bristles), 0.6 * cover)

@@ -51,4 +51,4 @@ class Impasto(PaintFamily):
         lump = self.lump * np.exp(-(((tip - 0.15) / 0.2) ** 2)) * (np.arange(rows)[:, None] > rows / 2)
         height = cover * (0.5 + self.furrow * bristles + ridge + lump)
         tint = grey_tint(1 + self.streak * bristles)
-        return Sheet(cover, tint.astype(np.float32), height.astype(np.float32))
+        return Sheet(cover, tint, height)

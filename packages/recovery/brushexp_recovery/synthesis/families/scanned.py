@@ -44,10 +44,9 @@ class Scanned(PaintFamily):
         random = self.random
         cover = self.sheets[int(random.integers(len(self.sheets)))].astype(np.float32) / 255
         cover = cover[:, ::-1] if random.random() < 0.5 else cover
-        cover = cover ** np.float32(self.load * np.exp(0.2 * random.normal()))
+        cover = cover ** (self.load * np.exp(0.2 * random.normal()))
         bristles = draw_bristles(random, *cover.shape)
-        tone = (1 + self.streak * bristles).astype(np.float32)
-        return Sheet(cover, grey_tint(tone), cover * (1 + 0.3 * bristles).astype(np.float32))
+        return Sheet(cover, grey_tint(1 + self.streak * bristles), cover * (1 + 0.3 * bristles))
 
 
 @cache

@@ -48,5 +48,5 @@ class Slabs(PaintFamily):
         ridge = self.ridge * np.exp(-(((across - random.choice([-0.9, 0.9])) / 0.1) ** 2))
         mixed = (self.load * random.normal(size=3)) * across[:, None]
         tint = grey_tint(1 + 0.03 * patches) + mixed
-        cover = (cover * paint).astype(np.float32)
-        return Sheet(cover, tint.astype(np.float32), (cover * (0.7 + ridge)).astype(np.float32))
+        cover = cover * paint
+        return Sheet(cover, tint, cover * (0.7 + ridge))

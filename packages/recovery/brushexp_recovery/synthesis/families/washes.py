@@ -41,7 +41,7 @@ class Washes(PaintFamily):
         rim = np.exp(-(((np.abs(places_across(COLUMNS)) - 0.95) / 0.12) ** 2))
         tint = grey_tint(np.broadcast_to(1 - self.rim * rim, (rows, COLUMNS)))
         film = np.clip(1 - self.mottle * (0.5 + mottle), 0.2, 1)
-        return Sheet((cover * film).astype(np.float32), tint.astype(np.float32), (0.05 * cover).astype(np.float32))
+        return Sheet(cover * film, tint, 0.05 * cover)
 
     def mix(self, count: int) -> Mixing:
         opacity = np.clip(self.opacity + 0.1 * self.random.normal(size=count), 0.2, 1)

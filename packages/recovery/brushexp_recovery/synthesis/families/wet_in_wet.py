@@ -32,7 +32,7 @@ class WetInWet(PaintFamily):
         bristles = draw_bristles(random, rows, COLUMNS)
         height = cover * (0.8 + 0.25 * bristles)
         tint = grey_tint(1 + self.streak * bristles)
-        return Sheet(cover, tint.astype(np.float32), height.astype(np.float32))
+        return Sheet(cover, tint, height)
 
     def mix(self, count: int) -> Mixing:
         drag = np.clip(self.drag * self.random.uniform(0.4, 1.2, count), 0, 0.9)
