@@ -52,12 +52,3 @@ def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, 
     drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(np.median(sample)), float(low), float(high)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct p of several claims, so that one of them is wrong at most as often as its p says (Holm, 1979)."""
-    order = np.argsort(p_values, kind="stable")
-    rising = np.maximum.accumulate(np.array(p_values)[order] * np.arange(len(p_values), 0, -1))
-    corrected = np.empty(len(p_values))
-    corrected[order] = rising.clip(max=1)
-    return corrected.tolist()

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 from brushexp_studies.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
 
+from brushexp.contracts.results import holm
 from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
-from brushexp_thesis.evidence import holm, median_of, p_of_both_ways, p_of_mean, p_of_ranks
+from brushexp_thesis.evidence import median_of, p_of_both_ways, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
 LEAST_RANKED = 6  # units from which on ranks can be significant

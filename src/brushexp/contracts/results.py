@@ -3,6 +3,7 @@
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, latex_table, markdown_table
 from brushexp.results.anytime_curves import LEAD, Curve, curve_from, curves_by_image, leaders, mean_curve, mean_curves
 from brushexp.results.comparisons import PageTable, RunComparison
+from brushexp.results.multiple_tests import holm
 from brushexp.results.painting_files import read_painting
 from brushexp.results.provenance import remark_on_provenance
 from brushexp.results.quantities import Quantity, digits, quantities
@@ -55,6 +56,7 @@ __all__ = [
     "escape_markdown",
     "gather",
     "has_ended",
+    "holm",
     "image_name",
     "is_album",
     "latex_table",

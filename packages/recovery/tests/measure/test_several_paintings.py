@@ -11,7 +11,6 @@ import pytest
 from brushexp_recovery.measure.measures import MEASURES
 from brushexp_recovery.measure.several_paintings import (
     COMPARISON,
-    correct_p,
     least_p,
     paintings_of,
     permutation_p,
@@ -82,19 +81,3 @@ def test_p_is_the_share_of_all_permutations_or_nearly_so():
     many = random.normal(0, 1, 12), random.normal(0.7, 1, 12)
     p = permutation_p(*many, np.random.default_rng(1))
     assert p == pytest.approx(permutation_p(*many, np.random.default_rng(2)), abs=0.02)
-
-
-def test_holm_rejects_what_stepwise_tests_reject():
-    p = [0.01, 0.04, 0.03, 0.005]
-    assert correct_p(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert correct_p([]) == []
-    random = np.random.default_rng(0)
-    for _ in range(20):
-        p = random.random(6) ** 3
-        corrected = np.array(correct_p(p.tolist()))
-        rejected = np.zeros(6, bool)
-        for step, k in enumerate(np.argsort(p)):
-            if p[k] > 0.1 / (6 - step):
-                break
-            rejected[k] = True
-        assert (corrected <= 0.1).tolist() == rejected.tolist()
