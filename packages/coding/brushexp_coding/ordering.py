@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import numpy as np
-from torch import linspace
+from torch import linspace, tensor
 
 from brushexp.contracts.families import Renderer
-from brushexp.contracts.strokes import Strokes, point_at
+from brushexp.contracts.strokes import Strokes, curve_of, point_at
 
 CELL = 4  # pixels of a side
 PIECES = 16  # of a curve, whose ends stand for it
@@ -19,7 +19,7 @@ def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Render
     Strokes that may touch the same cell of the canvas (H, W) keep their order, and all others may be exchanged: where
     no pixel has paint of both, it does not matter which is laid first.
     """
-    middle = strokes_middle(strokes)
+    middle = point_at(curve_of(strokes).double(), tensor(0.5).double()).numpy()
     waits, followers = _constraints(strokes, size, renderer)
     free = [stroke for stroke in range(len(strokes)) if not waits[stroke]]
     order, here = np.empty(len(strokes), np.int64), np.zeros(2)
@@ -32,13 +32,6 @@ def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Render
             if not waits[follower]:
                 free.append(follower)
     return order
-
-
-def strokes_middle(strokes: Strokes) -> np.ndarray:
-    """Compute the middles (N, 2) of the curves in pixels."""
-    start, control, end = (getattr(strokes, name).double() for name in ("start", "control", "end"))
-    half = 0.5 * strokes.scale.double()[:, None]
-    return (strokes.position.double() + half * (start + 2 * control + end) / 4).numpy()
 
 
 def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> tuple[list[int], list[list[int]]]:

@@ -21,6 +21,8 @@ from brushexp_coding.entropy import LARGEST
 
 FINE = 64  # place of the step 1 on the ladder of steps
 RUNGS = (1.0, 1.1875, 1.4140625, 1.6796875)  # four steps of an octave, exact in double precision
+LADDER = np.array([RUNGS[(rung - FINE) % 4] * 2.0 ** ((rung - FINE) // 4) for rung in range(256)])  # of all steps
+ROOM = 2.0  # pixels of a window beyond the stroke
 MAX_COARSENESS = 8  # octaves to either side by which a stroke may be coarser than another
 
 
@@ -64,7 +66,7 @@ class Rounded:
 
     numbers: np.ndarray  # (N, C) int64, C the number of columns
     coarseness: np.ndarray  # (N, 2) int64, of the shape and of the paint
-    rungs: np.ndarray  # (C,) int64 places of the columns' steps on the ladder, see `step_at`
+    rungs: np.ndarray  # (C,) int64 places of the columns' steps on the `LADDER`
     windows: bool  # whether the windows are those of the file; otherwise they fit closely around the curves
     brushes: np.ndarray | None = None  # (N,) int64; None where the renderer does not choose by it
 
@@ -74,8 +76,7 @@ class Rounded:
     @property
     def steps(self) -> np.ndarray:
         """Steps (N, C) of each number, float64."""
-        base = np.array([step_at(int(rung)) for rung in self.rungs])
-        return np.ldexp(base[None], self.octaves.astype(np.int32))
+        return np.ldexp(LADDER[self.rungs][None], self.octaves.astype(np.int32))
 
     @property
     def middles(self) -> np.ndarray:
@@ -100,16 +101,9 @@ def is_paint(columns: int) -> np.ndarray:
     return np.isin(np.arange(columns), PAINT)
 
 
-def step_at(rung: int) -> float:
-    """Return the step at a place on the ladder, of four steps an octave."""
-    octave, part = divmod(rung - FINE, len(RUNGS))
-    return RUNGS[part] * 2.0**octave
-
-
 def rung_near(step: float) -> int:
-    """Return the place of the largest step of the ladder that is not larger than ``step``, of all from 0 to 255."""
-    ladder = np.array([step_at(rung) for rung in range(256)])
-    return max(0, int(np.searchsorted(ladder, step * (1 + 1e-9), side="right")) - 1)
+    """Return the place of the largest step of the ladder that is not larger than ``step``."""
+    return max(0, int(np.searchsorted(LADDER, step * (1 + 1e-9), side="right")) - 1)
 
 
 def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
@@ -157,9 +151,6 @@ def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
         for name in ("start", "control", "end", "width", "softness")
     }
     return replace(strokes, **bounded)
-
-
-ROOM = 2.0  # pixels of a window beyond the stroke
 
 
 def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:

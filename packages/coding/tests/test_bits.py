@@ -17,13 +17,13 @@ from brushexp_coding.metric import BitsPerPixel
 from brushexp_coding.ordering import neighbouring_order
 from brushexp_coding.residuals import BEFORE, correlated, decorrelated, nearest_before, residuals_of, restored
 from brushexp_coding.rounding import (
+    LADDER,
     MAX_COARSENESS,
     OF_WINDOWS,
     Column,
     Rounded,
     facing_right,
     rung_near,
-    step_at,
     strokes_of,
     values_of,
 )
@@ -167,8 +167,9 @@ def test_differences_from_earlier_strokes_come_back_to_the_bit(count, seed, turn
 
 
 def test_the_ladder_of_steps_has_four_in_an_octave_and_the_nearest_is_no_larger():
-    steps = [step_at(rung) for rung in range(256)]
+    steps = LADDER.tolist()
     assert steps == sorted(steps)
+    assert len(steps) == 256
     assert all(1.15 < high / low < 1.22 for low, high in pairwise(steps))
     assert [rung_near(step) for step in steps] == list(range(256))
     assert rung_near(0.0) == 0

@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from brushexp.contracts.families import ExportJob
-from brushexp.contracts.strokes import curve_of, length_of
+from brushexp.contracts.pictures import hex_of
+from brushexp.contracts.strokes import curve_of, length_of, point_at
 
 PIECES = 16  # of a curve
 CAP = 6  # places between the sides at each round end
@@ -38,8 +40,8 @@ def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
         length = length_of(curve).numpy() + width
         way = (curve[:, 2] - curve[:, 0]).numpy()
         direction = np.degrees(np.arctan2(way[:, 1], way[:, 0])) % 180
-        color = (255 * strokes.color.clamp(0, 1)).round().to(torch.uint8).numpy()
-        outlines = outline_lines(curve.numpy(), width)
+        color = strokes.color.numpy()
+        outlines = outline_lines(curve, width)
         for row, stroke in enumerate(number.tolist()):
             yield OutlinedStroke(
                 stroke,
@@ -48,17 +50,16 @@ def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
                 float(length[row]),
                 float(width[row]),
                 float(direction[row]),
-                "#" + color[row].tobytes().hex(),
+                hex_of(color[row]),
                 float(strokes.opacity[row]),
             )
             order += 1
 
 
-def outline_lines(curve: Array, width: Array) -> Array:
+def outline_lines(curve: Tensor, width: Array) -> Array:
     """Outline round-ended lines along quadratic Bezier curves (N, 3, 2) of a width (N,): places (N, P, 2)."""
-    t = np.linspace(0, 1, PIECES + 1)[:, None]
-    start, control, end = (curve[:, k, None] for k in range(3))
-    points = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
+    t = torch.linspace(0, 1, PIECES + 1, dtype=torch.float64)
+    points = point_at(curve[:, None], t).numpy()
     step = np.gradient(points, axis=1)
     angle = np.arctan2(step[..., 1], step[..., 0])
     angle = np.where(np.hypot(step[..., 0], step[..., 1]) < LEAST_STEP, 0.0, angle)

@@ -33,7 +33,7 @@ def test_an_outline_lies_half_a_width_around_the_curve():
     curve = np.array([[[20.0, 40], [40, 0], [60, 40]], [[30.3, 30.2]] * 3])
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     t = np.linspace(0, 1, 400)[:, None]
-    for outline, points in zip(outline_lines(curve, np.array([8.0, 10])), curve, strict=True):
+    for outline, points in zip(outline_lines(torch.from_numpy(curve), np.array([8.0, 10])), curve, strict=True):
         places = (1 - t) ** 2 * points[0] + 2 * t * (1 - t) * points[1] + t**2 * points[2]
         distance = np.sqrt(((np.stack([x, y], -1)[:, :, None] - places) ** 2).sum(-1)).min(2)
         mask = distance <= (4 if len(np.unique(points)) > 2 else 5)

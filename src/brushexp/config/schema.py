@@ -158,7 +158,9 @@ class PaintTask(Task):
     working_resolution: str | None = key(
         "auto", "longer side at which strokes are optimised: auto = what their number needs; null = all pixels", WORKING
     )
-    strokes: int | None = key(None, "number of strokes; auto = what it takes; null = by pixels_per_stroke", at_least(1))
+    strokes: int | None = key(
+        None, "number of strokes; auto = as the scene needs; null = by pixels_per_stroke", at_least(1)
+    )
     detail: float = key(1, "multiplies the look's number of strokes (set by quality=)", above(0))
     abstraction: float = key(
         0, "0 to 1: fewer, larger strokes and flatter forms, while faces keep what the focus keeps", between(0, 1)
@@ -178,7 +180,9 @@ class PaintTask(Task):
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", above(0))
-    psnr: float | None = key(None, "PSNR in dB at which to stop; with strokes=auto, to reach; null = none", at_least(0))
+    psnr: float | None = key(
+        None, "stop at this PSNR, in dB; with strokes=auto, the PSNR to reach; null = none", at_least(0)
+    )
     early_stop: float | None = key(None, "stop when 100 evaluations gain less, in dB; null = never", at_least(0))
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
     frames: int = key(60, "frames of the timelapse; 0 = no timelapse", between(0, 2000))

@@ -1,6 +1,6 @@
-"""Count what the packed pixels of a picture unpack to: LZW and runs have no checksum, but a length.
+"""Count the pixels that compressed data unpack to: LZW and run lengths have no checksum, but a length.
 
-A flipped bit mostly changes the length of what follows; decoders stop at the last pixel and do not look further.
+A flipped bit usually changes the length of what follows; decoders stop at the last pixel and do not look further.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from brushexp.pictures.tiff_directories import (
     main_directory,
 )
 
-MISCOUNTED = "may be damaged: its packed pixels are more or fewer than its size says; compare it with another copy"
+MISCOUNTED = "may be damaged: its compressed pixels do not fill its size exactly; compare it with another copy"
 LZW, PACKBITS = 5, 32773  # values of COMPRESSION in a TIFF
 YCBCR = 6  # value of PHOTOMETRIC: some colours have fewer pixels
 SAMPLES, ROWS_PER_STRIP, PLANES, TILE_LENGTH = 277, 278, 284, 323  # tags of a TIFF

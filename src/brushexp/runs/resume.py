@@ -115,9 +115,9 @@ def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
 
 
 def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
-    """Log that a run goes on under other versions, plugin files or hardware than it began; older runs noted none."""
+    """Warn that a run continues under other versions, plugin files or hardware than it began with, if it noted them."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
-        line = "resume=%s goes on with others than it began with: %s; start anew to compare it"
+        line = "resume=%s continues under other versions than it began with: %s; for a comparable run, start anew"
         log.warning(line, folder, "; ".join(parts))
 
 

@@ -54,12 +54,14 @@ def proposals(state: DensificationState, most: int, least: float) -> tuple[Strok
     The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls if a
     rectangle of the stroke's size is painted in the target's mean colour.
     """
+    like = state.strokes.position
+    if most < 1:
+        return Strokes.none(like), like.new_zeros(0)
     target = state.target.cpu().numpy().astype(np.float64)
     weight = np.ones(target.shape[1:]) if state.focus is None else state.focus.cpu().numpy().astype(np.float64)
     error = np.square(target - state.image.cpu().numpy()).sum(0)
     found = patches_of(target, error, weight, most, least)
     chosen = found[_apart(found, most, target.shape[1:])]
-    like = state.strokes.position
     return _strokes(chosen, target, like), like.new_tensor(chosen.gain)
 
 

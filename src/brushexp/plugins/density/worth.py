@@ -100,7 +100,7 @@ class Worth(Density):
     def _grow(self, state: DensificationState) -> DensificationUpdate:
         """Add the best proposals, as many as there may be, and remove what is not worth its price."""
         n, importance = len(state.strokes), state.importance()
-        most = max(0, min(state.budget - n, max(BATCH, round(GROWTH * n))))
+        most = min(state.budget - n, max(BATCH, round(GROWTH * n)))
         if state.psnr is None:
             price = BITS * self.price
             new, _ = proposals(state, most, PROMISE * price)
@@ -123,7 +123,7 @@ class Worth(Density):
         """Remove strokes that are no longer worth their price, and for a while add those that are."""
         n, price = len(state.strokes), BITS * self.price
         most = min(state.budget - n, max(BATCH, round(ADDED * n))) if state.step < ADDING * state.steps else 0
-        new, _ = proposals(state, max(0, most), price)
+        new, _ = proposals(state, most, price)
         return DensificationUpdate(_worth_more(state.importance(), price), new)
 
     def _approach(self, state: DensificationState, psnr: float) -> DensificationUpdate:
@@ -148,7 +148,7 @@ class Worth(Density):
     def _more(self, state: DensificationState, missing: float) -> DensificationUpdate:
         """Add as many of the best proposals as lower the squared error by what is ``missing``."""
         n = len(state.strokes)
-        most = max(0, min(state.budget - n, max(BATCH, round(ADDED * n))))
+        most = min(state.budget - n, max(BATCH, round(ADDED * n)))
         new, _ = _as_many_as_gain(missing, *proposals(state, most, 0.0))
         return DensificationUpdate(state.strokes.opacity.new_ones(n, dtype=torch.bool), new)
 
