@@ -14,7 +14,7 @@ from brushexp_recovery.curves.fit import StrokeCurves
 from brushexp_recovery.curves.round_line import width_of_line
 from brushexp_recovery.marks.mark_regions import overlaps_of_pixels, pixels_of_mark
 from brushexp_recovery.marks.marks_file import Mark, Marks, read_marks
-from brushexp_recovery.raster.labels import group_pixels
+from brushexp_recovery.raster.labels import group_pixels, mean_colors
 from brushexp_recovery.raster.overlap import MATCH_IOU
 from brushexp_recovery.recover.pipeline import catalogue_of
 from brushexp_recovery.recover.storage import Recovered
@@ -54,7 +54,8 @@ def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
     by_hand = curves_of(hand, regions)
     curve = np.concatenate([curve_of(strokes).double().numpy()[kept], by_hand.curve])
     width = np.concatenate([(strokes.width * strokes.scale).double().numpy()[kept], by_hand.width])
-    color = np.concatenate([strokes.color.double().numpy()[kept], colors_of(regions, image)])
+    by_place = mean_colors(labels, image, len(width))
+    color = np.concatenate([strokes.color.double().numpy()[kept], by_place[kept.sum() :]])
     confidence = np.append(recovered.confidence[kept], np.full(len(hand), SURE))
     order = np.append(number[bottom_up[kept[bottom_up]]], np.arange(kept.sum(), len(width))).astype(int)
     meet = kept[recovered.meetings].all(1)
@@ -97,9 +98,3 @@ def fit_line(points: Array) -> Array:
     square = weight @ weight
     control = weight @ rest / square if square > 0 else 0.5 * (start + end)
     return np.stack([start, control, end])
-
-
-def colors_of(regions: Sequence[Array], image: Array) -> Array:
-    """Average an image (H, W, 3) over each of N regions of flat indices: (N, 3), and 0 for one without pixels."""
-    pixels = image.reshape(-1, 3)
-    return np.array([pixels[region].mean(0) if len(region) else np.zeros(3) for region in regions]).reshape(-1, 3)

@@ -28,7 +28,7 @@ BOUNDS = (0.025, 0.975)
 
 
 class State(StrEnum):
-    """What has become of a mark or a stroke."""
+    """The result for a mark or a stroke."""
 
     FOUND = "found"
     MISSED = "missed"

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import explaining, json_of, read_text
+from brushexp.contracts.files import check_format_version, explaining, json_of, read_text
 
 Array = NDArray[Any]
 
-MARKS_FORMAT = "brushexp marks"
+MARKS_FORMAT, MARKS_VERSION = "brushexp marks", 1
 MARKS_SUFFIX = ".json"
 CURE = 'give marks as the page of strokes saves them: {"strokes": [{"points": [[x, y], ...], "width": 12}]}'
 LARGEST_FILE = 2**27  # bytes
@@ -42,7 +42,7 @@ class Marks:
 
 
 def is_marks(path: Path) -> bool:
-    """Tell whether a file has marks, and not a catalogue in JSON."""
+    """Tell a file of marks from a catalogue in JSON."""
     if path.suffix.lower() != MARKS_SUFFIX or not path.is_file():
         return False
     values = _values_of(path)
@@ -56,6 +56,7 @@ def read_marks(path: Path) -> Marks:
     """Read a file of marks; a UserError says what is wrong with it."""
     values = _values_of(path)
     with explaining(path, CURE):
+        check_format_version(values.get("version", MARKS_VERSION), MARKS_VERSION)
         parts = values.get("strokes"), values.get("deleted", [])
         if not all(isinstance(part, list) for part in parts):
             raise UserError(f"strokes and deleted must be lists; {CURE}")
@@ -80,7 +81,7 @@ def _values_of(path: Path) -> dict[str, Any]:
 def _mark_from(values: Any, place: str) -> Mark:
     """Read one mark."""
     if not isinstance(values, dict):
-        raise UserError(f"{place} is {type(values).__name__}, no stroke with points and width")
+        raise UserError(f"{place} is {type(values).__name__}, not a stroke with points and width")
     name = str(values.get("name", place))
     points = _places_from(values.get("points"), f"points of {name}", 1)
     width = np.atleast_1d(_numbers_from(values.get("width"), f"width of {name}"))
@@ -88,7 +89,7 @@ def _mark_from(values: Any, place: str) -> Mark:
         raise UserError(f"width of {name} must be one number above 0, or one for each of its {len(points)} points")
     outlines = values.get("outlines", [])
     if not isinstance(outlines, list):
-        raise UserError(f"outlines of {name} are no list")
+        raise UserError(f"outlines of {name} must be a list")
     return Mark(
         name,
         points,
@@ -111,9 +112,9 @@ def _numbers_from(values: Any, what: str) -> Array:
     try:
         numbers = np.array(values, float)
     except (TypeError, ValueError):
-        raise UserError(f"{what} are no numbers") from None
+        raise UserError(f"{what} must be numbers") from None
     if not (np.isfinite(numbers) & (np.abs(numbers) <= LARGEST_PLACE)).all():
-        raise UserError(f"{what} are not within {LARGEST_PLACE:.0f} pixels")
+        raise UserError(f"{what} must be finite and within {LARGEST_PLACE:.0f} pixels")
     return numbers
 
 

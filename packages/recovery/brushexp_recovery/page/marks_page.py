@@ -10,10 +10,11 @@ from PIL import Image
 
 from brushexp.contracts.files import write_text
 from brushexp.contracts.pages import embed, page
+from brushexp_recovery.marks.mark_score import State
 from brushexp_recovery.page.stroke_page import JPEG, TEMPLATES
 
 Array = NDArray[Any]
-Outlined = tuple[str, str, Sequence[Array]]  # name, state and outlines (P, 2) of a mark or a stroke
+Outlined = tuple[str, State, Sequence[Array]]  # name, state and outlines (P, 2) of a mark or a stroke
 
 LARGEST_SIDE = 2400  # pixels of the picture in the page
 GREY = 200  # of the picture where there is none
@@ -41,11 +42,11 @@ def write_marks_page(
         height=height,
         photograph=embed(Image.fromarray(pixels), LARGEST_SIDE, **JPEG)["source"],
         layers=[
-            ("unjudged", "not judged", shapes_of(strokes, "not judged")),
-            ("extra", "extra", shapes_of(strokes, "extra")),
-            ("partner", "strokes found", shapes_of(strokes, "found")),
-            ("missed", "missed", shapes_of(marks, "missed")),
-            ("found", "marks found", shapes_of(marks, "found")),
+            ("unjudged", "not judged", shapes_of(strokes, State.UNJUDGED)),
+            ("extra", "extra", shapes_of(strokes, State.EXTRA)),
+            ("partner", "strokes found", shapes_of(strokes, State.FOUND)),
+            ("missed", "missed", shapes_of(marks, State.MISSED)),
+            ("found", "marks found", shapes_of(marks, State.FOUND)),
         ],
         summary=summary,
         meaning=meaning,
@@ -53,8 +54,8 @@ def write_marks_page(
     write_text(path, html)
 
 
-def shapes_of(outlined: Sequence[Outlined], state: str) -> list[tuple[str, str]]:
-    """List names and paths (SVG) of what is in a state."""
+def shapes_of(outlined: Sequence[Outlined], state: State) -> list[tuple[str, str]]:
+    """List the names and SVG paths of the outlines in a state."""
     return [(name, path_of(outlines)) for name, of, outlines in outlined if of == state]
 
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import as_shown, explaining, write_text
-from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.files import as_shown, write_text
+from brushexp.contracts.pictures import load_picture, picture_size, picture_suffixes
 from brushexp.contracts.results import csv_table, markdown_table
 from brushexp.contracts.strokes import CATALOGUE_NAME
 from brushexp_recovery.benchmark.prediction_files import read_prediction
@@ -35,13 +34,12 @@ log = logging.getLogger(__name__)
 
 Array = NDArray[Any]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")  # beside the marks
 STROKES = (".json", ".h5", ".npz", ".npy", ".png")  # of a picture, in a folder of strokes
 ALL = "all"  # name of the row of all pictures
 MEANING = (
-    "A mark is found if a stroke overlaps with it by an intersection over union of 0.5 or more (at .3: of 0.3). A "
-    "stroke is extra if it is no mark and lies mostly on marks, or where all strokes are marked; strokes that a second "
-    "person marked all count. Intervals of 95 % are a bootstrap over strokes."
+    "A mark is found if a stroke overlaps it with an intersection over union of at least 0.5 (at .3: 0.3). A stroke "
+    "without a mark is extra if it lies mostly on marks, or where every stroke is marked; between two people, each one "
+    "is extra. The intervals are 95 % bootstrap intervals over strokes."
 )
 
 
@@ -58,7 +56,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What has come of a case."""
+    """The result of a case."""
 
     case: Case
     agreement: Agreement
@@ -91,10 +89,10 @@ def list_cases(truth: Path, strokes: Path) -> list[Case]:
         return [_case_of(truth, strokes / CATALOGUE_NAME if strokes.is_dir() else strokes)]
     files = [path for path in sorted(truth.glob(f"*{MARKS_SUFFIX}")) if is_marks(path)]
     if not files:
-        raise UserError(f"truth={truth} has no marks; give a folder with NAME.json of marks")
+        raise UserError(f"truth={truth} has no marks; give a folder with marks as NAME.json")
     if not strokes.is_dir():
         raise UserError(
-            f"truth={truth} is a folder, and strokes={strokes} is none; give a folder with NAME.json or .h5"
+            f"truth={truth} is a folder, but strokes={strokes} is not; give a folder with NAME.json or NAME.h5"
         )
     return [_case_of(path, _strokes_for(path.stem, strokes)) for path in files]
 
@@ -109,25 +107,17 @@ def _strokes_for(name: str, folder: Path) -> Path:
 
 def _case_of(truth: Path, strokes: Path) -> Case:
     marks = read_marks(truth)
-    beside = (truth.with_suffix(suffix) for suffix in PICTURES)
+    beside = (truth.with_suffix(suffix) for suffix in sorted(picture_suffixes()))
     picture = marks.image or next((path for path in beside if path.is_file()), None)
-    size = marks.size or _size_of(picture)
+    size = marks.size or (None if picture is None else picture_size(picture, key="truth"))
     if size is None and is_marks(strokes):
         size = read_marks(strokes).size
     if size is None:
         raise UserError(
-            f"truth={truth} does not say how large its picture is; put the picture beside it, {truth.stem}.png, or "
-            'write "size": [width, height]'
+            f"truth={truth} does not state the size of its picture; put the picture beside it, {truth.stem}.png, or "
+            'add "size": [width, height]'
         )
     return Case(truth.stem, marks, strokes, picture, size)
-
-
-def _size_of(picture: Path | None) -> tuple[int, int] | None:
-    """Read the height and width of a picture without its pixels."""
-    if picture is None:
-        return None
-    with explaining(picture, "give a picture"), Image.open(picture) as opened:
-        return opened.height, opened.width
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
@@ -234,7 +224,7 @@ def round_row(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_words(row: dict[str, Any]) -> str:
-    """Say the most telling figures of a row in a sentence."""
+    """Summarise a row in a sentence."""
     rates = [
         f"{word} {row[name]:.2f} ({row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f})"
         for name, word in (("recall", "recall"), ("precision", "precision"), ("f1", "F1"))

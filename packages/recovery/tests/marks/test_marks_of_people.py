@@ -135,8 +135,9 @@ def test_two_people_are_compared_over_folders(run_task, tmp_path):
         ([{"points": [[1, 2]], "width": 0}], {}, "width of stroke 1 must be one number above 0"),
         ([{"points": [[1]], "width": 3}], {}, r"points of stroke 1 must be at least 1 pairs \[x, y\]"),
         ([{"points": [[1, 2], [3, 4]], "width": [1, 2, 3]}], {}, "or one for each of its 2 points"),
-        ([{"points": [[1, float("nan")]], "width": 3}], {}, "are not within 1000000 pixels"),
-        (["x"], {}, "stroke 1 is str, no stroke with points and width"),
+        ([{"points": [[1, float("nan")]], "width": 3}], {}, "must be finite and within 1000000 pixels"),
+        ([level(9)], {"version": 2}, "has format_version 2, and this brushexp reads 1; update brushexp"),
+        (["x"], {}, "stroke 1 is str, not a stroke with points and width"),
         ([level(1)], {"size": [0, 5]}, "size must be the width and the height"),
         ([level(1)], {"complete": [1, 2]}, "complete must be true, false or"),
         ([level(1) | {"outlines": [[[1, 2], [3, 4]]]}], {}, "outlines of stroke 1 must be at least 3 pairs"),
@@ -146,6 +147,16 @@ def test_what_is_wrong_with_a_file_of_marks_is_said(strokes, values, message, tm
     path = write_marks(tmp_path / "a.json", *strokes, **values)
     with pytest.raises(UserError, match=message):
         read_marks(path)
+
+
+def test_the_size_of_a_photograph_that_lies_on_its_side_is_that_of_the_upright_picture(run_task, tmp_path):
+    turned = Image.Exif()
+    turned[0x0112] = 6  # orientation: a quarter turn
+    Image.new("RGB", SIZE, "white").save(tmp_path / "photo.jpg", exif=turned)  # 40 wide as stored, 60 wide upright
+    truth = write_marks(tmp_path / "photo.json", level(10), size=None)
+    np.save(tmp_path / "labels.npy", np.full(SIZE, -1, np.int32))
+    result = run_task(score, "task=score", f"truth={truth}", f"strokes={tmp_path / 'labels.npy'}")
+    assert (result["truth"], result["recall"]) == (1, 0)
 
 
 def test_other_files_are_no_marks(tmp_path):

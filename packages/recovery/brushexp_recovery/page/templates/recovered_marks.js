@@ -5,6 +5,7 @@
   const { byId, recovered } = window.brushexp;
   const { data, shown } = recovered;
   const { outlines, lines, columns, width, height, name: image } = data;
+  const VERSION = 1; // of the file of marks
   const COLORS = { hand: "#ffd83d", recovery: "#5cb8ff" };
   const SPACING = 3; // screen pixels between the points of a stroke that is drawn
   const NEAREST = 1e-6;
@@ -197,7 +198,7 @@
 
   // The file.
   const text = () => JSON.stringify({
-    format: "brushexp marks", version: 1, image, size: [width, height],
+    format: "brushexp marks", version: VERSION, image, size: [width, height],
     strokes: marks.map(({ name, points, width: breadth, outlines: rings, by }) => ({ name, points, width: breadth, ...(rings.length ? { outlines: rings } : {}), by })),
     deleted: deleted.map(({ name, points, width: breadth, outlines: rings }) => ({ name, points, width: breadth, outlines: rings, by: "recovery" })),
   });
@@ -212,8 +213,9 @@
   const open = async (file) => {
     try {
       const values = JSON.parse(await file.text());
+      if ((values.version ?? VERSION) > VERSION) throw new Error(`${file.name} is of a later version; update brushexp.`);
       const read = (mark, k) => {
-        if (!mark.points.length || !mark.points.flat().every(Number.isFinite)) throw new Error("no places");
+        if (!mark.points.length || !mark.points.flat().every(Number.isFinite)) throw new TypeError("no places");
         return { name: mark.name ?? `stroke ${k + 1}`, points: mark.points, width: [mark.width].flat(), outlines: mark.outlines ?? [], by: mark.by ?? "hand" };
       };
       const next = { marks: values.strokes.map(read), deleted: (values.deleted ?? []).map(read) };
@@ -221,13 +223,14 @@
       undone.push(copyOf());
       ({ marks, deleted } = next);
       tell();
-    } catch {
-      byId("mark-count").textContent = `${file.name} has no marks; open the file that Save wrote.`;
+    } catch (error) {
+      const later = error.message.includes("later version") && error.message;
+      byId("mark-count").textContent = later || `${file.name} has no marks; open a file from Save marks.`;
     }
   };
   const tell = () => {
     const hand = marks?.filter((mark) => mark.by === "hand").length ?? 0;
-    byId("mark-count").textContent = marks ? `${marks.length.toLocaleString("en")} strokes, ${hand.toLocaleString("en")} by hand, ${deleted.length.toLocaleString("en")} of recovery taken away.` : "";
+    byId("mark-count").textContent = marks ? `${marks.length.toLocaleString("en")} strokes, ${hand.toLocaleString("en")} by hand; ${deleted.length.toLocaleString("en")} recovered strokes deleted.` : "";
     byId("mark-help").textContent = words[tool];
     document.dispatchEvent(new Event("marked"));
   };
