@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from torch.testing import assert_close
 
 from brushexp.config.check import check
@@ -22,6 +23,7 @@ from brushexp.painting.faces import (
 )
 from brushexp.pictures.face import Face, Landmark
 from brushexp.pictures.faces.detection import distinct, find_faces, turned, turned_back
+from brushexp.pictures.faces.marked import FRONTAL, marked_faces
 from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
 from brushexp.pictures.faces.spots import MOST_SPOTS, find_spots
 from brushexp.pictures.focus import attention
@@ -258,6 +260,50 @@ def test_ink_draws_features_in_ink_alone(config, portrait):
     flat = torch.full((3, 64, 64), 0.5)
     drawn = draw_features(initializer, flat, [Feature(32, 32, 20)], Strokes.none(), torch.Generator().manual_seed(0))
     assert not (drawn.opacity > 0).any(), "where nothing is dark there is nothing to ink"
+
+
+def disc(size: tuple[int, int], x: float, y: float, radius: float) -> torch.Tensor:
+    """Draw a mask (H, W) with one bright disc."""
+    down, across = torch.meshgrid(torch.arange(size[0]), torch.arange(size[1]), indexing="ij")
+    return ((across + 0.5 - x).square() + (down + 0.5 - y).square() < radius**2).float()
+
+
+def test_a_mark_on_a_found_face_adds_none_and_a_mark_on_a_hidden_one_finds_it(portrait):
+    (face,) = find_faces(portrait)
+    mark = disc((256, 256), face.x, face.y, face.side / 2)
+    assert marked_faces(portrait, mark, [face]) == []
+    (again,) = marked_faces(portrait, mark)
+    assert np.abs(again.landmarks - face.landmarks).max() < face.side / 10
+    assert again.score > 0
+
+
+def test_a_round_mark_where_the_network_sees_nothing_is_an_upright_face():
+    mask = torch.maximum(disc((200, 300), 80, 90, 35), disc((200, 300), 230, 60, 21))
+    first, second = sorted(marked_faces(torch.full((3, 200, 300), 0.5), mask), key=lambda face: face.x)
+    assert (first.x, first.y, first.side) == pytest.approx((80, 90, 50), abs=1)
+    assert (second.x, second.y, second.side) == pytest.approx((230, 60, 30), abs=1)
+    assert first.score == second.score == 0
+    assert_close(first.landmarks, np.array([first.x, first.y]) + first.side * FRONTAL)
+    assert first.tilt == pytest.approx(0)
+
+
+def test_lines_specks_and_a_dark_mask_mark_no_face():
+    grey = torch.full((3, 120, 200), 0.5)
+    line, speck = torch.zeros(120, 200), disc((120, 200), 60, 60, 3)
+    line[50:62, 20:180] = 1
+    for mask in (line, speck, torch.zeros(120, 200), 0.49 * disc((120, 200), 60, 60, 30)):
+        assert marked_faces(grey, mask) == []
+
+
+def test_a_mask_of_faces_is_asked_beside_the_network(config, tmp_path):
+    picture = torch.full((3, 100, 140), 0.5)
+    mask = tmp_path / "faces.png"
+    Image.fromarray((255 * disc((100, 140), 70, 50, 28)).byte().numpy()).save(mask)
+    (face,) = faces_of(config("look=oil", f"faces={mask}"), picture)
+    assert len(features_of([face])) == 3
+    assert faces_of(config("look=oil", "faces=off"), picture) == []
+    with pytest.raises(UserError, match=r"faces=.*ratio"):
+        faces_of(config("look=oil", f"faces={mask}"), torch.full((3, 100, 100), 0.5))
 
 
 def test_faces_off_looks_for_none_and_what_is_found_is_told(config, portrait, monkeypatch, caplog):

@@ -90,6 +90,8 @@ class Wishes:
             keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # a draft has another
         if self.focus != "look":
             keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
+        if self.focus == "mask" and self.mask:
+            keys["faces"] = str(self.mask)
         if self.style is not None:
             keys["style.image"] = str(self.style.path)
         for name in ("paper", "palette", "tubes"):
@@ -109,7 +111,7 @@ class Wishes:
         words = {"image": self.subject.name} | self.overrides()
         del words["frames"]
         if self.mask and words.get("focus") == str(self.mask):
-            words["focus"] = "mask.png"
+            words |= {"focus": "mask.png", "faces": "mask.png"}
         if self.style is not None:
             words["style.image"] = self.style.name
         parts = [f"{key}={'null' if value is None else value}" for key, value in words.items()]

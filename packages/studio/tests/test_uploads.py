@@ -337,7 +337,12 @@ def test_faces_are_counted_and_marked(tmp_path):
     assert mask.shape == photo.size
     assert mask[110, 225] == 255, "on her nose"
     assert 0.01 < (mask > 0).mean() < 0.1
-    assert photos.masks[photos.keep_mask(mask)].is_file()
+    kept = photos.masks[photos.keep_mask(mask)]
+    assert kept.is_file()
+    wishes = Wishes(photo=photo, look="gouache", focus="mask", mask=kept)
+    assert wishes.overrides()["focus"] == wishes.overrides()["faces"] == str(kept)
+    assert "focus=mask.png faces=mask.png" in wishes.command()
+    assert "faces" not in Wishes(photo=photo, focus="mask").overrides()
 
 
 def test_samples_are_there_and_the_command_of_a_style_names_a_file(tmp_path):

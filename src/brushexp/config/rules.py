@@ -50,7 +50,8 @@ EFFORT = (  # numbers of metrics.json that say what a painting has cost
 )
 BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
-AUTO = "auto"  # focus by saliency, and the warm-up renderer that the chosen one names
+AUTO = "auto"  # focus by saliency, faces that are found, and the warm-up renderer that the chosen one names
+OFF = "off"  # faces that are not looked for
 PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # how the names of the curves begin that a callback may watch
 
 
@@ -77,6 +78,7 @@ COLOR = Rule(named_color)
 DEVICE = Rule(device_of)
 WORKING = Rule(working_side, besides=(AUTO,))
 FOCUS = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, "), besides=(AUTO,))
+FACES = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, {OFF}, "), besides=(AUTO, OFF))
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -138,8 +140,9 @@ def check_painting(
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
     in_catalogue = None
-    if cfg.focus not in (None, AUTO):
-        check_ratio(cfg.focus, sides_of_picture(cfg.focus, "focus"), painted or size, "focus")
+    for name in ("focus", "faces"):
+        if cfg[name] not in (None, AUTO, OFF):
+            check_ratio(cfg[name], sides_of_picture(cfg[name], name), painted or size, name)
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, painted or size, "catalogue")

@@ -11,7 +11,7 @@ from brushexp.bounds import DURATION, INTERRUPTED_RUN, above, at_least, between,
 from brushexp.config import rules
 from brushexp.config.keys import key
 from brushexp.config.output_folders import BESIDE_PAINTING, BY_TIME
-from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, WORKING
+from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FACES, FOCUS, WORKING
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
@@ -194,8 +194,9 @@ class PaintTask(Task):
     focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
     faces: str = key(
         "auto",
-        "auto = find faces, weigh them most in focus=auto, and paint eyes and mouths with small strokes; off",
-        one_of("auto", "off"),
+        "auto = find faces, weigh them most in focus=auto, and paint eyes and mouths with small strokes; a mask, "
+        "bright = also a face; off",
+        FACES,
     )
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)

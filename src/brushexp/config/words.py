@@ -149,7 +149,7 @@ def setting_in(word: str) -> str | None:
 def at_home(word: str) -> str:
     """Write the home folder of ``output=~/x`` in full, as not every shell does; readers of pictures do it."""
     key, _, value = word.partition("=")
-    is_other = key in ("image", "pictures", "style", "style.image", "focus") or os.path.lexists(value)
+    is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
         return word
     if not has_home():

@@ -18,8 +18,8 @@ from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.face import Face
 from brushexp.pictures.faces.spots import Spot, find_spots
-from brushexp.pictures.focus import AUTO, focus_map, focus_weights
-from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_picture
+from brushexp.pictures.focus import AUTO, OFF, focus_map, focus_weights
+from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_mask, load_picture
 from brushexp.plugins.change.base import Change
 from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.painter.base import Painter
@@ -63,13 +63,19 @@ def _in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
     """Find the faces of a picture (3, H, W) where a painting asks for them: to look at them first, or to lay strokes.
 
-    With ``faces=off``, or where all strokes are given and no focus is found, there are none, and no network is loaded.
+    A mask adds the faces that it marks. With ``faces=off``, or where all strokes are given and no focus is found, there
+    are none, and no network is loaded.
     """
-    if cfg.faces != AUTO or not (cfg.focus == AUTO or cfg.catalogue is None):
+    if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return []
     from brushexp.pictures.faces.detection import find_faces  # noqa: PLC0415  (not every painting asks for it)
+    from brushexp.pictures.faces.marked import marked_faces  # noqa: PLC0415
 
-    return find_faces(picture)
+    found = find_faces(picture)
+    if cfg.faces == AUTO:
+        return found
+    mask = load_mask(cfg.faces, (picture.shape[1], picture.shape[2]), "faces", f"{AUTO}, {OFF}, ")
+    return found + marked_faces(picture, mask, found)
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
@@ -77,7 +83,7 @@ def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[S
 
     A typed number of strokes is left to the picture: a spot is less sure than a face.
     """
-    if cfg.faces != AUTO or cfg.focus != AUTO or cfg.strokes is not None or cfg.catalogue is not None:
+    if cfg.faces == OFF or cfg.focus != AUTO or cfg.strokes is not None or cfg.catalogue is not None:
         return []
     assert attended is not None
     return find_spots(target, attended)

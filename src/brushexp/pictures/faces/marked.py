@@ -1,0 +1,73 @@
+"""Faces that somebody marked in a mask, where the network found none: profiles, animals, painted and hidden faces."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from torch import Tensor
+
+from brushexp.pictures.face import Face
+from brushexp.pictures.faces.detection import LARGEST_SIDE, find_faces
+from brushexp.pictures.load import downsample
+
+MARKED = 0.5  # grey value from which a pixel of the mask is marked
+MARK_AREA = 1.5  # squared sides of a face that its mark covers: a disc with a radius of 0.7 sides
+SMALLEST_MARK = 64  # pixels, area of the smallest mark
+AROUND = 0.5  # sides of a mark that are searched beyond it
+DOUBTFUL_SCORE = 0.3  # confidence from which a candidate in a marked place is a face
+ROUND = 0.7  # share of an ellipse of its height and width that a mark must cover to be a face by itself
+LONGEST = 1.6  # times as long as wide that such a mark may be
+# Sides of a face, from its middle: where YuNet finds eyes, nose and the corners of the mouth of an upright frontal face
+FRONTAL = np.array([[-0.2, -0.16], [0.2, -0.16], [0.0, 0.06], [-0.17, 0.25], [0.17, 0.25]])
+
+
+def marked_faces(picture: Tensor, mask: Tensor, found: Sequence[Face] = ()) -> list[Face]:
+    """Read faces from the bright places of a mask (H, W) over a picture (3, H, W) in which faces were ``found``.
+
+    A place that holds the middle of a found face marks that face, and adds none. Elsewhere the network is asked again,
+    and believed at a low confidence. Where it sees nothing, a mark that is about as round as a face is an upright
+    frontal one with a score of 0; other marks are no faces.
+    """
+    from skimage.measure import label, regionprops  # noqa: PLC0415  (rarely needed)
+
+    faces = []
+    for place in regionprops(label(mask.numpy() >= MARKED)):
+        holds = place.image
+        top, left, bottom, right = place.bbox
+        if place.area < SMALLEST_MARK or any(_lies_in(face, holds, (top, left)) for face in found):
+            continue
+        margin = round(AROUND * max(bottom - top, right - left))
+        first, leftmost = max(0, top - margin), max(0, left - margin)
+        near = picture[:, first : bottom + margin, leftmost : right + margin]
+        zoom = max(1.0, max(near.shape[1:]) / LARGEST_SIDE)
+        candidates = find_faces(downsample(near, LARGEST_SIDE), DOUBTFUL_SCORE)
+        inside = [_moved(face, zoom, (leftmost, first)) for face in candidates]
+        inside = [face for face in inside if _lies_in(face, holds, (top, left))]
+        if inside:
+            faces.append(max(inside, key=lambda face: face.score))
+        elif _is_round(holds):
+            faces.append(_frontal((left + right) / 2, (top + bottom) / 2, math.sqrt(place.area / MARK_AREA)))
+    return faces
+
+
+def _lies_in(face: Face, holds: np.ndarray, corner: tuple[int, int]) -> bool:
+    """Tell whether the middle of a face lies in a place ``holds`` (h, w), whose ``corner`` is (top, left)."""
+    y, x = math.floor(face.y) - corner[0], math.floor(face.x) - corner[1]
+    return 0 <= y < holds.shape[0] and 0 <= x < holds.shape[1] and bool(holds[y, x])
+
+
+def _moved(face: Face, zoom: float, shift: tuple[int, int]) -> Face:
+    """Enlarge a face ``zoom`` times about the origin, and shift it by (x, y) in pixels."""
+    x, y = shift
+    return Face(zoom * face.x + x, zoom * face.y + y, zoom * face.side, face.score, zoom * face.landmarks + [x, y])
+
+
+def _is_round(holds: np.ndarray) -> bool:
+    """Tell whether a place (h, w) is about as round as a face: an ellipse that is not much longer than wide."""
+    height, width = holds.shape
+    is_compact = max(height, width) <= LONGEST * min(height, width)
+    return is_compact and bool(holds.sum() >= ROUND * math.pi / 4 * height * width)
+
+
+def _frontal(x: float, y: float, side: float) -> Face:
+    return Face(x, y, side, 0.0, np.array([x, y]) + side * FRONTAL)
