@@ -14,7 +14,7 @@ from brushexp.painting.build import build_painter, faces_of
 from brushexp.painting.components import first_strokes
 from brushexp.painting.faces import (
     FLOOR,
-    RADII_PER_WIDTH,
+    FLOOR_OF_FACE,
     THINNEST_STROKE,
     TYPED_SHARE,
     Feature,
@@ -23,7 +23,7 @@ from brushexp.painting.faces import (
 )
 from brushexp.pictures.face import Face, Landmark
 from brushexp.pictures.faces.detection import distinct, find_faces, turned, turned_back
-from brushexp.pictures.faces.marked import FRONTAL, marked_faces
+from brushexp.pictures.faces.marked import marked_faces
 from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
 from brushexp.pictures.faces.spots import MOST_SPOTS, find_spots
 from brushexp.pictures.focus import attention
@@ -187,7 +187,7 @@ def portrait() -> torch.Tensor:
 
 def small_strokes(feature: Feature, strokes: Strokes) -> int:
     """Count strokes in the place of a feature that are narrow enough to draw it, with paint in them."""
-    narrow = 2 * half_width_of(strokes) < 1.5 * max(feature.radius / RADII_PER_WIDTH, THINNEST_STROKE)
+    narrow = 2 * half_width_of(strokes) < 1.5 * max(feature.radius / feature.fineness, THINNEST_STROKE)
     return int((narrow & feature.holds(strokes.position) & (strokes.opacity > 0)).sum())
 
 
@@ -277,14 +277,20 @@ def test_a_mark_on_a_found_face_adds_none_and_a_mark_on_a_hidden_one_finds_it(po
     assert again.score > 0
 
 
-def test_a_round_mark_where_the_network_sees_nothing_is_an_upright_face():
+def test_a_round_mark_where_the_network_sees_nothing_is_a_face_that_is_drawn_whole(config):
     mask = torch.maximum(disc((200, 300), 80, 90, 35), disc((200, 300), 230, 60, 21))
     first, second = sorted(marked_faces(torch.full((3, 200, 300), 0.5), mask), key=lambda face: face.x)
     assert (first.x, first.y, first.side) == pytest.approx((80, 90, 50), abs=1)
     assert (second.x, second.y, second.side) == pytest.approx((230, 60, 30), abs=1)
     assert first.score == second.score == 0
-    assert_close(first.landmarks, np.array([first.x, first.y]) + first.side * FRONTAL)
-    assert first.tilt == pytest.approx(0)
+    assert len(first.landmarks) == len(second.landmarks) == 0
+    larger, smaller = features_of([first, second])
+    assert larger.radius > smaller.radius
+    assert larger.floor == FLOOR_OF_FACE
+    drawn = draw_features(
+        take_built(config("look=gouache").init), torch.rand(3, 200, 300), [larger], Strokes.none(), torch.Generator()
+    )
+    assert small_strokes(larger, drawn) > FLOOR_OF_FACE / 3
 
 
 def test_lines_specks_and_a_dark_mask_mark_no_face():
@@ -300,7 +306,7 @@ def test_a_mask_of_faces_is_asked_beside_the_network(config, tmp_path):
     mask = tmp_path / "faces.png"
     Image.fromarray((255 * disc((100, 140), 70, 50, 28)).byte().numpy()).save(mask)
     (face,) = faces_of(config("look=oil", f"faces={mask}"), picture)
-    assert len(features_of([face])) == 3
+    assert len(features_of([face])) == 1
     assert faces_of(config("look=oil", "faces=off"), picture) == []
     with pytest.raises(UserError, match=r"faces=.*ratio"):
         faces_of(config("look=oil", f"faces={mask}"), torch.full((3, 100, 100), 0.5))

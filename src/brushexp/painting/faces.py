@@ -17,7 +17,9 @@ from brushexp.strokes.catalogue import Strokes
 
 EYE_RADIUS = 0.17  # sides of a face
 MOUTH_RADIUS = 0.22  # sides of a face
+UNKNOWN_RADIUS = 0.6  # sides of a face whose eyes and mouth are not known: all of it is drawn
 FLOOR = 120  # small strokes that draw an eye or a mouth
+FLOOR_OF_FACE = 6 * FLOOR  # small strokes that draw a face whose eyes and mouth are not known
 FLOOR_OF_SPOT = 60  # small strokes that draw a spot, which may be the eye of an animal
 RADII_PER_WIDTH = 6.0  # radii of a feature over the width of the broadest stroke that draws it
 THINNEST_STROKE = 1.5  # pixels, width of the smallest strokes that a feature is given
@@ -29,12 +31,16 @@ IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edge
 
 @dataclass(frozen=True)
 class Feature:
-    """A round place, in pixels, that is drawn by ``floor`` small strokes at least: an eye or a mouth."""
+    """A round place, in pixels, that is drawn by ``floor`` small strokes at least: an eye, a mouth, or all of a face.
+
+    A small stroke is narrower than the ``radius`` divided by ``fineness``.
+    """
 
     x: float
     y: float
     radius: float
     most: int = FLOOR
+    fineness: float = RADII_PER_WIDTH
 
     @property
     def floor(self) -> int:
@@ -47,9 +53,13 @@ class Feature:
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and the mouth of each face, and spots."""
+    """List the eyes and the mouth of each face, all of a face that has no landmarks, and spots."""
     features = []
     for face in faces:
+        if not len(face.landmarks):
+            fineness = RADII_PER_WIDTH * math.sqrt(FLOOR_OF_FACE / FLOOR)
+            features.append(Feature(face.x, face.y, UNKNOWN_RADIUS * face.side, FLOOR_OF_FACE, fineness))
+            continue
         features += [Feature(x, y, EYE_RADIUS * face.side) for x, y in face.eyes.tolist()]
         x, y = face.mouth.tolist()
         features.append(Feature(x, y, MOUTH_RADIUS * face.side))
@@ -71,7 +81,7 @@ def draw_features(
     width = 2 * half_width_of(strokes)
     missing = []
     for feature in features:
-        small = width < max(feature.radius / RADII_PER_WIDTH, THINNEST_STROKE)
+        small = width < max(feature.radius / feature.fineness, THINNEST_STROKE)
         if int((small & feature.holds(strokes.position)).sum()) < feature.floor:
             missing.append(feature)
     share = min(1.0, limit / max(1, sum(feature.floor for feature in missing)))

@@ -14,19 +14,17 @@ MARKED = 0.5  # grey value from which a pixel of the mask is marked
 MARK_AREA = 1.5  # squared sides of a face that its mark covers: a disc with a radius of 0.7 sides
 SMALLEST_MARK = 64  # pixels, area of the smallest mark
 AROUND = 0.5  # sides of a mark that are searched beyond it
-DOUBTFUL_SCORE = 0.3  # confidence from which a candidate in a marked place is a face
+DOUBTFUL_SCORE = 0.6  # confidence from which a candidate in a marked place is a face
 ROUND = 0.7  # share of an ellipse of its height and width that a mark must cover to be a face by itself
 LONGEST = 1.6  # times as long as wide that such a mark may be
-# Sides of a face, from its middle: where YuNet finds eyes, nose and the corners of the mouth of an upright frontal face
-FRONTAL = np.array([[-0.2, -0.16], [0.2, -0.16], [0.0, 0.06], [-0.17, 0.25], [0.17, 0.25]])
 
 
 def marked_faces(picture: Tensor, mask: Tensor, found: Sequence[Face] = ()) -> list[Face]:
     """Read faces from the bright places of a mask (H, W) over a picture (3, H, W) in which faces were ``found``.
 
     A place that holds the middle of a found face marks that face, and adds none. Elsewhere the network is asked again,
-    and believed at a low confidence. Where it sees nothing, a mark that is about as round as a face is an upright
-    frontal one with a score of 0; other marks are no faces.
+    and believed at a low confidence. Where it sees nothing, a mark that is about as round as a face is one without
+    landmarks, whose score is 0; other marks are no faces.
     """
     from skimage.measure import label, regionprops  # noqa: PLC0415  (rarely needed)
 
@@ -46,7 +44,8 @@ def marked_faces(picture: Tensor, mask: Tensor, found: Sequence[Face] = ()) -> l
         if inside:
             faces.append(max(inside, key=lambda face: face.score))
         elif _is_round(holds):
-            faces.append(_frontal((left + right) / 2, (top + bottom) / 2, math.sqrt(place.area / MARK_AREA)))
+            side = math.sqrt(place.area / MARK_AREA)
+            faces.append(Face((left + right) / 2, (top + bottom) / 2, side, 0.0, np.empty((0, 2))))
     return faces
 
 
@@ -67,7 +66,3 @@ def _is_round(holds: np.ndarray) -> bool:
     height, width = holds.shape
     is_compact = max(height, width) <= LONGEST * min(height, width)
     return is_compact and bool(holds.sum() >= ROUND * math.pi / 4 * height * width)
-
-
-def _frontal(x: float, y: float, side: float) -> Face:
-    return Face(x, y, side, 0.0, np.array([x, y]) + side * FRONTAL)
