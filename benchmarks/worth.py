@@ -5,8 +5,8 @@
     python benchmarks/worth.py --prices   (the same price on a logo, a portrait and a street, at 512 px)
 
 The oracle paints with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps, again and again. It
-searches for the smallest number, until two numbers are within 4 % of each other. strokes=auto takes 750 steps at most.
-The scenes are drawn here or are of scikit-image; they are a development set.
+searches for the smallest number, until two numbers are within 4 % of each other. strokes=auto takes 1,000 steps at
+most. The scenes are drawn here or are of scikit-image; they are a development set.
 """
 
 import argparse

@@ -262,6 +262,7 @@ class StrokeOptimizer(PaintingModule):
             importance=self._judged,
             psnr=self.wanted_psnr,
             may_replan=not self.is_timed,
+            front_to_back=self.front_to_back,
         )
 
     def _judged(self) -> Tensor:

@@ -28,6 +28,7 @@ class DensificationState:
     importance: Callable[[], Tensor]
     psnr: float | None = None  # dB that the painting should reach; None for no such wish
     may_replan: bool = True  # whether an update may change the number of steps; seconds decide it otherwise
+    front_to_back: Tensor | None = None  # (N,) indices of the strokes, the uppermost first; None for the last first
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Keep the strokes that are worth their bits."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import torch
@@ -24,19 +25,48 @@ GROWN = 0.03  # share of the strokes: growth is over when rounds add fewer
 PATIENCE = 2  # such rounds in a row
 GROWING = 0.45  # share of the steps at most in which the strokes grow in number
 SETTLING = 120  # least number of steps after that
-SETTLED = 1.35  # by how much the squared error falls in them
+SETTLED = 2.5  # by how much the squared error falls in them
 REMOVED = 0.1  # share of the strokes that a later round may remove
 ADDED = 0.15  # share of the strokes that it may add
 ADDING = 0.75  # share of the steps after which no strokes are added for their price
 LATEST = 0.9  # share of the steps after which the strokes stay until the last one
-EXTRA = 40  # steps after a correction at the end
-LONGEST = 1.5  # most steps with those of corrections, in the planned ones
-SPARE = 0.015  # share of the strokes that is worth such steps
+EXTRA = 60  # steps after a correction or a trial at the end
+LONGEST = 2.0  # most steps with those of corrections, in the planned ones
+SPARE = 0.01  # least share of the strokes that a trial removes
+TRIED = 0.1  # share of the strokes that a trial at the end removes at first; half as many after one that failed
 RECOVERED = 0.3  # share of the removed importance that the other strokes make up for
 MARGIN = 0.01  # dB above the wanted PSNR
 ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
 HUNDRED = 100  # strokes of which the verdict says what they would gain
 POINTS = 12  # points of the curve without the least important strokes
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Strokes (N,) that reached the wanted PSNR, from the bottom to the top, and how important (N,) each was."""
+
+    strokes: Strokes
+    importance: Tensor
+
+    @staticmethod
+    def at(state: DensificationState) -> "_Found":
+        """Remember the strokes of a state."""
+        upward = torch.arange(len(state.strokes)) if state.front_to_back is None else state.front_to_back.flip(0)
+        return _Found(state.strokes[upward].map(Tensor.clone), state.importance()[upward])
+
+    def without(self, count: int) -> Strokes:
+        """Leave out the ``count`` least important strokes."""
+        return self.strokes[self.importance.argsort(stable=True)[count:].sort().values]
+
+    def state_dict(self) -> dict[str, Tensor]:
+        return dict(self.strokes.items()) | {"brush": self.strokes.brush, "importance": self.importance}
+
+    @staticmethod
+    def of(state: Mapping[str, Tensor]) -> "_Found":
+        """Restore what `state_dict` gave."""
+        fields = dict(state)
+        importance = fields.pop("importance")
+        return _Found(Strokes(**fields), importance)
 
 
 @register("density", "worth")
@@ -52,11 +82,12 @@ class Worth(Density):
     - When rounds add next to nothing, growth is over, and as many steps follow as there were. Strokes that are no
       longer worth their price go.
     - With ``psnr=`` the price follows from the PSNR: growth ends where the steps to come should reach it; later rounds
-      remove the least important strokes while the rest is good enough, and add some where it is not. Corrections at the
-      end, each with 40 steps, go on until the PSNR is reached and no more strokes can go.
+      remove the least important strokes while the rest is good enough, and add some where it is not. At the end,
+      strokes are added until the PSNR is reached, each time with 60 more steps. Then a tenth is removed for trial, and
+      comes back if the rest misses the PSNR 60 steps later; half as many are tried next.
 
     ``strokes=`` or ``max_strokes=`` is the largest number, otherwise one for every 16 pixels; ``steps=`` is the largest
-    number of steps, of which corrections may take half as many more.
+    number of steps, and corrections and trials may take as many again.
 
     Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), for strokes.
 
@@ -69,6 +100,8 @@ class Worth(Density):
     _grown: int = field(default=0, init=False)  # step after which growth was over; 0 before
     _is_cut_short: bool = field(default=False, init=False)  # whether steps ended growth
     _idle: int = field(default=0, init=False)  # rounds in a row that added next to nothing
+    _best: "_Found | None" = field(default=None, init=False)  # the fewest strokes so far that reach the PSNR
+    _failed: int = field(default=0, init=False)  # trials in a row after which the PSNR was missed
     _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
     _reason: str = field(default="", init=False)
@@ -87,7 +120,8 @@ class Worth(Density):
         return step % ROUND == 0 or step >= steps
 
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        self._limit = max(self._limit, state.steps)
+        if not self._limit or not state.may_replan:  # seconds correct the number of steps
+            self._limit = state.steps
         self._history.append((len(state.strokes), _psnr_of(_mean_error(state))))
         if state.step >= state.steps:
             return self._correct(state) if state.may_replan and state.psnr is not None else None
@@ -134,16 +168,35 @@ class Worth(Density):
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
-        """Add strokes to a painting that is not good enough, remove those that a better one can spare, or end."""
+        """Add strokes to a painting that is not good enough; try whether a better one can do with fewer; or end."""
         assert state.psnr is not None
-        n, steps = len(state.strokes), state.step + EXTRA
-        if steps > LONGEST * self._limit:
-            return None
         slack = _allowed(state, state.psnr) - _total_error(state)
-        update = self._more(state, -slack) if slack < 0 else self._fewer(state, slack)
-        changed = len(update.new) + int((~update.keep).sum())
-        is_worth_it = changed >= max(1, SPARE * n) or len(update.new)
-        return DensificationUpdate(update.keep, update.new, steps) if is_worth_it else None
+        steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
+        if slack >= 0:
+            self._best, self._failed = _Found.at(state), 0
+        elif self._best is None:
+            update = self._more(state, -slack)
+            return replace(update, steps=steps) if steps is not None and len(update.new) else None
+        else:
+            self._failed += 1
+        return self._try_fewer(state, self._best, slack, steps)
+
+    def _try_fewer(
+        self, state: DensificationState, best: _Found, slack: float, steps: int | None
+    ) -> DensificationUpdate | None:
+        """Leave out some of the best strokes so far for trial, or return to all of them where no trial is left."""
+        n, importance = len(best.strokes), best.importance.sort().values.clamp_min(0)
+        spare = int((importance.cumsum(0) <= slack).sum())
+        count = min(n - 1, max(spare, round(TRIED * n / 2**self._failed)))
+        is_over = steps is None or count < max(1, SPARE * n)
+        if slack < 0:
+            keep = torch.zeros(len(state.strokes), dtype=torch.bool, device=best.importance.device)
+            return DensificationUpdate(keep, best.without(0 if is_over else count), None if is_over else steps)
+        if is_over:
+            return None
+        keep = torch.ones(n, dtype=torch.bool, device=best.importance.device)
+        keep[state.importance().argsort(stable=True)[:count]] = False
+        return DensificationUpdate(keep, Strokes.none(state.strokes.position), steps)
 
     def _more(self, state: DensificationState, missing: float) -> DensificationUpdate:
         """Add as many of the best proposals as lower the squared error by what is ``missing``."""
@@ -206,12 +259,16 @@ class Worth(Density):
             "is_cut_short": self._is_cut_short,
             "idle": self._idle,
             "history": self._history,
+            "failed": self._failed,
+            "best": self._best.state_dict() if self._best else None,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._limit, self._grown, self._idle = state["limit"], state["grown"], state["idle"]
         self._is_cut_short = state["is_cut_short"]
         self._history = [(int(count), float(psnr)) for count, psnr in state["history"]]
+        self._failed, best = state["failed"], state["best"]
+        self._best = _Found.of(best) if best else None
 
 
 def _mean_error(state: DensificationState) -> float:
