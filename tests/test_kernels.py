@@ -17,6 +17,7 @@ from kernels import (
     DEGENERATE,
     DENSE,
     SCENES,
+    assert_agree,
     check_accuracy,
     check_degenerate,
     check_edges,
@@ -40,6 +41,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer, window_pictures
 from brushexp.plugins.renderer.textured import STRETCH, Textured, close_loop, double_textures, unroll_stroke
 from brushexp.registry import build_named
+from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.runtime import share
@@ -443,6 +445,23 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
     coarse = functional.interpolate(functional.avg_pool2d(smooth, 2), scale_factor=2, mode="bilinear")
     assert finest[..., 8:88].mean() > 10 * (smooth - coarse)[..., 8:88].square().mean()
     assert (large - smooth)[..., 112:].abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("offset", [-1.3, -0.3, -0.1, 0.07, 1.2])
+def test_pixels_that_see_only_the_end_of_a_short_thick_stroke_give_it_the_exact_gradient(offset):
+    """Beyond the end, on the inside of the bend, the distance has no valley: Newton's step must not divide by that."""
+    curve = torch.tensor([[[3.5, 4.0], [4.5, 4.0], [7.5, 4.0]]]) + offset
+    strokes = strokes_along(curve, torch.tensor([24.0]), torch.tensor([[0.2, 0.5, 0.8]]), 0.9)
+    strokes = replace(strokes, widening=torch.tensor([0.3]), drift=torch.tensor([[0.1, 0.05, -0.1]]))
+    assert_agree(Analytic(soft=1.5), TILED, strokes, (8, 32))
+
+
+def test_a_tile_in_which_no_slope_is_positive_gives_finite_gradients():
+    curve = torch.tensor([[[3.5, 4.0], [4.5, 4.0], [7.5, 4.0]]])  # the greatest slope of the tile at 16 is exactly 0
+    strokes = strokes_along(curve, torch.tensor([24.0]), torch.tensor([[0.2, 0.5, 0.8]]), 0.9)
+    strokes = replace(strokes, drift=torch.tensor([[0.1, 0.05, -0.1]]))
+    _, gradient = paint_with_gradient(Analytic(soft=1.5), TILED, strokes, (8, 32), torch.ones(3, 8, 32))
+    assert all(bool(value.isfinite().all()) for value in gradient.values())
 
 
 def test_distilled_strokes_look_like_those_of_the_engine():

@@ -211,19 +211,21 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 def recall_nearest(p, i, ox, oy, own, near, j):
     """Part `recall`: bring back what `find_nearest` kept; most of a Newton step makes up for the rounding.
 
-    1 / slope comes from two of Newton's steps from the least that it can be, so that it is never too large.
+    1 / slope comes from two of Newton's steps from the least that it can be, so that it is never too large. Where the
+    slope is negative, the nearest point is an end, and so it is 0; a tile may have no positive one.
     """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    least = F(1) / (_greatest_slope(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, F(0), F(1)) + F(1e-20))
+    greatest = _greatest_slope(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, F(0), F(1))
+    least = F(1) / (max(greatest, F(0)) + F(1e-20))
     for q in range(AREA):
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
         kept = F(row[q]) * F(1 / 65535)
         f = ((a * kept + b) * kept + c) * kept + d
-        g = (F(3) * a * kept + F(2) * b) * kept + c
+        g = max((F(3) * a * kept + F(2) * b) * kept + c, F(0))
         one = least * (F(2) - g * least)
         one = one * (F(2) - g * one)
         t = kept - min(max(f * one, F(-1e-5)), F(1e-5))
