@@ -174,9 +174,12 @@ def test_a_trial_with_fewer_strokes_that_fails_brings_back_the_best_in_their_ord
     assert not second.keep.any()
     assert torch.equal(second.new.position, strokes.position[upward[upward != 19]]), "half as many are left out"
     about |= {"step": second.steps, "steps": second.steps}
-    last = density.revise(state_of(bad, target, strokes=second.new, **about))
+    third = density.revise(state_of(bad, target, strokes=second.new, **about))
+    assert torch.equal(third.new.position, strokes.position[upward[upward != 18]]), "then another one"
+    about |= {"step": third.steps, "steps": third.steps}
+    last = density.revise(state_of(bad, target, strokes=third.new, **about))
     assert not last.keep.any()
-    assert last.steps is None
+    assert last.steps is None, "twice the planned steps are over"
     assert torch.equal(last.new.position, strokes.position[upward])
 
 

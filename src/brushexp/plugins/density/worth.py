@@ -1,5 +1,6 @@
 """Keep the strokes that are worth their bits."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
@@ -15,9 +16,9 @@ from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 BITS = 150  # bits of a stroke, rounded and packed: metric=bits finds 143 for each of 106 strokes of look=plain
-FIRST = 16  # strokes to begin with
+FEWEST, FIRST = 4, 16  # strokes to begin with: where growth has steps enough, and at most
 ROUND = 10  # steps between two rounds
-BATCH = 8  # least number of strokes that a round may add
+BATCH = 3  # least number of strokes that a round may add
 GROWTH = 0.5  # share of the strokes that a round of growth may add
 PROMISE = 0.5  # least gain of a proposal, in the price of a stroke: steps improve it
 SWAP = 0.3  # importance below which a stroke goes, in the gain of the worst proposal that is taken
@@ -34,6 +35,7 @@ EXTRA = 60  # steps after a correction or a trial at the end
 LONGEST = 2.0  # most steps with those of corrections, in the planned ones
 SPARE = 0.01  # least share of the strokes that a trial removes
 TRIED = 0.1  # share of the strokes that a trial at the end removes at first; half as many after one that failed
+TRIALS = 4  # in a row that may fail
 RECOVERED = 0.3  # share of the removed importance that the other strokes make up for
 MARGIN = 0.01  # dB above the wanted PSNR
 ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
@@ -54,9 +56,10 @@ class _Found:
         upward = torch.arange(len(state.strokes)) if state.front_to_back is None else state.front_to_back.flip(0)
         return _Found(state.strokes[upward].map(Tensor.clone), state.importance()[upward])
 
-    def without(self, count: int) -> Strokes:
-        """Leave out the ``count`` least important strokes."""
-        return self.strokes[self.importance.argsort(stable=True)[count:].sort().values]
+    def without(self, count: int, spared: int = 0) -> Strokes:
+        """Leave out the ``count`` least important strokes but for the ``spared`` least important of all."""
+        ranks = self.importance.argsort(stable=True)
+        return self.strokes[torch.cat([ranks[:spared], ranks[spared + count :]]).sort().values]
 
     def state_dict(self) -> dict[str, Tensor]:
         return dict(self.strokes.items()) | {"brush": self.strokes.brush, "importance": self.importance}
@@ -77,14 +80,15 @@ class Worth(Density):
     The painting minimises distortion + price * rate, where distortion is the squared error, summed over pixels and
     channels and weighted by the focus, and the rate is 150 bits for each stroke.
 
-    - It begins with 16 strokes. Every 10 steps it proposes strokes of all sizes where they lower the error most, adds
-      up to half as many as there are, and removes those without which the error grows by less than their price.
+    - It begins with 4 strokes, or up to 16 where there are few steps. Every 10 steps it proposes strokes of all sizes
+      where they lower the error most, adds up to half as many as there are, and removes those without which the error
+      grows by less than their price.
     - When rounds add next to nothing, growth is over, and as many steps follow as there were. Strokes that are no
       longer worth their price go.
     - With ``psnr=`` the price follows from the PSNR: growth ends where the steps to come should reach it; later rounds
       remove the least important strokes while the rest is good enough, and add some where it is not. At the end,
       strokes are added until the PSNR is reached, each time with 60 more steps. Then a tenth is removed for trial, and
-      comes back if the rest misses the PSNR 60 steps later; half as many are tried next.
+      comes back if the rest misses the PSNR 60 steps later; half as many are tried next, and so on four times.
 
     ``strokes=`` or ``max_strokes=`` is the largest number, otherwise one for every 16 pixels; ``steps=`` is the largest
     number of steps, and corrections and trials may take as many again.
@@ -109,12 +113,13 @@ class Worth(Density):
     uses_importance = True
 
     def first(self, budget: int, steps: int) -> int:
-        return min(FIRST, budget)
+        rounds = GROWING * steps / ROUND
+        return min(budget, max(FEWEST, min(FIRST, math.ceil(budget / (1 + GROWTH) ** rounds))))
 
     def idle_reason(self, steps: int) -> str:
         if steps >= 2 * ROUND:
             return ""
-        return f"stays at {FIRST} strokes in {steps} steps; it begins to add strokes from steps={2 * ROUND} on"
+        return f"stays at {FIRST} strokes or fewer in {steps} steps; it begins to add strokes from steps={2 * ROUND} on"
 
     def due(self, step: int, steps: int) -> bool:
         return step % ROUND == 0 or step >= steps
@@ -187,11 +192,14 @@ class Worth(Density):
         """Leave out some of the best strokes so far for trial, or return to all of them where no trial is left."""
         n, importance = len(best.strokes), best.importance.sort().values.clamp_min(0)
         spare = int((importance.cumsum(0) <= slack).sum())
-        count = min(n - 1, max(spare, round(TRIED * n / 2**self._failed)))
-        is_over = steps is None or count < max(1, SPARE * n)
+        fewest = max(1, round(SPARE * n))
+        count = min(n - 1, max(spare, fewest, round(TRIED * n / 2**self._failed)))
+        is_over = steps is None or n <= fewest or self._failed == TRIALS
         if slack < 0:
             keep = torch.zeros(len(state.strokes), dtype=torch.bool, device=best.importance.device)
-            return DensificationUpdate(keep, best.without(0 if is_over else count), None if is_over else steps)
+            before = sum(round(TRIED * n / 2**failed) <= fewest for failed in range(self._failed))  # trials of as few
+            new = best.without(0) if is_over else best.without(count, min(before * count, n - 1 - count))
+            return DensificationUpdate(keep, new, None if is_over else steps)
         if is_over:
             return None
         keep = torch.ones(n, dtype=torch.bool, device=best.importance.device)
