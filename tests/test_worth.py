@@ -220,10 +220,12 @@ def test_words_for_the_price(word, meaning, price):
     assert cfg.density.price == price
 
 
-@pytest.mark.parametrize(("words", "budget"), [([], 96), (["max_strokes=20"], 20), (["strokes=30"], 30)])
-def test_the_largest_number_is_typed_or_follows_from_the_pixels(words, budget):
+@pytest.mark.parametrize(("words", "budget", "first"), [
+    ([], 96, 16), (["max_strokes=20"], 20, 12), (["strokes=30"], 30, 16), (["steps=500"], 96, 4),
+])  # fmt: skip
+def test_the_largest_number_is_typed_or_follows_from_the_pixels(words, budget, first):
     painter = build_painter(configured(["density=worth", "psnr=30", "faces=off", *words]), torch.rand(3, 32, 48))
-    assert (painter.budget, len(painter.catalogue), painter.wanted_psnr) == (budget, 16, 30)
+    assert (painter.budget, len(painter.catalogue), painter.wanted_psnr) == (budget, first, 30)
 
 
 def test_the_page_shows_the_curve_by_strokes_and_says_where_it_ended():
