@@ -1,5 +1,6 @@
 """The citation, the program and its package agree on the version, which stands in one place."""
 
+import re
 import tomllib
 
 import yaml
@@ -22,3 +23,10 @@ def test_the_version_stands_in_one_place_and_the_command_prints_it(tmp_path):
     place = ROOT / project["tool"]["hatch"]["version"]["path"]
     assert place.read_text().count(f'"{brushexp.__version__}"') == 1
     assert run("--version", cwd=tmp_path).stdout == f"brushexp {brushexp.__version__}\n"
+
+
+def test_the_paper_cites_every_entry_of_its_bibliography_and_no_other():
+    paper, bibliography = ((ROOT / name).read_text() for name in ("paper.md", "paper.bib"))
+    head = yaml.safe_load(paper.split("---")[1])
+    assert head.keys() >= {"title", "tags", "authors", "affiliations", "date", "bibliography"}
+    assert {*re.findall(r"@([a-z]+\d{4})", paper)} == {*re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE)}

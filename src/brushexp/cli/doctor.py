@@ -20,7 +20,7 @@ from brushexp.system.caches import can_hold
 from brushexp.system.environment import PACKAGE, code_state, processor
 
 COLUMN = 12  # letters up to what a line says
-PATIENCE = 120  # seconds after which an import has failed
+PATIENCE = 300  # seconds after which an import has failed
 FOR_DEVELOPERS = ("test", "docs", "dev")  # extras that no user needs
 VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "CUDA_VISIBLE_DEVICES", "NUMBA_DISABLE_JIT")
 
