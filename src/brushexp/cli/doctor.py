@@ -111,7 +111,12 @@ def _run(code: str) -> dict[str, Any]:
     """Run a probe and return what it prints; Broken says how it failed."""
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", code], capture_output=True, timeout=PATIENCE, check=False, text=True
+            [sys.executable, "-P", "-c", code],
+            capture_output=True,
+            timeout=PATIENCE,
+            check=False,
+            text=True,
+            errors="replace",
         )
     except subprocess.TimeoutExpired as error:
         raise Broken(f"no answer within {PATIENCE} seconds") from error
