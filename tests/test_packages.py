@@ -19,6 +19,7 @@ import pytest
 from program import ROOT
 from skimage import data, io
 
+from brushexp import __version__
 from brushexp.registry import Plugin, plugins
 from brushexp.system.words import conf_folders
 
@@ -173,6 +174,7 @@ MOST_MODULES = 16  # in a folder, with its ``__init__``
 
 
 pytestmark = pytest.mark.slow
+LARGEST_WHEEL = 12e6  # bytes, most of them weights
 LOOK = "# @package _global_\n# a look of one's own\nsteps: 4\nresolution: 40\nframes: 0\nrenderer:\n  taper: 0.5\n"
 
 
@@ -216,6 +218,10 @@ def test_a_wheel_paints_in_a_folder_with_things_of_the_users_and_holds_all_that_
     assert {"painting.png", "report.html", "catalogue.h5"} <= {path.name for path in (tmp_path / "painted").iterdir()}
     assert "photo.jpg" in (tmp_path / "painted" / ".hydra" / "overrides.yaml").read_text()
     (wheel,) = command.parents[2].glob("*.whl")
+    assert wheel.name.startswith(f"brushexp-{__version__}-")
+    assert wheel.stat().st_size < LARGEST_WHEEL
+    assert not [name for name in zipfile.ZipFile(wheel).namelist() if {"tests", "docs"} & set(name.split("/"))]
+    assert f"brushexp-{__version__}.dist-info/licenses/NOTICE" in zipfile.ZipFile(wheel).namelist()
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("brushexp/")}
     known = subprocess.run(["git", "ls-files", "src/brushexp"], cwd=ROOT, capture_output=True, text=True, check=True)
     assert {name.removeprefix("src/") for name in known.stdout.split()} <= packed

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from PIL import Image
 from program import ROOT, ended, run
 from refusals import refuses
 
+from brushexp import __version__
 from brushexp.cli import many_pictures
 from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
 from brushexp.cli.program import expand_arguments
@@ -210,7 +210,7 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     assert (
         unknown == "brushexp: --help=everything is no topic; type --help, or --help= and one of all, tasks, research\n"
     )
-    assert run("--version", cwd=tmp_path).stdout == f"brushexp {version('brushexp')}\n"
+    assert run("--version", cwd=tmp_path).stdout == f"brushexp {__version__}\n"
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
         assert f" {path.stem} {measured}" in " ".join(" ".join(lines).split()), path.stem

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
-    __version__: str
+__version__ = "0.2.0"  # the one place: pyproject.toml and all that the program writes take it from here
 
 __all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "load", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
@@ -34,8 +34,6 @@ def __getattr__(name: str) -> Any:
     for module, names in HOMES.items():
         if name in names:
             return getattr(import_module(module), name)
-    if name == "__version__":
-        return import_module("importlib.metadata").version("brushexp")
     if not name.startswith("_") and (point := _published().get(name)) is not None:
         return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -59,6 +59,9 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 @contextmanager
 def out_of_reach() -> Iterator[None]:
     """Block Ctrl-C meanwhile, and permanently in threads and processes started here: terminals send it to all."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

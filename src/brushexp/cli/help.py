@@ -81,6 +81,7 @@ def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
     families = ", ".join(family for family in FAMILIES if family in groups_of(schema) or family == "to")
     lines += two_columns("brushexp renderer= --help", f"a family, its members and options: {families}", EXAMPLE_COLUMN)
     lines += two_columns("brushexp export --help", "the keys of another task", EXAMPLE_COLUMN)
+    lines += two_columns("brushexp doctor", "what is installed and what is broken, for a bug report", EXAMPLE_COLUMN)
     return [*lines, "", MORE]
 
 

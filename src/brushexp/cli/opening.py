@@ -6,11 +6,11 @@ Nothing here checks the words: a mistake is told a moment later, by those who re
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from importlib.util import find_spec
 from io import TextIOWrapper
 from pathlib import Path
 
+from brushexp import __version__
 from brushexp.config.vocabulary import as_found, as_task, is_path, meaning_of, respelt, task_names
 from brushexp.pictures.folders import is_several
 from brushexp.system.heartbeat import heartbeat
@@ -21,7 +21,7 @@ PAINTED = ("", "paint")  # tasks whose line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and end; else say on a terminal what begins.
+    """Answer ``--version`` and ``doctor`` and end; else say on a terminal what begins.
 
     Returns the words, ``help`` as ``--help``, and tasks as we spell them.
     """
@@ -30,12 +30,16 @@ def open_with(words: Sequence[str]) -> list[str]:
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a name of a file may have letters it has not
     words = [as_task(as_found(word)) for word in words]
     if "--version" in words:
-        print(f"brushexp {version('brushexp')}")
+        print(f"brushexp {__version__}")
         sys.exit()
     try:
         os.getcwd()
     except OSError:
         sys.exit("brushexp: the folder where this was typed is gone; go to one that is there: cd")
+    if words[:1] == ["doctor"] and not is_path("doctor"):
+        from brushexp.cli.doctor import examine  # noqa: PLC0415  (few people need it)
+
+        sys.exit(examine() if len(words) == 1 else "brushexp: doctor takes no settings; type: brushexp doctor")
     if words[:1] == ["help"] and not is_path("help"):
         return [*words[1:], "--help"]
     if line := opening_line(words):

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: bool = True) -> set[Path]:
     """Return the user's files that are no configs; a UserError if the words choose one, else it may warn of it."""
-    wrong = {path: message for folder in own_folders(folders) for path, message in _problems_in(folder)}
+    wrong = {path: message for folder in own_folders(folders) for path, message in problems_in(folder)}
     for path, message in wrong.items():
         if _is_chosen(path, words):
             raise UserError(message)
@@ -35,7 +35,7 @@ def _is_chosen(path: Path, words: Sequence[str]) -> bool:
     return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)
 
 
-def _problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
+def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
     """List the wrong files of a folder of configs, each with what is wrong, and what to do."""
     for path in sorted(folder.glob("*/*.yaml")):
         if any((shipped / path.relative_to(folder)).exists() for shipped in conf_folders()):

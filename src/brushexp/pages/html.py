@@ -5,7 +5,6 @@ import hashlib
 import io
 import math
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
+from brushexp import __version__
 from brushexp.system.files import PNG
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -41,7 +41,7 @@ def _environment(folder: Path) -> Environment:
         assets |= {name: Markup(f"<{tag}>{text}</{tag}>") for name, text in texts.items()}
     loader = FileSystemLoader(list(folders))
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.globals |= {"policy": Markup("; ".join(policy)), "assets": assets, "version": version("brushexp")}
+    jinja.globals |= {"policy": Markup("; ".join(policy)), "assets": assets, "version": __version__}
     jinja.filters["number"] = readable_number
     return jinja
 

@@ -62,6 +62,11 @@ def _import_files(files: list[Path], warns: bool) -> list[str]:
     return [path.stem for path in files if str(path) not in _broken]
 
 
+def broken_files() -> dict[str, str]:
+    """Map the files of the user that could not be loaded to the reasons."""
+    return dict(_broken)
+
+
 def missing_because() -> str:
     """Say which files of the user could not be loaded, for messages about a name that is not there; "" if none."""
     return "".join(f". {reason}" for reason in _broken.values())

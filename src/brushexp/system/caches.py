@@ -83,6 +83,8 @@ def private_folder() -> Path | None:
 
     What others could have put there is never trusted: machine code is loaded from it.
     """
+    if not hasattr(os, "getuid"):
+        return None  # Windows, where rights say nothing about who may write
     try:
         parent = tempfile.gettempdir()
     except OSError:

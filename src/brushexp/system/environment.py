@@ -11,6 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from brushexp import __version__
+
 LONGEST_GIT = 5.0  # seconds after which a call of git is given up
 PACKAGE = Path(__file__).parents[1]  # the folder of brushexp
 LIBRARIES = ("torch", "numba")  # whose versions change the bits of a painting
@@ -48,7 +50,7 @@ def processor() -> str:
 def code_state() -> dict[str, Any]:
     """Describe this brushexp: its ``version``, and as `git_state` does the checkout that it was imported from."""
     is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # else it lies in an environment in some repository
-    return {"version": version("brushexp"), **((git_state(PACKAGE) or {}) if is_tracked else {})}
+    return {"version": __version__, **((git_state(PACKAGE) or {}) if is_tracked else {})}
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:

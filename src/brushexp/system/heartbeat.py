@@ -115,4 +115,5 @@ def _is_terminal() -> bool:
 
 
 heartbeat = Heartbeat()
-os.register_at_fork(after_in_child=heartbeat._forget)
+if hasattr(os, "register_at_fork"):  # Windows does not fork
+    os.register_at_fork(after_in_child=heartbeat._forget)

@@ -3,7 +3,6 @@
 import ctypes
 import logging
 import os
-import resource
 import signal
 import sys
 import threading
@@ -17,10 +16,16 @@ from types import FrameType
 
 from brushexp.errors import UserError
 
+try:
+    import resource
+except ImportError:  # on Windows
+    resource = None  # type: ignore[assignment]
+
 log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
+NO_LIMIT = 2**44  # MB of memory where the system names no limit
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 MOMENT = 0.05  # seconds
 THREADS = 256  # kernels use no more
@@ -102,7 +107,8 @@ def _begin_anew() -> None:
         use_threads(1)
 
 
-os.register_at_fork(after_in_child=_begin_anew)
+if hasattr(os, "register_at_fork"):  # Windows does not fork
+    os.register_at_fork(after_in_child=_begin_anew)
 
 
 def end_on_signals() -> None:
@@ -205,7 +211,9 @@ def jobs_at_once(n_jobs: int) -> int:
 
 def free_memory() -> float:
     """Return the MB that this process may still allocate, as far as the system says."""
-    limits = [resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20]  # no limit is -1
+    limits: list[float] = [NO_LIMIT]
+    if resource is not None:
+        limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # no limit is -1
     limit, info = Path("/sys/fs/cgroup/memory.max"), Path("/proc/meminfo")
     if limit.exists() and (text := limit.read_text().strip()).isdecimal():
         limits.append(int(text) / 2**20)
@@ -231,7 +239,7 @@ def forget_peak_memory() -> None:
 
 
 def peak_memory() -> float | None:
-    """Return the peak memory of this process in MB; None if an earlier job had more."""
+    """Return the peak memory of this process in MB; None if an earlier job had more, or the system does not say."""
     peak = _peak()
     return peak if peak > _earlier_peak[0] else None
 
@@ -241,4 +249,6 @@ def _peak() -> float:
     if status.exists():  # unlike getrusage it does not count what the parent had before it started us
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
+    if resource is None:
+        return 0.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)

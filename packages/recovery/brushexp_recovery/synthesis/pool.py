@@ -54,7 +54,8 @@ def main(parent: str, folder: str, seed: str, left_out: str, first: str, end: st
 
     from brushexp.contracts.runs import load_plugins  # noqa: PLC0415
 
-    os.nice(NICENESS)
+    if hasattr(os, "nice"):  # Windows has no such function
+        os.nice(NICENESS)
     torch.set_num_threads(1)
     load_plugins(Path("plugins"), warns=False)
     numbers = range(int(first), int(end), int(step))

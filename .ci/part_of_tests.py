@@ -1,0 +1,16 @@
+"""Run tests that need nothing but this process, on systems where the fixtures of the others cannot be made."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from brushexp.config.publish import prepare
+
+NAMES = ("gradient_check", "measures", "multiple_tests", "storage")
+
+if __name__ == "__main__":
+    prepare(Path())  # announces all plugins, as the tests expect
+    torch.set_num_threads(1)
+    sys.exit(pytest.main(["--noconftest", "-n", "0", *(f"tests/test_{name}.py" for name in NAMES)]))
