@@ -7,10 +7,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from brushexp_studies.paired import Difference
 from scipy.stats import binom, t, wilcoxon
 
 Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement has none
 RESAMPLES = 9999
+POWER = 0.8  # share of studies that find the smallest detectable effect
 RARE = 0.05  # share of all pictures: an answer depends on the picture if more than it gain, and more than it lose
 
 
@@ -52,3 +54,15 @@ def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, 
     drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(np.median(sample)), float(low), float(high)
+
+
+def detectable_effect(one: Difference) -> float:
+    """Compute the smallest mean gain whose interval excludes zero in a `POWER` share of studies of this spread.
+
+    It is half of the interval and the `POWER` quantile of Student's t times the standard error (Bloom, 1995).
+    """
+    n_units = len(one.gains)
+    if n_units < 2:
+        return math.inf
+    error = np.std(list(one.gains.values()), ddof=1) / math.sqrt(n_units)
+    return float(one.high - one.mean + t.ppf(POWER, n_units - 1) * error)

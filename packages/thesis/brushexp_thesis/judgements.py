@@ -1,13 +1,22 @@
 """Judge claims by the studies that there are: all of a page together, with what else speaks for or against each."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brushexp_studies.paired import CONFIDENCE, LEAST_UNITS, NOT_DECIDED, PICTURE, Difference, interval
+from brushexp_studies.paired import (
+    CONFIDENCE,
+    LEAST_UNITS,
+    NOT_DECIDED,
+    PICTURE,
+    Difference,
+    format_ratio,
+    interval,
+)
 
 from brushexp.contracts.results import holm
 from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
-from brushexp_thesis.evidence import median_of, p_of_both_ways, p_of_mean, p_of_ranks
+from brushexp_thesis.evidence import detectable_effect, median_of, p_of_both_ways, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
 LEAST_RANKED = 6  # units from which on ranks can be significant
@@ -30,14 +39,44 @@ class Judgement:
     p_ranks: float | None = None
 
     @property
-    def remarks(self) -> str:
-        """Collect what a reader should know beside the verdict."""
+    def effect(self) -> str:
+        """Write what was measured: the mean with its interval, and the counts where the answer depends on them."""
+        assert self.difference is not None
+        one = self.difference
+        effect = f"{one.format_gain(one.mean)} {one.bounds}"
+        if one.verdict != "depends":
+            return effect
+        better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))
+        return f"{effect}; better on {better}, worse on {worse} of {len(one.gains)}"
+
+    @property
+    def power(self) -> str:
+        """Write the smallest effect that a study of this size and spread would find; empty for too few units."""
+        assert self.difference is not None
+        found = detectable_effect(self.difference)
+        quantity = self.difference.quantity
+        if not math.isfinite(found):
+            return ""
+        return format_ratio(found) if quantity.ratio else f"{found:.{quantity.digits}f}"
+
+    @property
+    def note(self) -> str:
+        """Collect what qualifies the verdict."""
         notes = [
-            "added after the results" * self.claim.after_results,
+            "post hoc" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),
-            self._word_of_ranks(), self.claim.cannot, self.claim.needs, self.claim.remark,
-        ]  # fmt: skip
+            self._word_of_ranks(),
+        ]
         return "; ".join(filter(None, notes))
+
+    @property
+    def remark(self) -> str:
+        """Say what a reader of the study should know: why it does not answer the claim, or how to read the answer."""
+        if self.claim.cannot:
+            return f"Cannot be answered here: {self.claim.cannot}."
+        if self.claim.needs:
+            return f"Not run: {self.claim.needs}."
+        return self.claim.remark and f"{self.claim.remark}."
 
     def _word_of_ranks(self) -> str:
         """Say so if signed ranks decide what Student's t alone does not, or the other way round."""

@@ -138,7 +138,7 @@ class Section:
         shared = len({*figures.of.names} & {*self.stems})
         if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
-        return f"{figures.of.pictures}, of which {shared} are here"
+        return f"{figures.of.pictures} ({shared} here)"
 
 
 def count_of(strokes: float | None) -> str:

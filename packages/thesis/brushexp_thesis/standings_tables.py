@@ -1,4 +1,7 @@
-"""Write a leaderboard as Markdown, CSV and LaTeX."""
+"""Write a leaderboard as Markdown, CSV and LaTeX.
+
+The Markdown has a table for each section; every metric, picture and second is in files of CSV.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +12,7 @@ import numpy as np
 from brushexp_studies.paired import CONFIDENCE, interval
 
 from brushexp.contracts.files import write_text
-from brushexp.contracts.results import MISSING, csv_table, escape_markdown, latex_table, make_unique, markdown_table
+from brushexp.contracts.results import MISSING, csv_table, escape_markdown, latex_table, markdown_table
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of
 
@@ -17,15 +20,29 @@ TEXT = Path(__file__).with_name("templates") / "leaderboard.md"
 EXPLANATION = " ".join(TEXT.read_text(encoding="utf-8").split()).format(confidence=CONFIDENCE)
 BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."
+FILES = (
+    "[leaderboard.csv](leaderboard.csv) has every metric and command, [pictures.csv](pictures.csv) the PSNR of each "
+    "picture, and [seconds.csv](seconds.csv), for runs with curves, that after equal seconds."
+)
+IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics of the Markdown
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
 
 def write_leaderboard_tables(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str = ""
 ) -> Path:
-    """Write ``leaderboard.md``, ``.csv`` and ``.tex``, and return the first; ``command`` is what has made them."""
-    write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, elsewhere, command, note)))
-    write_text(folder / "leaderboard.csv", csv_table([line for section in sections for line in _numbers_of(section)]))
+    """Write ``leaderboard.md``, ``.csv`` and ``.tex``, ``pictures.csv`` and ``seconds.csv``; return the first.
+
+    ``command`` is the one that writes them.
+    """
+    write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, command, note)))
+    lines = [line for section in sections for line in _numbers_of(section)]
+    lines += [_published_numbers(one, one.of.pictures, "elsewhere") for one in elsewhere]
+    write_text(folder / "leaderboard.csv", csv_table(lines))
+    for name, rows_of in (("pictures", by_picture), ("seconds", at_equal_seconds)):
+        cells = [row | {"in": section.title} for section in sections for row in rows_of(section)]
+        if cells:
+            write_text(folder / f"{name}.csv", csv_table(cells))
     tables = [f"% {' '.join(one.title.split())}\n{latex_table(without_empty(table_cells(one)))}" for one in sections]
     write_text(folder / "leaderboard.tex", "\n".join(tables))
     return folder / "leaderboard.md"
@@ -68,13 +85,11 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
 
 
 def by_picture(section: Section) -> list[dict[str, str]]:
-    """List the PSNR of each picture, means over seeds; empty for one picture, and for more than 24."""
-    names = make_unique([*section.rows[0].words, *section.stems])[3:]
-    if not 1 < len(names) <= 24:
-        return []
+    """List the PSNR of each row and picture, means over seeds."""
     return [
-        row.words | {name: f"{psnr:.2f}" for name, psnr in zip(names, row.numbers["psnr"], strict=True)}
+        row.words | {"picture": name, "psnr": f"{psnr:.2f}"}
         for row in section.rows
+        for name, psnr in zip(section.stems, row.numbers["psnr"], strict=True)
     ]
 
 
@@ -87,27 +102,21 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
         line |= {"from": "measured", "pictures": pictures, "command": row.entries[0].command}
         yield line | {"in": section.title}
     for one in section.published:
-        line = {"painter": one.painter, "settings": one.source, "strokes": one.primitives, **one.figures}
-        yield line | {"from": "published", "pictures": section.relation(one), "in": section.title}
+        yield _published_numbers(one, section.relation(one), section.title)
 
 
-def _markdown(
-    sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str
-) -> Iterator[str]:
-    yield from ("# Leaderboard", "", f"Made by `{command}`.", "")
-    yield from (*([escape_markdown(note), ""] if note else []), EXPLANATION, "")
+def _published_numbers(figures: PublishedFigures, pictures: str, title: str) -> dict[str, Any]:
+    line = {"painter": figures.painter, "settings": figures.source, "strokes": figures.primitives, **figures.figures}
+    return line | {"from": "published", "pictures": pictures, "in": title}
+
+
+def _markdown(sections: Sequence[Section], command: str, note: str) -> Iterator[str]:
+    yield from ("# Leaderboard", "", *([escape_markdown(note), ""] if note else []), f"Command: `{command}`", "")
+    left_out = {metric.name for key, metric in COLUMNS.items() if key not in IN_TEXT}
     for section in sections:
-        yield from (f"## {escape_markdown(section.title)}", "", _table(table_cells(section)), "")
-        tables = {EQUAL_SECONDS: at_equal_seconds(section), "PSNR in dB by picture.": by_picture(section)}
-        for words, cells in tables.items():
-            if cells:
-                yield from (words, "", _table(cells), "")
-        commands = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]
-        if commands:
-            yield from ("The first picture of each row:", "", *commands, "")
-    if elsewhere:
-        cells = [published_cells(one, one.of.pictures) for one in elsewhere]
-        yield from ("## Published elsewhere", "", ELSEWHERE, "", _table(cells), "")
+        cells = [{key: text for key, text in row.items() if key not in left_out} for row in table_cells(section)]
+        yield from (f"## {escape_markdown(section.title)}", "", _table(cells), "")
+    yield from (FILES, "", "## How to read the tables", "", EXPLANATION, "")
 
 
 def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:

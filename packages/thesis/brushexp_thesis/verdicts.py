@@ -13,9 +13,9 @@ from brushexp_studies import paired
 from omegaconf import DictConfig
 
 from brushexp.contracts.files import as_shown, conf_folders, read_text, write_text, yaml_of
-from brushexp.contracts.results import escape_markdown, markdown_table, quantities, words_of
+from brushexp.contracts.results import csv_table, escape_markdown, markdown_table, quantities, words_of
 from brushexp_thesis.claims import CANNOT, NOT_RUN, SHIPPED_CLAIMS, Claim, read_claims
-from brushexp_thesis.evidence import RARE
+from brushexp_thesis.evidence import POWER, RARE
 from brushexp_thesis.judgements import Judgement, evidence_row, format_p, judge
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
 
@@ -23,6 +23,10 @@ log = logging.getLogger(__name__)
 SHIPPED_PAINTINGS = Path(__file__).with_name("paintings.yaml")
 SECONDS = ("cpu_seconds", "seconds")
 NOISE_OF_SECONDS = 1.3  # ratio: on a busy machine the same work took 0.79 and 1.12 times the CPU seconds
+WHERE_NUMBERS_ARE = (
+    "[verdicts.csv]({folder}/verdicts.csv) adds median, counts, ranks, photographs and paintings to each claim; "
+    "[settings.csv]({folder}/settings.csv) has the mean and change of every metric and setting."
+)
 EXPLANATION = Path(__file__).with_name("templates") / "verdicts.md"
 
 
@@ -51,54 +55,70 @@ def write_verdicts(
     page: Path, studies: Mapping[str, Study], claims: Mapping[str, list[Claim]], questions: Mapping[str, str],
     command: str, paintings: Collection[str],
 ) -> dict[str, int]:  # fmt: skip
-    """Write the page, with plots and records in a folder of its name beside it; count the claims by verdict."""
+    """Write the page, with tables, plots and records in a folder of its name beside it; count the claims by verdict."""
     judgements = judge((claim for listed in claims.values() for claim in listed), studies)
+    measured = [one for one in judgements if one.difference is not None]
     verdicts = Counter(one.verdict for one in judgements)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
-    lines = ["# Ablations", "", f"Written by `{command}`, and no number in it by hand.", ""]
-    lines += [*_explanation(claims), "", f"Verdicts on {len(judgements)} claims: {counts}.", ""]
-    lines += _table([_verdict_row(one) for one in judgements if one.difference is not None])
-    page.parent.mkdir(parents=True, exist_ok=True)
+    files = page.with_suffix("")
+    files.mkdir(parents=True, exist_ok=True)
+    intro, *rules = _explanation(claims)
+    lines = ["# Ablations", "", intro, "", f"Verdicts on {len(judgements)} claims: {counts}.", ""]
+    lines += _table([verdict_row(one) for one in measured])
+    lines += [_prose(WHERE_NUMBERS_ARE.format(folder=files.name)), "", f"Command: `{command}`", ""]
+    lines += ["## How to read this page", "", *(line for rule in rules for line in (rule, ""))]
+    settings: list[dict[str, str]] = []
     for name in [*claims, *sorted(set(studies) - set(claims))]:
         if name in studies:
-            judged = [one for one in judgements if one.claim.study == name and one.difference is not None]
-            rows = [evidence_row(one, paintings) for one in judged]
-            lines += _section(page, studies[name], questions.get(name) or studies[name].question, rows)
+            study = studies[name]
+            differences = paired.paired_differences(study.table)
+            judged = [one for one in measured if one.claim.study == name]
+            lines += _section(files, study, questions.get(name) or study.question, differences, judged, paintings)
+            settings += numbers_of_settings(study, differences)
     for title, verdict in (("Cannot be answered here", CANNOT), ("Not run", NOT_RUN)):
         rows = [_open_row(one) for one in judgements if one.verdict == verdict and one.difference is None]
         lines += [f"## {title}", "", *_table(rows)] if rows else []
+    write_text(files / "verdicts.csv", csv_table([verdict_numbers(one, paintings) for one in measured]))
+    write_text(files / "settings.csv", csv_table(settings))
     write_text(page, "\n".join(lines))
     return dict(verdicts)
 
 
-def _verdict_row(one: Judgement) -> dict[str, str]:
+def verdict_row(one: Judgement) -> dict[str, str]:
+    """Make a claim's row of the table of verdicts."""
     assert one.difference is not None
+    section = f" ({one.claim.section})" * bool(one.claim.section)
     return {
-        "claim": one.claim.says,
-        "verdict": one.verdict,
-        "measured": one.difference.sentence,
-        "metric": one.difference.quantity.name,
-        "p of all": "" if one.p is None else format_p(one.p),
+        "claim": one.claim.says + section,
+        "verdict": one.verdict + f"; {one.note}" * bool(one.note),
+        "effect": f"{one.difference.quantity.name} {one.effect}",
+        "power": one.power,
+        "p": "" if one.p is None else format_p(one.p),
         "study": f"[{one.claim.study}](#{one.claim.study})",
-        "thesis": one.claim.section,
-        "remarks": one.remarks,
     }
+
+
+def verdict_numbers(one: Judgement, paintings: Collection[str]) -> dict[str, str]:
+    """Make a claim's row of the file of verdicts, with all that was measured."""
+    words = {"study": one.claim.study, "section": one.claim.section, "verdict": one.verdict, "note": one.note}
+    p = "" if one.p is None else format_p(one.p)
+    return words | evidence_row(one, paintings) | {"power": one.power, "p": p}
 
 
 def _open_row(one: Judgement) -> dict[str, str]:
     told = {"claim": one.claim.says, "thesis": one.claim.section}
     if one.verdict == CANNOT:
-        return told | {"why, and what it would need": one.remarks}
+        return told | {"why, and what it would need": one.claim.cannot}
     return told | {"command, or what it needs": one.claim.needs or f"brushexp {EXPERIMENT}{one.claim.study}"}
 
 
 def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
-    """Fill in what the page says of its rules, a paragraph each."""
+    """Fill in the paragraphs of the page: what it is, then the rules of its verdicts."""
     named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
     metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
-    matters = ", ".join(f"{metric.name} {metric.matters:g}" for metric in metrics if metric.matters)
+    matters = "; ".join(f"{metric.name}: {metric.matters:g}" for metric in metrics if metric.matters)
     numbers = {"confidence": paired.CONFIDENCE, "level": 1 - paired.CONFIDENCE, "matters": matters, "rare": RARE}
-    numbers["noise"] = NOISE_OF_SECONDS
+    numbers |= {"noise": NOISE_OF_SECONDS, "power": POWER}
     text = EXPLANATION.read_text(encoding="utf-8").format(rule=paired.rule_for(paired.PICTURE), **numbers)
     return [_prose(paragraph) for paragraph in text.split("\n\n")]
 
@@ -113,53 +133,65 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [markdown_table(plain, escape=False), ""] if rows else []
 
 
-def _section(page: Path, study: Study, question: str, claims: Sequence[Mapping[str, str]]) -> list[str]:
+def _section(
+    folder: Path, study: Study, question: str, differences: Sequence[paired.Difference],
+    judged: Sequence[Judgement], paintings: Collection[str],
+) -> list[str]:  # fmt: skip
+    """Write what a study asks, its command and extent, what to know of it, and its plot and record."""
     name = study.name
-    lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", "", _prose(_extent(study)), ""]
-    lines += [_prose(escape_markdown(study.provenance)), ""] if study.provenance else []
-    differences = paired.paired_differences(study.table)
-    if differences:
-        picture = page.with_suffix("") / f"{name}.png"
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        paired.write_paired_plot(picture, differences, name)
-        study.record(picture.with_suffix(".csv"))
-        files = f"{picture.parent.name}/{name}"
-        lines += [*_table(study_rows(study, differences)), *_table(claims)]
-        lines += [f"![Differences of {name}]({files}.png)", "", f"All numbers: [{name}.csv]({files}.csv).", ""]
-    return lines
+    lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", ""]
+    if not differences:
+        return [*lines, _prose(f"{_extent(study, paintings)}."), ""]
+    paired.write_paired_plot(folder / f"{name}.png", differences, name)
+    study.record(folder / f"{name}.csv")
+    lines += [_prose(f"{_extent(study, paintings)}: [{name}.csv]({folder.name}/{name}.csv)."), ""]
+    notes = dict.fromkeys(one.remark for one in judged if one.remark)
+    remarks = " ".join(filter(None, [*notes, escape_markdown(study.provenance)]))
+    lines += [_prose(remarks), ""] if remarks else []
+    return [*lines, f"![Differences of {name}]({folder.name}/{name}.png)", ""]
 
 
-def _extent(study: Study) -> str:
+def _extent(study: Study, paintings: Collection[str]) -> str:
     kind = study.table.index.names[1]
     of_all = f" of {study.n_jobs}" * (study.n_finished < study.n_jobs)
     failures = f", {study.n_runs - study.n_finished} not finished" * (study.n_runs > study.n_finished)
+    painted = len({*study.units} & {*paintings})
+    kinds = f", {painted} of them paintings or prints" * (painted > 0)
     others = study.table.index.get_level_values(1).nunique() - len(study.units)
     more = f", {others} more with some of the settings" * (others > 0)
-    units = f"{len(study.units)} {kind}s ({', '.join(study.units)}){more}"
-    return f"{units}, {study.n_finished}{of_all} runs{failures}; {study.cost}."
+    return f"{len(study.units)} {kind}s{kinds}{more}; {study.n_finished}{of_all} runs{failures}; {study.cost}"
 
 
-def _change(one: paired.Difference) -> str:
-    """Write a mean change with its interval, which ratios of seconds near 1 do not get: see `NOISE_OF_SECONDS`."""
-    is_noise = one.metric in SECONDS and abs(one.mean) < math.log(NOISE_OF_SECONDS)
-    return one.format_gain(one.mean) + (f" {one.bounds}" if not is_noise else "")
+def numbers_of_settings(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
+    """Make a row for each metric and setting: its mean, its change from the reference, and on how many it is better.
 
-
-def study_rows(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
-    """Make a row per setting: the mean of the first metric where all were run, and differences to the first setting."""
-    of_metric = dict.fromkeys(one.metric for one in differences)
-    metrics = [key for key in paired.PANELS if key in of_metric][:3]
-    metrics += [key for key in ("cpu_seconds",) if key in of_metric and key not in metrics]
-    metrics = metrics or [differences[0].metric]
-    first = quantities()[metrics[0]]
-    means = study.table.loc[(slice(None), study.units), metrics[0]].groupby(level=0, sort=False).mean()
-    by_cell = {(one.option, one.metric): one for one in differences}
-    rows = []
-    for option, mean in means.items():
-        row = {"setting": str(option), first.name: f"{mean:.{first.digits}f}"}
-        for key in metrics:
-            one = by_cell.get((option, key))
-            row[f"{quantities()[key].name}, change"] = "reference" if one is None else _change(one)
-        gains = [] if (one := by_cell.get((option, metrics[0]))) is None else list(one.gains.values())
-        rows.append(row | {"better on": f"{sum(gain > 0 for gain in gains)} of {len(gains)}" if gains else ""})
+    Means are those of the pictures that have every setting. A change is a difference or, of ratios, a ratio.
+    """
+    by_cell = {(one.metric, one.option): one for one in differences}
+    rows: list[dict[str, str]] = []
+    for metric in dict.fromkeys(one.metric for one in differences):
+        quantity = quantities()[metric]
+        means = study.table.loc[(slice(None), study.units), metric].groupby(level=0, sort=False).mean()
+        for option, mean in means.items():
+            row = {
+                "study": study.name,
+                "setting": str(option),
+                "metric": quantity.name,
+                "mean": f"{mean:.{quantity.digits}f}",
+            }
+            one = by_cell.get((metric, str(option)))
+            rows.append(row | ({"change": "reference"} if one is None else _change(one)))
     return rows
+
+
+def _change(one: paired.Difference) -> dict[str, str]:
+    """Write a mean change with its bounds, which ratios of seconds near 1 do not get: see `NOISE_OF_SECONDS`."""
+    quantity = one.quantity
+    is_higher_better = quantity.better == "higher"
+    mean = one.mean if is_higher_better else -one.mean
+    ends = (one.low, one.high) if is_higher_better else (-one.high, -one.low)
+    change, low, high = (f"{math.exp(end) if quantity.ratio else end:.4g}" for end in (mean, *ends))
+    is_noise = one.metric in SECONDS and abs(one.mean) < math.log(NOISE_OF_SECONDS)
+    bounds = {"low": "", "high": ""} if is_noise else {"low": low, "high": high}
+    better_on = sum(gain > 0 for gain in one.gains.values())
+    return {"change": change} | bounds | {"better on": str(better_on), "of": str(len(one.gains))}

@@ -11,10 +11,10 @@ import pytest
 from brushexp_studies.paired import paired_differences
 from brushexp_thesis import verdicts
 from brushexp_thesis.claims import Claim, read_claims
-from brushexp_thesis.evidence import p_of_mean
+from brushexp_thesis.evidence import detectable_effect, p_of_mean
 from brushexp_thesis.judgements import evidence_row, judge
 from brushexp_thesis.study_records import Study, studies_in
-from brushexp_thesis.verdicts import SHIPPED_PAINTINGS, study_rows
+from brushexp_thesis.verdicts import SHIPPED_PAINTINGS, numbers_of_settings
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from refusals import refuses
@@ -118,11 +118,11 @@ def test_claims_of_a_page_are_corrected_together():
     one = claim("better", study="s", setting="x=1", against="y=1")
     (alone,) = judge([one], studies)
     assert alone.p == pytest.approx(p_of_mean([0.3, 0.6, 0.9, 0.5], (0, math.inf)))
-    assert (alone.verdict, alone.remarks) == ("holds", "")
+    assert (alone.verdict, alone.note) == ("holds", "")
     eight = judge([one] * 8, studies)
     assert {two.verdict for two in eight} == {"not decided"}
     assert eight[0].p == pytest.approx(8 * alone.p)
-    assert eight[0].remarks == "alone: holds"
+    assert eight[0].note == "alone: holds"
 
 
 def test_a_claim_of_a_gain_that_is_shown_to_be_none_fails_by_the_p_of_that_alone():
@@ -140,7 +140,7 @@ def test_an_answer_that_depends_on_the_picture_has_an_error_rate_and_is_correcte
     assert alone.p == pytest.approx(2 * binom.sf(4, 12, 0.05))
     few = dict(zip("abcdefghijkl", (*3 * (1.0,), *3 * (-1.0,), *6 * (0.0,)), strict=True))
     both = judge([claim("open", study="s", setting="x=1", against="y=1")] * 2, {"s": study_of(few)})
-    assert [two.remarks for two in both] == ["alone: depends on the picture"] * 2
+    assert [two.note for two in both] == ["alone: depends on the picture"] * 2
     assert {two.verdict for two in both} == {"not decided"}
 
 
@@ -148,7 +148,8 @@ def test_a_claim_that_a_study_could_answer_is_not_run_and_says_what_the_study_ne
     gains = dict.fromkeys("abcdef", 0.5)
     one = claim("better", study="s", setting="x=1", against="y=1", needs="a faster machine would answer it")
     (judged,) = judge([one], {"s": study_of(gains)})
-    assert (judged.verdict, judged.p, judged.remarks) == ("not run", None, "a faster machine would answer it")
+    assert (judged.verdict, judged.p) == ("not run", None)
+    assert judged.remark == "Not run: a faster machine would answer it."
 
 
 def test_a_claim_that_cannot_be_answered_says_why_and_weighs_upon_no_other():
@@ -158,20 +159,30 @@ def test_a_claim_that_cannot_be_answered_says_why_and_weighs_upon_no_other():
     nowhere = Claim(study="none", says="", section="", cannot="nobody knows")
     judged = judge([asked, mute, nowhere, claim("better", study="t")], studies)
     assert [one.verdict for one in judged] == ["holds", *2 * ["cannot be answered here"], "not run"]
-    assert [one.remarks for one in judged[:2]] == ["added after the results; r", "it would need more"]
+    assert judged[0].note == "post hoc"
+    assert [one.remark for one in judged[:2]] == ["r.", "Cannot be answered here: it would need more."]
     assert judged[0].p == judge([asked], studies)[0].p
     assert judged[1].p is None
     assert judged[1].difference is not None
 
 
+def test_four_of_five_studies_find_the_smallest_detectable_effect():
+    rng = np.random.default_rng(0)
+    draws = rng.normal(size=(2000, 12))
+    effect = np.mean([detectable_effect(gap(*draw)) for draw in draws[:100]])
+    half = t.ppf(0.975, 11) * draws.std(axis=1, ddof=1) / math.sqrt(12)
+    found = np.mean(draws.mean(axis=1) + effect > half)
+    assert found == pytest.approx(0.8, abs=0.05)
+
+
 def test_ranks_that_differ_from_student_are_remarked():
     gains = dict(zip("abcdefgh", (-0.3, -0.4, -0.2, -0.35, -0.25, -0.3, -0.45, 2.0), strict=True))
     (one,) = judge([claim("open", study="s", setting="x=1", against="y=1")], {"s": study_of(gains)})
-    assert (one.verdict, one.remarks) == ("not decided", "")
+    assert (one.verdict, one.note) == ("not decided", "")
     gains |= dict(zip("ijklmn", 6 * (-0.3,), strict=True))
     (one,) = judge([claim("open", study="s", setting="x=1", against="y=1")], {"s": study_of(gains)})
     assert one.verdict == "not decided"
-    assert one.remarks.startswith("ranks differ: p 0.0")
+    assert one.note.startswith("ranks differ: p 0.0")
     row = evidence_row(one, {"a", "b", "c", "h"})
     assert (row["median"].split()[0], row["better, worse"]) == ("-0.30", "1, 13 of 14")
     assert row["paintings"].startswith("+0.28 [")
@@ -242,11 +253,20 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     result = run_task(verdicts, "task=verdicts", f"runs={tmp_path}/studies", *words)
     text = (tmp_path / "docs" / "ablations.md").read_text()
     assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 2)
-    assert "| claim | verdict | measured | metric | p of all | study | thesis | remarks |" in text
-    assert "| o1 is better | holds | better: +0.50 [" in text
-    assert "| o1 is better | order=o1 against order=o0 | PSNR, dB | +0.50 [" in text
+    assert "| claim | verdict | effect | power | p | study |" in text
+    assert "| o1 is better (6.3) | holds | PSNR, dB +0.50 [" in text
+    numbers = pd.read_csv(tmp_path / "docs" / "ablations" / "verdicts.csv")
+    assert numbers["compared"].tolist() == ["order=o1 against order=o0"] * 2
+    assert numbers["better, worse"].tolist() == ["4, 0 of 4", "0, 0 of 4"]
+    settings = pd.read_csv(tmp_path / "docs" / "ablations" / "settings.csv")
+    settings = settings[settings["metric"] == "PSNR, dB"]
+    assert settings["change"].tolist()[0] == "reference"
+    second = settings.iloc[1]
+    assert second["setting"] == "order=o1"
+    assert second["mean"] == pytest.approx(np.mean(GAINED), abs=0.01)
+    assert second["low"] < float(second["change"]) == pytest.approx(0.5) < second["high"]
     assert f"`brushexp {shlex.join(SHORT)}`" in text
-    assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
+    assert "4 pictures; 12 runs; 3.00 CPU hours: [mine.csv](ablations/mine.csv)." in text
     assert "![Differences of mine](ablations/mine.png)" in text
     assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
     assert "Verdicts on 5 claims: holds 2, not run 2, cannot be answered here 1." in text
@@ -275,8 +295,9 @@ def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost)
 def test_a_study_of_other_numbers_than_quality_has_its_table():
     index = pd.MultiIndex.from_product([["engine=disc", "engine=fluid"], ["0", "1", "2"]], names=["option", "seed"])
     table = pd.DataFrame({"strokes_per_second": [10.0, 11.0, 12.0, 20.0, 21.0, 25.0]}, index)
-    _, fluid = study_rows(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
-    assert (fluid["setting"], fluid["better on"]) == ("engine=fluid", "3 of 3")
+    rows = numbers_of_settings(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
+    assert (rows[0]["setting"], rows[0]["change"]) == ("engine=disc", "reference")
+    assert (rows[1]["setting"], rows[1]["better on"], rows[1]["of"]) == ("engine=fluid", "3", "3")
 
 
 def test_an_incomplete_claim_is_explained(tmp_path):
