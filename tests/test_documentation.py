@@ -160,7 +160,7 @@ def test_there_is_an_example_of_every_family_and_the_tutorial_names_it():
 
 @pytest.mark.slow
 def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp_path):
-    assert {"calm", "raster", "marker", "glaze"} == NAMES
+    assert {"calm"} == NAMES
     examples = [path.stem for path in (ROOT / "examples" / "plugins").glob("*.py")]
     for name in NAMES:
         (tmp_path / f"{name}.py").write_text(BLOCKS[f"plugins/{name}.py"])
