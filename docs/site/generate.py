@@ -33,11 +33,18 @@ WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Add the page of each family and of each decision to the navigation; mkdocs calls it."""
-    chapters = {name: pages for chapter in config.nav or [] for name, pages in chapter.items()}
-    chapters["Plugins"][1:1] = [{family: f"plugins/{family}.md"} for family in FAMILIES]
+    parts = {name: pages for part in config.nav or [] for name, pages in part.items()}
     decisions = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
-    chapters["Design"] += [{path.stem[4:].replace("-", " "): f"decisions/{path.name}"} for path in decisions]
+    _chapter(parts["Reference"], "Plugins").extend({family: f"plugins/{family}.md"} for family in FAMILIES)
+    _chapter(parts["Development"], "Decisions").extend(
+        {path.stem[4:].replace("-", " "): f"decisions/{path.name}"} for path in decisions
+    )
     return config
+
+
+def _chapter(part: list[dict[str, Any]], name: str) -> list[dict[str, str]]:
+    """The pages of a chapter of a part of the site."""
+    return next(chapter[name] for chapter in part if name in chapter)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
