@@ -456,7 +456,7 @@ def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"fill": True}, r"fill=true needs a size; add to\.png\.size_cm=60x40"),
+        ({"fill": True}, r"fill=true needs a paper size; add to\.png\.size_cm=60x40"),
         (
             {"size_cm": "4x3", "margin": 15.0},
             r"margin=15 leaves no room on to\.png\.size_cm=4x3; try to\.png\.margin=10",
@@ -604,7 +604,7 @@ def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
     ("", r"not JSON \(line 1, column 1"),
     ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
     ("[1, 2]", "not a brushexp catalogue"),
-    ("[" * 100_000, "too many brackets"),
+    ("[" * 100_000, "too many nested brackets"),
     ("\x89HDF\r\n\x1a\n\xff\xfe", "not text in UTF-8"),
 ])  # fmt: skip
 def test_a_wrong_text_is_explained(text, message, tmp_path):
@@ -691,7 +691,7 @@ def test_an_export_lands_beside_its_painting_and_replaces_only_an_export_and_onl
     (folder / "strokes.json").write_text("of an older painting")
     refused = run(*words, cwd=tmp_path)
     assert refused.returncode == 1
-    assert "of an earlier export; replace it with overwrite=true, or choose another folder: output=" in refused.stderr
+    assert "exists already; replace it with overwrite=true, or choose another folder: output=" in refused.stderr
     assert (folder / "strokes.json").read_text() == "of an older painting"
     assert len(list((folder / "exports").iterdir())) == 1, "refused before a folder is made"
     assert run(*words, "overwrite=true", cwd=tmp_path).returncode == 0

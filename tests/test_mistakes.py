@@ -30,48 +30,48 @@ from brushexp.system.words import conf_folders
 ROOT = Path(__file__).parents[1]
 MISTAKES = {
     # words, keys and choices
-    "outputs/x/catalogue.h5": "go on with its strokes: PICTURE catalogue=outputs/x/catalogue.h5 in place of outputs/x",
+    "outputs/x/catalogue.h5": "or PICTURE catalogue=outputs/x/catalogue.h5 to continue from its strokes",
     "nonsense": "--help lists the keys",
-    "watercolur": "is no file, no task and no key=value; did you mean watercolour",
-    "docs/image/": "docs/image/ is no file, no task and no key=value; did you mean docs/images/?",
-    "nofolder/": "nofolder/ is no file, no task and no key=value; correct the path",
+    "watercolur": "is not a file, a task or key=value; did you mean watercolour",
+    "docs/image/": "docs/image/ is not a file, a task or key=value; did you mean docs/images/?",
+    "nofolder/": "nofolder/ is not a file, a task or key=value; correct the path",
     "WaterColor": "did you mean watercolour",
     "overwrite": "overwrite is a key; type overwrite=..., without spaces",
-    "-o": "-o is no flag; --help lists the keys, which have no dashes",
+    "-o": "-o is not a flag; --help lists the keys, which have no dashes",
     "~/not/there.jpg": "image=~/not/there.jpg is not there",
     "docs/images/BRUSHIFY.JPG": "is not there; did you mean docs/images/brushify.jpg",
-    "https://example.com/a.jpg": "is an address; download the picture, and give the path of its file",
+    "https://example.com/a.jpg": "is a web address; download the picture and give the path of the file",
     "light=off": "try light=315,45, or light.depth=0 for none",
     "to=pdf": "drop to=pdf, and when it is painted, type: brushexp export FOLDER to=pdf",
     "image=clip.mp4 to=gif": "when it is painted, type: brushexp export FOLDER/frames/000000.h5 to=gif",
     "look=tubes to=plan": "when it is painted, type: brushexp export FOLDER to=plan",
     "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
     "resolution=1e3": "is not a whole number; try resolution=1000",
-    "+loss=kl": "+loss=kl adds to no list; type all of them: loss=[...,kl]",
+    "+loss=kl": "+loss=kl has no list to add to; type the whole list, loss=[...,kl]",
     "loss=mse,width": "type 'loss=[mse,width]' for all of them, or add -m for a sweep",
     "loss.mse=2": "type loss.mse.<option>=2, one of weight",
-    "objective=nan": "objective=nan is no number of this painting; choose one of psnr, psnr_focus, ssim",
-    "objective=lpips": "is no number of this painting; add metric=[psnr,psnr_focus,ssim,l1,edges,perceptual,lpips]",
+    "objective=nan": "objective=nan is not a metric of this painting; choose one of psnr, psnr_focus, ssim",
+    "objective=lpips": "is not a metric of this painting; add metric=[psnr,psnr_focus,ssim,l1,edges,perceptual,lpips]",
     "detail=1e3": "detail=1000 makes pixels_per_stroke 0.1, which is not at least 1; try detail=100",
     "effort=1e9": "effort=1e+09 makes steps 5e+11, which is not at most 1e+09; try effort=2e+06",
-    "task=benchmark kinds=${seed}": ", which is no list; type 'kinds=[a,b]'",
+    "task=benchmark kinds=${seed}": ", which is not a list; type 'kinds=[a,b]'",
     "task=benchmark kinds=${counts}": "kinds holds 150, which is not a text; type 'kinds=[a,b]'",
-    "task=benchmark counts=${methods}": "counts stands for null, which is no list",
+    "task=benchmark counts=${methods}": "counts stands for null, which is not a list",
     "task=canvas image=coffee canvas=nan": "canvas=nan names no folder; type canvas=big.zarr",
-    "steps=[3,": "cannot be read; a list is key=[a,b]",
+    "steps=[3,": "cannot be parsed; a list is key=[a,b]",
     "output=nan": "output=nan names no folder; type output=FOLDER, or output=./nan if that is its name",
     "output=Null": "output=Null names no folder",
     "output=-inf": "output=-inf names no folder",
-    "output=": "output= names no folder; type output=FOLDER",
-    "~strokes": "~strokes deletes a key that every run has; drop it, or type strokes=...",
+    "output=": "output= is empty; type output=FOLDER",
+    "~strokes": "~strokes would delete a key that every run needs; drop it, or type strokes=...",
     "tasks": "type task= and one of analyse, ",
     "look=": "look= is not there; choose one of ",
     "looks": "type look= and one of even, gouache, impasto, ink, oil, ",
-    "train src": "task=train takes no picture, file or folder alone; type its key before it, KEY=src",
-    "train coffee": "task=train takes no picture, file or folder alone; type its key before it, KEY=coffee",
-    "task=analyse rhone.jpg": "is a picture, not a painting with its strokes; paint it first, brushexp rhone.jpg",
+    "train src": "task=train takes no path alone; type a key before it, KEY=src",
+    "train coffee": "task=train takes no path alone; type a key before it, KEY=coffee",
+    "task=analyse rhone.jpg": "is a picture without strokes, not a painting; paint it first, brushexp rhone.jpg",
     "view a.h5 b.h5": "catalogue= takes one path, not 2: a.h5, b.h5",
-    "--look=ink": "--look=ink is no flag; type look=ink, without dashes",
+    "--look=ink": "--look=ink is not a flag; type look=ink, without dashes",
     "time=60": "time is no key of task=paint; type seconds=... (seconds of optimisation",
     "size=200": "type resolution=... (resample to this longer side in pixels",
     "out=x": "type output=... (folder of the run",
@@ -102,7 +102,7 @@ MISTAKES = {
     "resolution=512px": "try resolution=512 (",
     "strokes=1.5k": "try strokes=1500 (",
     "seconds=2min": "seconds=2min is not a number; try seconds=120",
-    "threads=all": "try threads=null (processor cores to use",
+    "threads=all": "try threads=null (number of processor cores",
     "frames=none": "try frames=0 (frames of the timelapse",
     "stroke=100": "nearest first: strokes, max_strokes, steps_per_stroke (all: --help)",
     "psnr=30,5": "psnr=30,5 are several values; type psnr=30.5, or add -m for a sweep",
@@ -124,7 +124,7 @@ MISTAKES = {
     "detail=nan": "detail=nan is not above 0",
     "seconds=-1": "seconds=-1 is not above 0; try seconds=1",
     "~logger": "~logger deletes nothing; type logger=[]",
-    "~coffee": "~coffee deletes nothing; no key has this name: drop it",
+    "~coffee": "~coffee deletes nothing; there is no such key, so drop it",
     "trainer.accelerator=cpu": "is no key of task=paint; type device=cpu",
     "trainer.fast_dev_run=true": "is no key of task=paint; type steps=3",
     "trainer.max_epochs=3": "trainer.max_epochs is no key of task=paint; type steps=100",
@@ -133,11 +133,11 @@ MISTAKES = {
     "lpips_weights=x.pth": r"type +metric=lpips metric.lpips.backbone=alexnet metric.lpips.weights=FILE",
     "logger=none": "or logger=[] for none",
     "learning_rate=0.1": "learning_rate is no key of task=paint; type painter.lr or optimizer.lr",
-    "svg": "svg is no file, no task and no key=value; did you mean to=svg",
+    "svg": "svg is not a file, a task or key=value; did you mean to=svg",
     "lr=0.1": "lr is no key of task=paint; type painter.lr or optimizer.lr",
-    "logger.offline=true": "options stand below one, logger.<name>.offline=...",
-    "logger.tags=[a]": "it is an option of one logger; type logger.wandb.tags",
-    "callbacks=rich_progress_bar": "a file of plugins wraps any other one of Lightning",
+    "logger.offline=true": "options go below a member, logger.<name>.offline=...",
+    "logger.tags=[a]": "is not a key but an option of one logger; type logger.wandb.tags",
+    "callbacks=rich_progress_bar": "a plugin can wrap any other callback of Lightning",
     "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
     "SEEDS=3": "SEEDS is no key of task=paint; nearest first: seed, ",
     "n=3": "It is one of task=evaluate, task=prune, task=simulate",
@@ -149,19 +149,19 @@ MISTAKES = {
     "loss=[ms]": "loss=ms is not there; choose one of mse, ",
     "task=train init=slic": "task=train has no init; it takes renderer, engine, ",
     # options of plugins
-    "renderer.sof=2": "renderer.sof is no option of renderer=analytic; its options, nearest first: soft, taper",
-    "order=fixed order.every=2": "order.every is no option of order=fixed; it has none",
+    "renderer.sof=2": "renderer.sof is not an option of renderer=analytic; its options, nearest first: soft, taper",
+    "order=fixed order.every=2": "order.every is not an option of order=fixed; it has none",
     "renderer.checkpoint=a": "'renderer=analytic','renderer=dual renderer.checkpoint=...'",
     "task=train renderer=analytic": "has no checkpoint, which this task sets; choose renderer=dual or renderer=inverse",
-    "+renderer.foo=1": "renderer.foo is no option of renderer=analytic; its options, nearest first: soft, taper",
-    "optimizer.options={foo:1}": "has a plus: '+optimizer.options.foo=...'",
-    "+optimizer.options.foo=1": "unexpected keyword argument 'foo'; optimizer.options are {",
-    "+loss.foo=3": "loss.foo=3 is an option of no loss; type loss.<name>.foo=3",
+    "+renderer.foo=1": "renderer.foo is not an option of renderer=analytic; its options, nearest first: soft, taper",
+    "optimizer.options={foo:1}": "type a plus: '+optimizer.options.foo=...'",
+    "+optimizer.options.foo=1": "unexpected keyword argument 'foo'; with optimizer.options={",
+    "+loss.foo=3": "loss.foo=3 is not an option of any loss; type loss.<name>.foo=3",
     "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
     "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",
     "loss=[mse] ++loss.kl.weight=3": "loss.kl is tuned but not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
-    "loss=[mse] +loss=kl": "name them all: 'loss=[a,b]'",
-    "loss=[]": "no loss is chosen, so there is nothing to optimise; try loss=mse",
+    "loss=[mse] +loss=kl": "type one list: 'loss=[a,b]'",
+    "loss=[]": "no loss is chosen, so nothing can be optimised; try loss=mse",
     "task=export catalogue=a.h5 to=[]": "to=[] writes nothing; choose one or more of ",
     # types and bounds
     "steps=many": "steps=many is not a whole number; try steps=500 (gradient steps",
@@ -175,9 +175,9 @@ MISTAKES = {
     "task=prune renderer.checkpoint=null": "there are no trained weights to prune; give those of task=train",
     "task=prune ratios=0,1": "ratios=1 is not 0 to 0.99; try ratios=0.99",
     "style.colors=foo": "style.colors=foo is not one of style, content",
-    "trainer.max_time=ten": "for ten minutes: trainer.max_time=00:00:10:00",
+    "trainer.max_time=ten": "ten minutes are trainer.max_time=00:00:10:00",
     "loss=[lpips] loss.lpips.weights=nope.pth": "loss.lpips.weights=nope.pth: there is no such file",
-    "callbacks=early_stopping callbacks.early_stopping.monitor=foo": "monitor=foo is no curve of task=paint; try ",
+    "callbacks=early_stopping callbacks.early_stopping.monitor=foo": "monitor=foo is not a curve of task=paint; try ",
     "callbacks=model_checkpoint callbacks.model_checkpoint.save_top_k=3": "try callbacks.model_checkpoint.monitor=psnr",
     "loss=[perceptual] loss.perceptual.taps=[a]": "loss.perceptual.taps: 'a' names no activation",
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
@@ -188,26 +188,26 @@ MISTAKES = {
     # names and files
     "device=tpu": "device=tpu, but PyTorch finds ",
     "device=cuda:7": "CUDA devices; use device=cpu",
-    "optimizer.name=Adm": "set optimizer.name to one of ASGD, ",
+    "optimizer.name=Adm": "choose optimizer.name from ASGD, ",
     "background=#ff000080": "is not a colour; use",
     "background=notacolor": "background=notacolor is not a colour; use background=mean, transparent, '#rrggbb' or",
     "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture, or a sample such as coffee",
     "focus=nope.jpg": "focus=nope.jpg is not there; give auto, the path",
     "catalogue=nope.h5": "there is no file nope.h5; give the catalogue.h5 of a finished run, catalogue=...",
     "resume=nope": "resume=nope: there is no such folder; give the folder of an interrupted run",
-    "resume=": "resume= names no folder; give the folder of an interrupted run",
-    "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope does not come with the program (there are: ",
-    "init=predicted init.checkpoint=nope": "init.checkpoint=nope does not come with the program (there are: brushed, ",
+    "resume=": "resume= is empty; give the folder of an interrupted run",
+    "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope is not a shipped checkpoint (there are: ",
+    "init=predicted init.checkpoint=nope": "init.checkpoint=nope is not a shipped checkpoint (there are: brushed, ",
     "renderer=inverse_vgg renderer.channels=[3]": "renderer.channels=[3] are not ",
     "task=view catalogue=nope": "there is no file nope",
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",
     "task=train data=nope": "there is no set of strokes at nope; make one with brushexp task=simulate path=nope",
     "task=extremes renderers=[nope]": "renderers has no 'nope'; leave renderers at null for all, or choose",
     # combinations
-    "style.image=chelsea loss=[mse,style]": "style.image=chelsea brings the loss style with it; drop style",
+    "style.image=chelsea loss=[mse,style]": "style.image=chelsea adds the loss style itself; drop style",
     "loss=brushwork": "set loss.brushwork.catalogue=catalogue.h5",
     "strokes=100000 resolution=64": "strokes=100000 is more than the 64 x 64 picture has pixels; set strokes to 4096",
-    "focus=chelsea": "focus=chelsea has 451 x 300 pixels, the picture 512 x 512; give one whose sides",
+    "focus=chelsea": "focus=chelsea has 451 x 300 pixels, the picture 512 x 512; give one with",
     "timelapse_seconds=0.01": "timelapse_seconds is 0.01; choose 1.2 to ",
     "task=train simulate=null limit=9": "limit=9 is for sets",
     "task=train_discriminator simulate=300": "simulate is no key of task=train_discriminator; nearest first:",
@@ -333,7 +333,7 @@ def test_letters_that_the_terminal_has_not_are_escaped_and_a_folder_that_is_gone
     (gone := tmp_path / "gone").mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    with pytest.raises(SystemExit, match="the folder where this was typed is gone; go to one that is there: cd"):
+    with pytest.raises(SystemExit, match="the current folder no longer exists; change to another folder with cd"):
         open_with(["coffee"])
 
 
@@ -407,7 +407,7 @@ def test_streams_that_are_closed_stop_nothing(closed, monkeypatch):
 ])  # fmt: skip
 def test_a_launcher_of_a_single_run_is_told(typed, said, caplog):
     warn_of_launcher(OmegaConf.create({"hydra": {"overrides": {"hydra": typed}}}))
-    told = "has no effect on one run; it is for several pictures, or for a sweep: -m seed=0,1"
+    told = "has no effect on a single run; use it for several pictures or a sweep: -m seed=0,1"
     assert caplog.messages == [f"{word} {told}" for word in said]
 
 
@@ -426,7 +426,7 @@ def test_a_run_says_where_its_profile_is_and_goes_on_in_its_own_folder(tmp_path)
     words = ["chelsea", "resolution=16", "strokes=4", "steps=3", "frames=0", "threads=1", "report=false", "output=a"]
     code, output = ended(tmp_path, *words, "trainer.profiler=simple")
     assert code == 0, output
-    assert "a/profile.txt  where the time was spent" in output
+    assert "a/profile.txt  time spent in each part" in output
     assert "FIT Profiler Report" in (tmp_path / "a" / "profile.txt").read_text()
     kill = ("checkpoint.ckpt", 1, True)
     assert ended(tmp_path, *words[:-1], "output=b", "checkpoint_every=0", kill=kill)[0] < 0

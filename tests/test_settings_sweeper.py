@@ -102,10 +102,10 @@ def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_awa
     assert by_words == ["image=camera,strokes=4", "image=coffee,strokes=4"]
     cure = r"drop it, or type 'hydra\.sweep\.subdir=job\$\{hydra\.job\.num\}'"
     for subfolder, same in (("all", "all"), ("o${seed}", "o0")):
-        message = f"job 1 .*: hydra.sweep.subdir={same} is the folder of an earlier job, too; {cure}"
+        message = f"job 1 .*: hydra.sweep.subdir={same} is also the folder of an earlier job; {cure}"
         refuses(message, places, ["camera", "coffee"], f"hydra.sweep.subdir={subfolder}")
     refuses(
-        "chdir=true moves a run away from the files that its words name; drop it",
+        "chdir=true would break relative paths in the settings; drop it",
         places, ["camera"], "hydra.job.chdir=true",
     )  # fmt: skip
     assert moved(["seed=1", "hydra.sweep.subdir=a"], "b c") == ["seed=1", "hydra.sweep.subdir=b c"]

@@ -85,7 +85,7 @@ SENT = {
     "GIF of 65535 x 65535": (claiming("GIF", 6, WIDEST), "megapixels"),
     "BMP of 2^31 x 2^31": (claiming("BMP", 18, b"\xff\xff\xff\x7f" * 2), "megapixels"),
     "a page": (b"<script>alert(1)</script>", "is not a picture"),
-    "PostScript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is not read here"),
+    "PostScript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is not supported"),
     "a pickle": (b"\x80\x04.", "is not a picture"),
     "more than 64 MB": (bytes(2**26 + 2**20), "make it smaller"),
 }

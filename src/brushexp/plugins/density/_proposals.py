@@ -1,4 +1,4 @@
-"""Propose strokes of any size, and tell what each would gain."""
+"""Propose strokes of any size and estimate the gain of each."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Patches:
-    """M rectangles of one colour, and by how much each lowers the squared error."""
+    """M rectangles of one colour, and how much each lowers the squared error."""
 
     top: Array  # (M,) whole pixels, as below
     bottom: Array  # (M,) of the first row below the patch
@@ -44,14 +44,14 @@ class Patches:
 
     @staticmethod
     def join(parts: Sequence["Patches"]) -> "Patches":
-        """Join patches."""
+        """Concatenate patches."""
         return Patches(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Patches)))
 
 
 def proposals(state: DensificationState, most: int, least: float) -> tuple[Strokes, Tensor]:
-    """Propose at most ``most`` strokes that each gain more than ``least``, the best first, and tell their gains (M,).
+    """Propose at most ``most`` strokes that each gain more than ``least``, best first, with their gains (M,).
 
-    The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls if a
+    The gain is the decrease of the squared error, summed over pixels and channels and weighted by the focus, if a
     rectangle of the stroke's size is painted in the target's mean colour.
     """
     like = state.strokes.position
@@ -66,10 +66,10 @@ def proposals(state: DensificationState, most: int, least: float) -> tuple[Strok
 
 
 def patches_of(target: Array, error: Array, weight: Array, most: int, least: float) -> Patches:
-    """Find patches that gain more than ``least``: the best of each size, one in a cell of a lattice at most.
+    """Find patches that gain more than ``least``: the best of each size, at most one per cell of a lattice.
 
     A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
-    (C, H, W), both weighted by (H, W). So the gain is what sums over rectangles say.
+    (C, H, W), both weighted by (H, W). So the gain follows from sums over rectangles.
     """
     from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
 
@@ -96,7 +96,7 @@ def patches_of(target: Array, error: Array, weight: Array, most: int, least: flo
 
 
 def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
-    """Choose at most ``most`` patches, those that gain most, which hardly lie on each other."""
+    """Choose at most ``most`` patches with the largest gains that hardly overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     for number in np.argsort(-patches.gain, kind="stable").tolist():
@@ -110,7 +110,7 @@ def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
 
 
 def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
-    """Make strokes in place of patches: a square one lies along the edges of the picture."""
+    """Make strokes from patches; square ones follow the edges of the picture."""
     height, width = patches.bottom - patches.top, patches.right - patches.left
     long, thick = np.maximum(height, width), np.minimum(height, width)
     row, column = (patches.bottom + patches.top) // 2, (patches.right + patches.left) // 2
