@@ -311,7 +311,7 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
     ("task=export catalogue=c.h5 to=relief resolution=30000", r"to=relief: 9000 x 30000 .* resolution="),
     ("task=export catalogue=c.h5 to=gcode to.gcode.width_mm=900", r"900 is too wide for"),
     ("task=export catalogue=other.h5", r"renderer\.width=-3"),
-    ("task=export catalogue=c.h5 to=gcode to.gcode.change=T{x}", r"more than {tool} and {color}"),
+    ("task=export catalogue=c.h5 to=gcode to.gcode.change=T{x}", r"other than {tool} and {color}"),
     ("task=train engine=disc batch_size=200000", r"batch_size=200000 strokes of .* smaller batch_size="),
     ("task=simulate engine=disc engine.window=256", r"2048 strokes of 256 x 256 .* smaller engine.window="),
     ("blend=dense strokes=100000 resolution=512", r"blend=dense would hold 100000 strokes at 262144"),

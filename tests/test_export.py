@@ -448,7 +448,7 @@ def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_
     np.testing.assert_array_equal(filled, job.scaled(79 / 36).picture()[:, 17:-18])
     with caplog.at_level(logging.INFO):
         (path,) = build_named("to", "pdf", {"size_cm": "6x2.5", "dpi": 80.0, "bleed": 3.0}).write(job, tmp_path)
-    assert "3.6 x 2.5 cm at 80 dpi, with 3 mm of bleed around it" in caplog.text
+    assert "3.6 x 2.5 cm at 80 dpi, plus 3 mm of bleed" in caplog.text
     assert b"/MediaBox [0 0 118.8000 87.3000]" in path.read_bytes()
     assert b"/TrimBox [8.1000 8.1000 110.7000 79.2000]" in path.read_bytes()
 
@@ -483,7 +483,7 @@ def test_a_jpeg_is_near_the_painting_and_says_what_its_colours_are(tmp_path):
             assert psnr(np.asarray(image), large.picture()) > least
         sizes.append(path.stat().st_size)
     assert sizes[1] < 0.7 * sizes[0]
-    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels a side, .* has 65536; .* or to=png"):
+    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels per side, .* has 65536; .* or to=png"):
         build_named("to", "jpg", {}).write(job_of(some(1)).scaled(65536 / 52), tmp_path)
 
 

@@ -340,7 +340,7 @@ def test_charts_need_something_to_show():
 
 def test_the_painting_can_be_seen_alone_at_any_size(visited):
     page = visited.page
-    page.get_by_role("button", name="Look at it alone").click()
+    page.get_by_role("button", name="Show it alone").click()
     alone = page.get_by_role("dialog", name="The picture alone")
     picture = alone.get_by_alt_text("painting")
     alone.get_by_text("%").wait_for()

@@ -126,7 +126,7 @@ def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace_and_a_full_disk_is_t
     with monkeypatch.context() as patched:
         patched.setattr("brushexp_studio.server.NamedTemporaryFile", Mock(side_effect=full))
         answer = json.loads(ask(uploads, "/photos", "POST", b"x")[1])
-    assert answer == {"error": "the studio cannot keep this file: No space left on device"}
+    assert answer == {"error": "the studio cannot store this file: No space left on device"}
 
 
 def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monkeypatch):
@@ -324,7 +324,7 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
     with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
         pool.submit(asyncio.run, choose()).result()
-    controls.number.show.assert_called_once_with("as the look: 5")
+    controls.number.show.assert_called_once_with("set by the look: 5")
 
 
 def test_faces_are_counted_and_marked(tmp_path):
