@@ -340,7 +340,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     for words in ("x.DNG left out: raw", "x.MOV, y.mp4 left out: a film", "x.svg left out", "notes.txt left out: no p"):
         assert any(words in line for line in lines), (words, lines)
     assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
-    assert any("gone.png left out: they lead to no file" in line for line in lines)
+    assert any("gone.png left out: these links lead nowhere" in line for line in lines)
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()

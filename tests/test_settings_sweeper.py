@@ -42,7 +42,7 @@ def test_every_setting_is_one_job_and_stands_above_the_command_line_with_whose_s
     refuses("steps is a key; type steps=", jobs, ["steps"])
     combined = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
     assert combined == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
-    refuses(r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
+    refuses(r"interval\(1,9\) is not a list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
 
 
 def test_words_for_changes_of_a_painting_are_words_of_settings_too_and_join_those_of_the_command_line():

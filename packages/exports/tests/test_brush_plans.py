@@ -115,9 +115,9 @@ def test_extremes_are_painted_too(tmp_path, kind):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"wells": "20x12"}, "is no tray of 1 to 500 wells; try to.gcode.wells=20x15:230x45:8x3"),
-    ({"wells": "0x0:9x9:0x3"}, "is no tray"),
-    ({"wells": "0x0:9x9:99x99"}, "is no tray"),
+    ({"wells": "20x12"}, "is not a tray of 1 to 500 wells; try to.gcode.wells=20x15:230x45:8x3"),
+    ({"wells": "0x0:9x9:0x3"}, "is not a tray"),
+    ({"wells": "0x0:9x9:99x99"}, "is not a tray"),
     ({"wells": "0x0:9x9:3x1", "water": "left"}, "to.gcode.water=left is not a place in mm"),
     ({"wells": "0x0:9x9:3x1", "load": 0.0}, "to.gcode.load=0 is not"),
 ])  # fmt: skip

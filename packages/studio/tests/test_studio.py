@@ -155,7 +155,7 @@ def test_a_large_file_says_how_far_it_is_before_it_is_saved(tab):
     paint(page, 2, "oil")
     page.get_by_text(re.compile(r"^vector file; [\d.]+\s[Mk]B, of bitmaps for the bristles$")).wait_for()
     choose(page, "Paper size", "A5")
-    bleed = page.get_by_role("slider", name="Bleed, to be cut off")
+    bleed = page.get_by_role("slider", name="Bleed, to be trimmed")
     bleed.press("End")
     page.get_by_text("21 × 14 cm and 10 mm of bleed on each side, at 300 dpi").wait_for()
     with page.expect_download(timeout=120_000) as download:

@@ -194,7 +194,7 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
     owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
     if arguments and not any(f"{plugin.path}.{option}" in word for word in arguments):
         choices = " or ".join(f"{family}={name}" for name in owners)
-        return f"{family}={plugin.name} lacks {option}, which this task sets; choose {choices}"
+        return f"{family}={plugin.name} has no {option}, which this task sets; choose {choices}"
     if owners and family not in MULTI_SELECT:
         text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
         text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
