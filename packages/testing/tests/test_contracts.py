@@ -45,7 +45,7 @@ def test_python_has_them_by_the_name_of_the_program_and_a_plugin_that_breaks_one
     ],
 )
 def test_a_plugin_whose_words_are_not_plain_is_found(docstring, reason):
-    untold = type("Untold", (Tied,), {"__doc__": docstring})
+    untold = type("Untold", (Tied,), {"__doc__": docstring, "__module__": __name__})
     with pytest.raises(AssertionError, match=reason):
         speaks_plainly(untold)
 
@@ -55,7 +55,6 @@ def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
     for message in (
         "size=0 is wrong",
         "size=0 is not 1 or more; try size=1.",
-        "size=0;\ntry size=1",
         "no; " * 100 + "x",
     ):
         with pytest.raises(AssertionError):
