@@ -103,7 +103,7 @@ MISTAKES = {
     "strokes=1.5k": "try strokes=1500 (",
     "seconds=2min": "seconds=2min is not a number; try seconds=120",
     "threads=all": "try threads=null (number of processor cores",
-    "frames=none": "try frames=0 (frames of the timelapse",
+    "frames=none": "try frames=0 (number of frames of the timelapse",
     "stroke=100": "nearest first: strokes, max_strokes, steps_per_stroke (all: --help)",
     "psnr=30,5": "psnr=30,5 are several values; type psnr=30.5, or add -m for a sweep",
     "detail=1,5": "type detail=1.5,",
@@ -164,7 +164,7 @@ MISTAKES = {
     "loss=[]": "no loss is chosen, so nothing can be optimised; try loss=mse",
     "task=export catalogue=a.h5 to=[]": "to=[] writes nothing; choose one or more of ",
     # types and bounds
-    "steps=many": "steps=many is not a whole number; try steps=500 (gradient steps",
+    "steps=many": "steps=many is not a whole number; try steps=500 (number of gradient steps",
     "steps=null": "steps=null, but steps must have a value; try steps=500",
     "report=perhaps": "report=perhaps is not true or false; try report=true",
     "renderer.soft=wide": "renderer.soft=wide is not a number; try renderer.soft=2.0",

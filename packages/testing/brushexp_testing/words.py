@@ -10,6 +10,7 @@ from brushexp.contracts import UserError
 LONGEST_SUMMARY = 120  # characters
 LONGEST_HELP = 360  # characters
 LONGEST_MESSAGE = 320  # characters
+LIBRARIES = ("abc", "builtins", "collections", "lightning", "torch", "typing")  # whose classes members extend
 CLAUSE = re.compile(r"((by|from|in|of|on|to|with) )?(that|which|who|whose|what|where) ", re.IGNORECASE)  # at the start
 OPTION = re.compile(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
 
@@ -61,7 +62,8 @@ def options_of_docstring(docstring: str) -> dict[str, str]:
 def speaks_plainly(make: Callable[..., Any]) -> None:
     """Check that a plugin's summary and the help of its options are plain, short and complete."""
     for cls in type(make()).__mro__:
-        if cls.__module__.partition(".")[0] in {"builtins", "abc", "torch", "typing"} or not cls.__doc__:
+        is_written = cls.__doc__ and not cls.__doc__.startswith(f"{cls.__name__}(")  # or a dataclass has made it
+        if not is_written or cls.__module__.partition(".")[0] in LIBRARIES:
             continue
         summary = inspect.cleandoc(cls.__doc__).partition("\n")[0]
         assert not (wrong := problem_of_summary(summary)), f"{cls.__name__}: {summary!r}: {wrong}"
