@@ -96,7 +96,7 @@ def unknown_word(word: str) -> str:
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *own}))
         return f"{word} has no meaning alone; type {group}= and one of {names}"
     if is_key(word):
-        return f"{word} is a key; type {word}=VALUE without spaces"
+        return f"{word} is a key; type {word}=..., without spaces"
     if word in ("-v", "-V"):
         return f"{word} is not a flag; type brushexp --version"
     if re.match("-.", word):
