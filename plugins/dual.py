@@ -27,7 +27,7 @@ class Dual(PatchRenderer):
     Args:
         window: side of the picture in pixels, a multiple of 16.
         width: channels of the finest convolutions; four times as many at the coarsest ones.
-        shading: how far paint may be lighter or darker than its colour, 0 (not) to 1.
+        shading: largest change of a colour's lightness by shading, 0 (none) to 1.
         precision: precision of the network in painting; the framework sees to it.
         checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
     """

@@ -50,7 +50,7 @@ def test_importing_the_package_loads_nothing_slow_and_hydra_of_another_program_s
     with initialize(config_path=None, version_base="1.2"):
         mine = GlobalHydra.instance().hydra
         assert brushexp.paint("chelsea", **SMALL).metrics["steps"] == 4
-        refuses("nonsense is no key", brushexp.paint, "chelsea", nonsense=1)
+        refuses("nonsense is not a key", brushexp.paint, "chelsea", nonsense=1)
         assert GlobalHydra.instance().hydra is mine
         assert compose(overrides=["+a=1"]) == {"a": 1}
 
@@ -115,9 +115,9 @@ def test_a_painting_and_a_state_come_back_from_another_process(tmp_path):
 @pytest.mark.parametrize(("name", "options", "words"), [
     ("recover", {"copies": 0}, "copies=0 is not 1 to 8; try copies=1"),  # no pixel was looked at, and memory overrun
     ("recover", {"scale": float("nan")}, "scale=nan is not 0.05 to 8"),
-    ("recover", {"weights": "x"}, r"^weights=x does not come with the program \(.*\); give the path of a .\w+ file$"),
+    ("recover", {"weights": "x"}, r"^weights=x is not a shipped checkpoint \(.*\); give the path of a .\w+ file$"),
     ("sample_brushwork", {"samples": 1}, "samples=1 is not 2 to 10000"),
-    ("sample_brushwork", {"checkpoint": "x"}, "^checkpoint=x does not come with the program"),
+    ("sample_brushwork", {"checkpoint": "x"}, "^checkpoint=x is not a shipped checkpoint"),
     ("analyse", {"radius": -1}, "radius=-1 is not at least 0"),
 ])  # fmt: skip
 def test_functions_take_what_the_command_line_takes(name, options, words):
@@ -134,7 +134,7 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     assert f"'image={run}/.hydra/image.tif'" in command_of(run)
     again = load_picture(str(run / ".hydra" / "image.tif"), None)
     assert_close(again, torch.from_numpy(picture).permute(2, 0, 1).float())
-    refuses("holds a run already", brushexp.paint, picture, **SMALL, output=run)
+    refuses("already holds a run", brushexp.paint, picture, **SMALL, output=run)
     painting.save(tmp_path / "b")
     assert f" image={tmp_path}/b/.hydra/image.tif " in command_of(tmp_path / "b")
     assert not [held for held in run_folder._locks if str(run) in held.lock_file], "a refusal keeps nobody out"
@@ -157,9 +157,9 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert brushexp.render(painting.strokes, 9).shape == brushexp.render(painting.strokes, np.array([9, 9])).shape
     wrong_sizes = ({"size": size} for size in ((0, 9), (9,), (9.5, 9), "9", 0, 9.0))
     for wrong in (*wrong_sizes, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
-        with pytest.raises(brushexp.UserError, match=r"is no canvas; give height and width|has shape"):
+        with pytest.raises(brushexp.UserError, match=r"is not a canvas size; give height and width|has shape"):
             brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
-    with pytest.raises(brushexp.UserError, match="soft would be options of a renderer that is made already"):
+    with pytest.raises(brushexp.UserError, match="soft: this renderer is built already"):
         brushexp.render(painting.strokes, (9, 9), renderer=brushexp.create("renderer", "analytic"), soft=2.0)
     page = painting.save(tmp_path / "kept")
     files = {path.name for path in page.parent.iterdir()}
@@ -183,8 +183,8 @@ def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(
     assert frozen.textures.grad.abs().sum() > 0
     brushexp.render(strokes, (20, 30), renderer=frozen)
     brushexp.render(strokes.map(torch.Tensor.double), (20, 30))
-    slow = "strokes are drawn by PyTorch, many times slower than by compiled kernels: "
-    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, and kernels take float32"]
+    slow = "PyTorch draws the strokes, many times slower than compiled kernels: "
+    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, but kernels take float32"]
     assert len(caplog.messages) == 2
     for message, reason in zip(caplog.messages, reasons, strict=True):
         assert message.startswith(slow)
@@ -295,9 +295,9 @@ def closed_picture() -> Image.Image:
 
 
 @pytest.mark.parametrize(("picture", "options", "words"), [
-    ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
+    ("astronaut", {"stepz": 3}, "stepz is not a key of task=paint; nearest first: steps"),
     ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
-    ("astronaut", {"resume": "x"}, "resume=x is no option here"),
+    ("astronaut", {"resume": "x"}, "resume=x does not work in Python"),
     ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
     ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
     ("nowhere.png", {}, "image=nowhere.png is not there"),
@@ -307,31 +307,31 @@ def closed_picture() -> Image.Image:
     (np.eye(4, dtype=int), {}, r"image is an array of int64 from 0 to 1; give image.astype\(bool\), if it is a mask"),
     (np.eye(4) * 2 - 1, {}, r"float64 from -1 to 1; give \(image \+ 1\) / 2, if it goes from -1 to 1"),
     (np.full((4, 4), np.nan), {}, r"image is an array of float64 from nan to nan; give np.nan_to_num\(image\)"),
-    (np.ma.masked_less(np.eye(4), 1), {}, "image is a masked array; say what is seen"),
+    (np.ma.masked_less(np.eye(4), 1), {}, "image is a masked array; fill the masked pixels"),
     (np.array([["a"]]), {}, "image is an array of <U1; give"),
     (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
     (torch.rand(2, 5, 6), {}, "image is a tensor of shape"),
-    (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
-    (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse, .* or without numbers"),
-    (torch.zeros(3, 4, 5, dtype=torch.cfloat).conj(), {}, "image is a tensor that is sparse, quantized, complex"),
-    (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
+    (torch.rand(3, 4, 5).to_sparse(), {}, "image is a sparse"),
+    (torch.rand(3, 4, 5, device="meta"), {}, "image is a sparse, .* or meta tensor"),
+    (torch.zeros(3, 4, 5, dtype=torch.cfloat).conj(), {}, "image is a sparse, quantized, complex"),
+    (Image.new("RGB", (0, 0)), {}, "image has no pixels; give"),
     (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
     (torch.rand(5, 6, 3), {}, r"permute\(2, 0, 1\) puts the channels first"),
     (np.zeros((3, 4, 6)), {}, r"transpose\(1, 2, 0\) puts the channels last"),
     (b"no picture" * 1000, {}, "^image, 10000 bytes, is not a picture of a known format; .{1,60}$"),
-    (Image.new("I", (4, 4), 200), {}, r"32 bits up to 200, nearly black; give image.convert\('L'\)"),
+    (Image.new("I", (4, 4), 200), {}, r"values up to 200, nearly black; give image.convert\('L'\)"),
     ([[0.5, 0.5], [0.5, 0.5]], {}, r"a list of 2; for an array of numbers, give np.array\(image\)"),
-    (io.TextIOWrapper(io.BytesIO(b"\x89PNG")), {}, 'image is a file that was opened as text; open it with "rb"'),
-    (io.StringIO("x"), {}, 'image is a file that was opened as text; open it with "rb"'),
+    (io.TextIOWrapper(io.BytesIO(b"\x89PNG")), {}, 'image is a file opened as text; open it with "rb"'),
+    (io.StringIO("x"), {}, 'image is a file opened as text; open it with "rb"'),
     (["a.jpg", "b.jpg"], {}, "image takes one picture, and this is a list of 2; give one after the other"),
     ("astronaut", {"style": [np.zeros((4, 4))] * 2}, "style takes one picture, .* list of 2; give one of them"),
-    ("astronaut", {"style": ["coffee", "rocket"]}, "several are not taken; try style.image=coffee"),
+    ("astronaut", {"style": ["coffee", "rocket"]}, "only one value is allowed; try style.image=coffee"),
     (closed_picture(), {}, "image is closed or damaged; give"),
-    ({}, {}, "image={} says nothing; leave it out"),
+    ({}, {}, "image={} is empty; leave it out"),
     (
         "astronaut",
         {"focus": np.ones((3, 9))},
-        "focus=.* pixels, the picture 32 x 32; give one whose sides have the same ratio",
+        "focus=.* pixels, the picture 32 x 32; give one with the same aspect ratio",
     ),
 ])  # fmt: skip
 def test_a_mistake_is_a_message_of_one_line(picture, options, words):

@@ -160,7 +160,7 @@ def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails
     tracker = Noting(fails)
     carried_out(tracker)
     assert tracker.calls == calls.split()
-    expected = [f"logger=noting stopped: ValueError: {fails}; the run goes on without it"] * bool(fails)
+    expected = [f"logger=noting failed: ValueError: {fails}; the run continues without it"] * bool(fails)
     assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == expected
 
 

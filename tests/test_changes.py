@@ -61,9 +61,9 @@ def test_they_are_written_again_as_they_were_typed(words, short):
     (["mixtures=5"], "^mixtures=5 is for tubes=; add tubes=..., or drop mixtures$"),
     (["brushes=500"], "^brushes=500 is for tubes=; add tubes=..., or type strokes=...$"),
     (["width_cm=5"], "^width_cm=5 is for tubes= or smallest= or largest=; add tubes=..., or drop width_cm$"),
-    (["task=guided", "guides=a.png"], "^task=guided is a change now; type guides=lines.png$"),
-    (["task=repaint", "resume=x"], "^task=repaint is a change now; drop it$"),
-    (["callbacks=[csv,wet_steps]"], r"^callbacks=wet_steps is a change now; type wet=0\.5 change\.wet\.every=10$"),
+    (["task=guided", "guides=a.png"], "^task=guided has become a change; type guides=lines.png$"),
+    (["task=repaint", "resume=x"], "^task=repaint has become a change; drop it$"),
+    (["callbacks=[csv,wet_steps]"], r"^callbacks=wet_steps has become a change; type wet=0\.5 change\.wet\.every=10$"),
 ])  # fmt: skip
 def test_a_word_without_its_change_and_those_of_earlier_versions_are_told_what_to_type(words, message):
     refuses(message, expand_changes, words)
@@ -74,7 +74,7 @@ def test_a_list_of_a_sweep_gets_the_name_of_a_word_and_a_sweep_of_lists_does_not
         "change=[wet,guides]", "change.guides.lines=a.png,b.png",
     ]  # fmt: skip
     for word in ("change=wet,sizes", "change=[wet],[sizes]"):
-        refuses("is a sweep, to which guides cannot be added", expand_changes, [word, "guides=a.png"], sweep=True)
+        refuses("cannot add guides to the sweep ", expand_changes, [word, "guides=a.png"], sweep=True)
     looks = expand_changes(["look=oil,tubes", "tubes=zorn"], sweep=True)
     assert looks[-1] == "+change=[tubes]", "not every look has it"
 

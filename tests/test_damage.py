@@ -91,7 +91,7 @@ def test_bytes_behind_the_pieces_of_a_tiff_are_no_damage(tmp_path):
 def test_a_png_of_a_later_kind_is_refused(tmp_path, methods):
     header = PNG[16:26] + methods
     (tmp_path / "a.png").write_bytes(PNG[:8] + chunk(b"IHDR", header) + PNG[33:])
-    assert "is a PNG of a later kind than is read here" in refusal(read_picture, tmp_path / "a.png")
+    assert "is a PNG of a newer kind, which is not supported" in refusal(read_picture, tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("kind", ["PNG", "AVIF", "GIF", "JPEG"])
@@ -121,14 +121,14 @@ def jpeg(marker: int, bits: int) -> bytes:
 
 
 UNREAD = {
-    "is a PSD of 16 bits a colour; save it there with 8 bits (Image > Mode), or as TIFF or PNG": psd(depth=16),
-    "is a PSD of 32 bits a colour; save it there": psd(depth=32),
+    "is a PSD of 16 bits per colour; save it there with 8 bits (Image > Mode), or as TIFF or PNG": psd(depth=16),
+    "is a PSD of 32 bits per colour; save it there": psd(depth=32),
     "is a PSB, Photoshop's large document; save it there as TIFF or PNG": psd(version=2),
-    "is a JPEG of 12 bits a colour, which is not read here": jpeg(0xC1, 12),
-    "is a JPEG without loss, which is not read here": jpeg(0xC3, 8),
-    "is a JPEG-LS, which is not read here": jpeg(0xF7, 8),
-    "is a JPEG XR, which is not read here": b"II\xbc\1" + bytes(40),
-    "is a DjVu document; draw it as pixels": b"AT&TFORM" + bytes(40),
+    "is a JPEG of 12 bits per colour, which is not supported": jpeg(0xC1, 12),
+    "is a JPEG without loss, which is not supported": jpeg(0xC3, 8),
+    "is a JPEG-LS, which is not supported": jpeg(0xF7, 8),
+    "is a JPEG XR, which is not supported": b"II\xbc\1" + bytes(40),
+    "is a DjVu document; convert it to pixels": b"AT&TFORM" + bytes(40),
 }
 
 

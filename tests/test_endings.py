@@ -74,7 +74,7 @@ def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_be
     assert (restored.image, restored.steps) == (str(photo), 900)
     refuses("drop steps=9", resumed, "steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
-    refuses("is not the file that the run began with", resumed)
+    refuses("has changed since the run began", resumed)
     place = tmp_path / "set"
 
     def simulate(n: int, seed: int = 0) -> None:
@@ -86,19 +86,19 @@ def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_be
         if seed:
             shutil.rmtree(place)
         simulate(n, seed)
-        now = f"set has {n} strokes of seed {seed} now, and the run began with 40 strokes of seed 0; put"
+        now = f"set has {n} strokes of seed {seed} now, but the run began with 40 strokes of seed 0; restore"
         refuses(now, resumed, task="train")
 
 
 def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, caplog):
     resumed(begun=["steps=900"])
-    assert "under other versions" not in caplog.text
+    assert "with other versions" not in caplog.text
     checkpoint = torch.load(tmp_path / CHECKPOINT)
     checkpoint[RECORD_KEY]["provenance"] |= {"torch": "1.0", "plugins": {}}
     torch.save(checkpoint, tmp_path / CHECKPOINT)
     resumed()
     now = torch.__version__
-    assert f"continues under other versions than it began with: PyTorch (1.0, {now}); for a comparable" in caplog.text
+    assert f"continues with other versions than it began with: PyTorch (1.0, {now}); for a comparable" in caplog.text
     for other in (None, "odd"):  # of an earlier version, or spoilt
         checkpoint[RECORD_KEY]["provenance"] = other
         torch.save(checkpoint, tmp_path / CHECKPOINT)
@@ -109,8 +109,8 @@ def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, capl
 
 @pytest.mark.parametrize(("holds", "message"), [
     ("notes.txt", "there is no checkpoint.ckpt; give the folder of an interrupted run"),
-    ("metrics.json", "this run has ended, and nothing is left to go on with"),
-    ("multirun.yaml", "this is a sweep; type it again as it was, and add resume=sweep"),
+    ("metrics.json", "this run is finished, and nothing is left to continue"),
+    ("multirun.yaml", "this is a sweep; repeat its command and add resume=sweep"),
 ])  # fmt: skip
 def test_a_folder_that_cannot_go_on_says_what_it_is(tmp_path, holds, message):
     (tmp_path / holds).touch()
@@ -145,8 +145,8 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
 
 @pytest.mark.parametrize(("version", "words"), [
     (resume.VERSION + 1, "and this brushexp reads 1; update brushexp"),
-    (0, "which there is not"),
-    (True, "which there is not"),
+    (0, "an invalid format_version"),
+    (True, "an invalid format_version"),
 ])  # fmt: skip
 def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions_goes_on(
     resumed, tmp_path, version, words
@@ -213,7 +213,7 @@ class Spilling(Blend):
 
 
 @pytest.mark.parametrize(("parts", "trouble"), [
-    ({"renderer": Spoilt()}, "renderer=Spoilt makes stroke 2 of numbers that are not finite"),
+    ({"renderer": Spoilt()}, "renderer=Spoilt draws stroke 2 with numbers that are not finite"),
     ({"blend": Spilling("nan")}, "blend=Spilling makes a picture that is not finite"),
     ({"blend": Spilling("gradient")}, "the gradient of blend=Spilling is not finite"),
 ])  # fmt: skip
@@ -225,7 +225,7 @@ def test_the_part_that_made_the_first_number_that_is_not_finite_is_named(parts, 
 
 def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):
     touch = {"_target_": "pathlib.Path.touch", "_args_": [str(tmp_path / "it")]}
-    with pytest.raises(UserError, match="optimizer has an option _target_; nothing below a plugin is built"):
+    with pytest.raises(UserError, match="optimizer has an option _target_, which is not allowed below a plugin"):
         build_named("optimizer", "torch", {"name": "SGD", "options": {"momentum": touch}})
     assert not (tmp_path / "it").exists()
     with pytest.raises(UserError, match=r"holds an interpolation, \$\{\.\.\.\}; write the value"):
@@ -254,7 +254,7 @@ PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3
 @pytest.mark.parametrize(("error", "message"), [
     (RuntimeError("a bug"), "a bug"),
     (SystemExit(0), r"ends the program \(exit code 0\)"),
-    (MemoryError(), "there is not enough memory; take a smaller resolution= or strokes="),
+    (MemoryError(), "there is not enough memory; choose a smaller resolution= or strokes="),
     (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
     (OSError(errno.ENOSPC, "No space left"), "cannot write into .*: No space left; choose another"),
     (None, "step 4: loss=mse is nan; .* lower the rate, or choose others"),
@@ -299,7 +299,7 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
         patched.setattr("brushexp.system.files.os.fsync", fsync)
         if full == CHECKPOINT:
             assert run_task(paint, *TINY)["status"] == "completed"
-            assert "no checkpoint at step 7: cannot write" in caplog.text
+            assert "could not write a checkpoint at step 7: cannot write" in caplog.text
             return
         refuses(rf"cannot write .*{full}: No space left on device; .* with output=", run_task, paint, *TINY)
     assert (tmp_path / CHECKPOINT).exists()
@@ -311,13 +311,13 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
     ("task=export catalogue=c.h5 to=relief resolution=30000", r"to=relief: 9000 x 30000 .* resolution="),
     ("task=export catalogue=c.h5 to=gcode to.gcode.width_mm=900", r"900 is too wide for"),
     ("task=export catalogue=other.h5", r"renderer\.width=-3"),
-    ("task=export catalogue=c.h5 to=gcode to.gcode.change=T{x}", r"more than {tool} and {color}"),
+    ("task=export catalogue=c.h5 to=gcode to.gcode.change=T{x}", r"other than {tool} and {color}"),
     ("task=train engine=disc batch_size=200000", r"batch_size=200000 strokes of .* smaller batch_size="),
     ("task=simulate engine=disc engine.window=256", r"2048 strokes of 256 x 256 .* smaller engine.window="),
     ("blend=dense strokes=100000 resolution=512", r"blend=dense would hold 100000 strokes at 262144"),
     ("style=astronaut style.loss.scale=0.02 resolution=512", r"has 10 x 10 pixels .* needs 32 x 32"),
     ("resolution=1000", r" strokes on 1000 x 1000 .* at least 0.5 GB .* 0.4 GB .* smaller resolution="),
-    ("renderer=neural strokes=9000", r"take at least 1.2 GB .* or fewer strokes="),
+    ("renderer=neural strokes=9000", r"need at least 1.2 GB .* or fewer strokes="),
 ])  # fmt: skip
 def test_what_has_no_room_is_refused_before_any_job_starts(words, message, config, monkeypatch, tmp_path):
     words = words.split()
@@ -351,14 +351,14 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     take_folder(folder, config())  # of the user alone: nothing is refused, nothing goes
     run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
     leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
-    held = r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="
+    held = r"output=.* already holds a run \(checkpoint.ckpt\); continue it with resume="
     refuses(held, take_folder, folder, config())
     assert files_in(folder) == mine | run_leaves, "but for what writing that was killed has left"
     take_folder(folder, config(f"resume={folder}"))
     with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
         take_folder(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
-    refuses(r"holds a run already \(metrics.json\); choose another folder, or replace", take_folder, folder, config())
+    refuses(r"already holds a run \(metrics.json\); choose another folder, or replace", take_folder, folder, config())
     (folder / "metrics.json").unlink()
     take_folder(folder, config())  # over a run that came to nothing
     assert files_in(folder) == mine
@@ -428,7 +428,7 @@ def test_an_exporter_leaves_nothing_after_overwriting_and_one_that_is_stopped_sa
     words = ["task=export", "catalogue=some.h5", "to=[svg,json]", "output=x"]
     code, output = ended(tmp_path, *words, kill=("strokes.svg", 1, True), sent=signal.SIGTERM)
     assert code == 128 + signal.SIGTERM
-    assert output == "note: interrupted; x has strokes.svg; to begin anew, type the same and: output=x\n"
+    assert output == "note: interrupted; x has strokes.svg; to start over, repeat the command with: output=x\n"
     code, output = ended(tmp_path, *words)
     assert code == 0, output
     assert (tmp_path / "x" / "strokes.json").is_file()
@@ -481,7 +481,7 @@ def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tm
         leave(tmp_path / name, CHECKPOINT, "painting.png")
     with recorded(tmp_path):
         note_files(tmp_path, [tmp_path / "1_2" / name for name in ("painting.png", MANIFEST)])  # the first is in both
-    held = r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"
+    held = r"already holds a run \(1_2/checkpoint.ckpt\); repeat the command with resume=sweep"
     refuses(held, take_folder, tmp_path, config())
     take_folder(tmp_path, config("overwrite=true"))
     assert files_in(tmp_path) == {f"3/{name}" for name in (CHECKPOINT, "painting.png", MANIFEST)}
@@ -498,7 +498,7 @@ def test_one_run_at_a_time_is_in_a_folder(tmp_path):
     with FileLock(tmp_path / "a" / ".hydra" / "lock"):
         code, output = ended(tmp_path, *TINY, "output=a")
     assert code == 1
-    assert output == "brushexp: another run is at work in output=a; wait for its end, or choose another one\n"
+    assert output == "brushexp: another run is at work in output=a; wait for it, or choose another folder\n"
     assert [path.name for path in (tmp_path / "a").iterdir()] == [".hydra"], "nothing is written"
     code, output = ended(tmp_path, *TINY, "output=/proc/x")
     assert code == 1
@@ -515,16 +515,16 @@ def test_ctrl_c_after_the_last_step_leaves_the_painting(run_task, tmp_path, monk
     with pytest.raises(KeyboardInterrupt):
         run_task(paint, *TINY)
     assert {"painting.png", "catalogue.h5"} <= {path.name for path in tmp_path.iterdir()}
-    assert "stopping when painting and catalogue are written (Ctrl-C again: at once)" in caplog.text
+    assert "stopping once painting and catalogue are written (press Ctrl-C again to stop at once)" in caplog.text
     assert not has_finished(tmp_path)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize(("files", "task", "said"), [
-    ([], "export", "nothing is finished; to begin anew, type the same and: output=my run"),
-    (["run.log", "a", "b"], "export", "my run has a, b; to begin anew, type the same and: output=my run"),
+    ([], "export", "nothing is finished; to start over, repeat the command with: output=my run"),
+    (["run.log", "a", "b"], "export", "my run has a, b; to start over, repeat the command with: output=my run"),
     (["a", "b", "c", "d", "e", "painting.png"], "x", "my run has painting.png, a, b, c and 2 more; to begin anew"),
-    ([METRICS_FILE], "paint", f"my run has {METRICS_FILE}; to begin anew, type the same and: output=my run over"),
+    ([METRICS_FILE], "paint", f"my run has {METRICS_FILE}; to start over, repeat the command with: output=my run over"),
     (["a", CHECKPOINT], "paint", "continue with: brushexp resume=my run"),
     ([CHECKPOINT], "train", "continue with: brushexp task=train resume=my run"),
 ])  # fmt: skip

@@ -448,7 +448,7 @@ def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_
     np.testing.assert_array_equal(filled, job.scaled(79 / 36).picture()[:, 17:-18])
     with caplog.at_level(logging.INFO):
         (path,) = build_named("to", "pdf", {"size_cm": "6x2.5", "dpi": 80.0, "bleed": 3.0}).write(job, tmp_path)
-    assert "3.6 x 2.5 cm at 80 dpi, with 3 mm of bleed around it" in caplog.text
+    assert "3.6 x 2.5 cm at 80 dpi, plus 3 mm of bleed" in caplog.text
     assert b"/MediaBox [0 0 118.8000 87.3000]" in path.read_bytes()
     assert b"/TrimBox [8.1000 8.1000 110.7000 79.2000]" in path.read_bytes()
 
@@ -456,7 +456,7 @@ def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"fill": True}, r"fill=true needs a size; add to\.png\.size_cm=60x40"),
+        ({"fill": True}, r"fill=true needs a paper size; add to\.png\.size_cm=60x40"),
         (
             {"size_cm": "4x3", "margin": 15.0},
             r"margin=15 leaves no room on to\.png\.size_cm=4x3; try to\.png\.margin=10",
@@ -483,7 +483,7 @@ def test_a_jpeg_is_near_the_painting_and_says_what_its_colours_are(tmp_path):
             assert psnr(np.asarray(image), large.picture()) > least
         sizes.append(path.stat().st_size)
     assert sizes[1] < 0.7 * sizes[0]
-    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels a side, .* has 65536; .* or to=png"):
+    with pytest.raises(UserError, match=r"to=jpg holds 65500 pixels per side, .* has 65536; .* or to=png"):
         build_named("to", "jpg", {}).write(job_of(some(1)).scaled(65536 / 52), tmp_path)
 
 
@@ -604,7 +604,7 @@ def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
     ("", r"not JSON \(line 1, column 1"),
     ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
     ("[1, 2]", "not a brushexp catalogue"),
-    ("[" * 100_000, "too many brackets"),
+    ("[" * 100_000, "too many nested brackets"),
     ("\x89HDF\r\n\x1a\n\xff\xfe", "not text in UTF-8"),
 ])  # fmt: skip
 def test_a_wrong_text_is_explained(text, message, tmp_path):
@@ -691,7 +691,7 @@ def test_an_export_lands_beside_its_painting_and_replaces_only_an_export_and_onl
     (folder / "strokes.json").write_text("of an older painting")
     refused = run(*words, cwd=tmp_path)
     assert refused.returncode == 1
-    assert "of an earlier export; replace it with overwrite=true, or choose another folder: output=" in refused.stderr
+    assert "exists already; replace it with overwrite=true, or choose another folder: output=" in refused.stderr
     assert (folder / "strokes.json").read_text() == "of an older painting"
     assert len(list((folder / "exports").iterdir())) == 1, "refused before a folder is made"
     assert run(*words, "overwrite=true", cwd=tmp_path).returncode == 0

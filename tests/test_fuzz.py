@@ -348,7 +348,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_before_there_is_ro
         made = file.create_dataset("it", (16,), np.float32, chunks=(16,), compression="gzip", shuffle=True)
         made.id.write_direct_chunk((0,), zlib.compress(bytes(2**22)))
         whole = file.create_dataset("whole", data=np.arange(99.0), chunks=(16,), compression="gzip", fletcher32=True)
-        refuses("it has a chunk that unpacks to more than the 64 bytes that it says", numbers_of, made)
+        refuses("it has a chunk that unpacks to more than its stated 64 bytes", numbers_of, made)
         assert numbers_of(whole).tolist() == list(range(99))
 
 

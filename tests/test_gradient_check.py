@@ -36,15 +36,15 @@ class Nobody(Sampler):
 
 def test_a_loss_without_gradient_is_refused_before_the_first_step():
     painter = painter_of(n=5, steps=3, losses={"mine": Detached()})
-    refuses(r"^loss=mine: no gradient reaches a stroke, so that none would move; .*\.detach\(\)", fit, painter)
+    refuses(r"^loss=mine: no gradient reaches the strokes, so none would move; .*\.detach\(\)", fit, painter)
     assert painter.schedule.step == 0
 
 
 def test_one_of_several_losses_without_gradient_is_told_once(caplog):
     fit(painter_of(n=5, steps=3, losses={"mse": MeanSquaredError(), "mine": Detached()}))
     assert [record.getMessage() for record in caplog.records if "gradient" in record.getMessage()] == [
-        "loss=mine: its gradient reaches no stroke, so that it changes nothing; "
-        "compute it from view.image or view.strokes, without .detach(), .item(), NumPy or a comparison"
+        "loss=mine has no effect, because its gradient reaches no stroke; "
+        "compute it from view.image or view.strokes without .detach(), .item(), NumPy or comparisons"
     ]
 
 

@@ -15,10 +15,10 @@ STROKES = Random()(torch.rand(3, *SIZE), 60, torch.Generator().manual_seed(0))
 
 
 @pytest.mark.parametrize(("chosen", "steps", "told"), [
-    ({"density": Adaptive()}, 5, "density=adaptive adds and removes no strokes in 5 steps; it begins from steps=11 on"),
+    ({"density": Adaptive()}, 5, "density=adaptive adds and removes no strokes in 5 steps; it needs steps=11 or more"),
     ({"density": Adaptive()}, 11, None),
     ({"density": Adaptive(until=0)}, 500, "density=adaptive adds and removes no strokes with density.until=0"),
-    ({"sampler": Patches()}, 5, "sampler=patches moves all 60 strokes at each step, as sampler=whole does"),
+    ({"sampler": Patches()}, 5, "sampler=patches moves all 60 strokes at each step, like sampler=whole"),
     ({"sampler": Patches(n_active=20)}, 5, None),
     ({"sampler": Patches(coverage="random")}, 5, "sampler=patches moves all 60 strokes"),
     ({}, 5, None),

@@ -71,5 +71,5 @@ def test_what_goes_wrong_is_raised_in_the_caller_and_a_program_ends_though_a_pai
     with pytest.raises(ZeroDivisionError):
         list(states)
     monkeypatch.setattr("brushexp.painting.build.build_components", lambda _: (_ for _ in ()).throw(MemoryError))
-    refuses("not enough memory; take a smaller resolution=", next, brushexp.iterate("chelsea", **SMALL))
+    refuses("not enough memory; choose a smaller resolution=", next, brushexp.iterate("chelsea", **SMALL))
     assert not painters()

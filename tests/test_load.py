@@ -58,7 +58,7 @@ def test_a_catalogue_alone_is_drawn_and_has_no_target(folder, tmp_path):
 def test_what_is_no_painting_is_refused(folder, tmp_path):
     refuses(r"give the catalogue\.h5 of a finished run, source=", brushexp.load, tmp_path)
     shutil.copytree(folder, tmp_path / "sweep" / "0")
-    refuses(r"give one of those below it, source=.*0.catalogue\.h5", brushexp.load, tmp_path / "sweep")
+    refuses(r"give one of the folders below it, source=.*0.catalogue\.h5", brushexp.load, tmp_path / "sweep")
 
 
 def test_a_batch_has_the_pictures_and_the_gradients_of_each_alone():
@@ -125,7 +125,7 @@ def test_one_stroke_is_selected_by_its_number_and_a_loop_ends():
     assert len(strokes[torch.tensor([True, False, True])]) == 2
     with pytest.raises(IndexError):
         strokes[3]
-    refuses(r"map changes the numbers of 3 strokes, and the function makes 1; select strokes with strokes\[:1\]",
+    refuses(r"map must keep the number of strokes, 3, but the function returned 1; select strokes with strokes\[:1\]",
             strokes.map, lambda value: value[:1])  # fmt: skip
 
 

@@ -78,7 +78,7 @@ def test_a_look_of_ones_own_is_one_file_what_is_typed_wins_and_the_rest_stays(mi
             assert OmegaConf.select(after, key) == value
 
 
-TYPED = [  # what is typed beside a look, what stays as it was, and what does not
+TYPED = [  # words typed with a look, what they keep, and what they change
     ("steps=7 effort=9", "init loss optimizer", {"steps": 7}),
     ("init=slic", "loss optimizer", {"init.width": 0.8}),
     ("init=grid", "init loss optimizer", {}),
@@ -92,14 +92,14 @@ TYPED = [  # what is typed beside a look, what stays as it was, and what does no
 @pytest.mark.parametrize(("text", "message"), [
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
-    ("init:\n  shifted: true\n", r"init\.shifted is no option of init=slic; its options, nearest first: "),
+    ("init:\n  shifted: true\n", r"init\.shifted is not an option of init=slic; its options, nearest first: "),
     ("- steps\n", "not a YAML mapping"),
-    ("defaults: [oil, _self_]\n", "oil in its defaults chooses no plugin; write '- override /init: slic'; one look"),
-    ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults chooses no plugin"),
-    ("init: slic\n", "init is slic; options stand below 'init:', and '- override /init: ...' in the defaults"),
-    ("loss: [mse]\n", r"loss is \['mse'\]; options stand below 'loss:'"),
-    ("loss: mse\n", "loss is mse; options stand below"),
-    ("loss:\n  mse: 2\n", "loss is 2; options stand below"),
+    ("defaults: [oil, _self_]\n", "oil in its defaults does not choose a plugin; write '- override /init: slic'"),
+    ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults does not choose a plugin"),
+    ("init: slic\n", "init is slic; put options below 'init:', and choose it by '- override /init: ...' in "),
+    ("loss: [mse]\n", r"loss is \['mse'\]; put options below 'loss:'"),
+    ("loss: mse\n", "loss is mse; put options below"),
+    ("loss:\n  mse: 2\n", "loss is 2; put options below"),
 ])  # fmt: skip
 @pytest.mark.usefixtures("hydra_restore_singletons")
 def test_a_look_that_does_not_fit_is_refused_where_it_is_chosen(tmp_path, text, message):
@@ -112,14 +112,14 @@ def test_a_look_that_does_not_fit_is_refused_where_it_is_chosen(tmp_path, text, 
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [
-    ("look", b"hello", r"is no config .*; its lines are like 'steps: 100': correct it"),
+    ("look", b"hello", r"is not a config .*; write lines like 'steps: 100'"),
     ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
     ("experiment", b"", "would set nothing"),
-    ("experiment", b"# @package _global_\ndefaults: oil\n", "has defaults that are no list; .*/look: oil'"),
-    ("renderer", b"\x82\xff", "is no config .*; its lines are like"),
-    ("renderer", b"[" * 9999, "is no config"),
-    ("renderer", b"!!python/name:os.system", "is no config"),
-    ("pictures", b"a: 1", "is no config .*; its lines are like '- photo.jpg'"),
+    ("experiment", b"# @package _global_\ndefaults: oil\n", "has defaults that are not a list; .*/look: oil'"),
+    ("renderer", b"\x82\xff", "is not a config .*; write lines like"),
+    ("renderer", b"[" * 9999, "is not a config"),
+    ("renderer", b"!!python/name:os.system", "is not a config"),
+    ("pictures", b"a: 1", "is not a config .*; write lines like '- photo.jpg'"),
 ])  # fmt: skip
 def test_a_config_that_is_something_else_is_told_and_refused_where_it_is_chosen(
     tmp_path, caplog, name, content, message
@@ -167,10 +167,10 @@ def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_lis
         (tmp_path / folder / "look" / "smooth.yaml").write_text(text)
     code, output = ended(tmp_path, "image=chelsea", "resolution=16", "steps=1", "frames=0", "output=run")
     assert code == 0
-    assert "smooth.yaml is no config" in output
+    assert "smooth.yaml is not a config" in output
     code, output = ended(tmp_path, "image=chelsea", "look=smooth")
     assert (code, output.count("\n")) == (1, 1)
-    assert "smooth.yaml is no config" in output
+    assert "smooth.yaml is not a config" in output
     shutil.rmtree(tmp_path / "conf")
     code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1

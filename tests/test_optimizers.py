@@ -95,7 +95,7 @@ def test_soap_keeps_no_matrix_as_long_as_the_strokes_and_names_its_library_if_th
 
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_an_unknown_optimiser_is_refused(library):
-    with pytest.raises(UserError, match=r"has no optimiser 'Nonsense'; set optimizer.name to one of .*Adam"):
+    with pytest.raises(UserError, match=r"has no optimiser 'Nonsense'; choose optimizer.name from .*Adam"):
         build_named("optimizer", "torch", {"library": library, "name": "Nonsense"})
 
 

@@ -92,7 +92,7 @@ def test_without_any_package_the_core_paints_its_looks_and_qualities_sweeps_and_
     for name in (*looks, *qualities, "losses", *(f"sweep/{number}" for number in range(4))):
         assert (tmp_path / name / "painting.png").is_file(), found.stderr
     offered = found.stdout.partition("== --help\n")[2]
-    assert "Keys that people use" in offered
+    assert "Most useful keys" in offered
     assert not names_in(offered, settings_of_packages())
 
 

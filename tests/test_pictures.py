@@ -296,7 +296,7 @@ def test_what_is_no_picture_or_would_be_too_large_is_refused_with_what_would_do_
     path.write_bytes(b"")
     assert "is empty (0 bytes)" in refusal(path)
     Image.fromarray(BYTES).save(tmp_path / "page.eps")
-    assert "the format EPS, which is not read here" in refusal(tmp_path / "page.eps")
+    assert "the format EPS, which is not supported" in refusal(tmp_path / "page.eps")
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe")
         assert "is a device or a pipe" in refusal(tmp_path / "pipe")

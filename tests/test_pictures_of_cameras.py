@@ -291,7 +291,7 @@ def test_cmyk_of_16_bits_is_refused_and_pictures_are_opened_without_a_word_of_th
     tmp_path, monkeypatch
 ):
     tifffile.imwrite(tmp_path / "ink.tif", np.zeros((8, 6, 4), np.uint16), photometric="separated")
-    assert "is a TIFF of CMYK with 16 bits a colour; save it with 8 bits" in refusal(tmp_path / "ink.tif")
+    assert "is a CMYK TIFF with 16 bits per colour; save it with 8 bits" in refusal(tmp_path / "ink.tif")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow warns above it, and raises above twice as many
     about = PngInfo()
     about.add_text("Title", "Road")
@@ -339,12 +339,12 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     lines = left_out(str(tmp_path))
     for words in ("x.DNG left out: raw", "x.MOV, y.mp4 left out: a film", "x.svg left out", "notes.txt left out: no p"):
         assert any(words in line for line in lines), (words, lines)
-    assert any("more left out: for what is in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
-    assert any("gone.png left out: they lead to no file" in line for line in lines)
+    assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
+    assert any("gone.png left out: these links lead nowhere" in line for line in lines)
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()
-    refuses(r"no picture is there; .*x.DNG left out: raw photographs", pictures_in, str(tmp_path / "x*"))
+    refuses(r"there are no pictures; .*x.DNG left out: develop raw photographs", pictures_in, str(tmp_path / "x*"))
 
 
 TALL, BROAD = 30, 40
@@ -431,7 +431,7 @@ def test_pixels_are_turned_with_the_picture_and_pages_that_are_not_painted_are_t
             tiff.write(SMOOTH, photometric="rgb", subfiletype=kind)
     with caplog.at_level(logging.WARNING):
         assert np.array_equal(read_picture(path), SMOOTH)
-    assert "has 3 pages, and the first is taken" in caplog.text
+    assert "has 3 pages, and only the first is used" in caplog.text
 
 
 DOUBLE_WIDTH = [with_phys(0, 1, 2), with_jfif(0, 1, 2), gif(113), file_of(SMOOTH, "TIFF", dpi=(72, 144))]
@@ -461,7 +461,7 @@ def test_a_file_that_ends_too_soon_is_told_so(tmp_path, kind, options, fewer):
     assert has_end(path)
     path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
     assert has_end(path) is False
-    assert refusal(path).endswith("is cut short: its file ends before the picture does; get the whole file")
+    assert refusal(path).endswith("is truncated: the file ends before the picture does; get the whole file")
 
 
 @pytest.mark.parametrize("fewer", [2, 0.5, 0.9])
@@ -473,7 +473,7 @@ def test_a_cut_jpeg_xl_whose_length_stands_nowhere_may_be_cut_or_damaged(tmp_pat
     path.write_bytes(whole)
     assert read_picture(path).shape == NOISE.shape
     path.write_bytes(whole[: -fewer if fewer > 1 else int(len(whole) * (1 - fewer))])
-    assert "is cut short, damaged or cannot be decoded" in refusal(path)
+    assert "is truncated, damaged or cannot be decoded" in refusal(path)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "GIF", "QOI", "TIFF", "BMP", "TGA"])
@@ -492,7 +492,7 @@ def test_the_end_of_a_thumbnail_is_not_that_of_its_picture(tmp_path, caplog):
     (tmp_path / "a.jpg").write_bytes((whole[:2] + segment + whole[2:])[:-2])
     with caplog.at_level(logging.WARNING):
         assert read_picture(tmp_path / "a.jpg").shape == (4 * TALL, 4 * BROAD, 3)
-    assert "is cut short, and painted as it is" in caplog.text
+    assert "is truncated and painted as it is" in caplog.text
 
 
 @pytest.mark.parametrize("progressive", [True, False])
@@ -507,13 +507,13 @@ def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_mu
         with caplog.at_level(logging.WARNING):
             found = read_picture(path).astype(int)
         assert (np.abs(found - whole).max(2) > 9).mean() < 0.02
-        assert "is cut short, and painted as it is" in caplog.text
+        assert "is truncated and painted as it is" in caplog.text
         assert size_of_picture(str(path), "image") == whole.shape[:2]
         os.utime(path, ns=(fewer, fewer))
     if not progressive:  # else the whole picture is there, only coarser
         path.write_bytes(data[: len(data) * 6 // 10])
-        assert "it is cut short: 4" in (message := refusal(path))
-        assert "% of the picture are missing); get the whole file" in message
+        assert "it is truncated: 4" in (message := refusal(path))
+        assert "% of the picture is missing); get the whole file" in message
 
 
 XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"

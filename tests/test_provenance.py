@@ -133,7 +133,7 @@ def test_a_painting_in_memory_says_with_what_it_was_made():
      "These runs differ in uncommitted changes of the project."),
     ({"plugins": {"sobel.py": "2", "other.py": "1"}}, "These runs differ in plugin file sobel.py."),
     ({"plugins": {"other.py": "1"}}, ""),  # another setting, not another version
-    (None, "1 of 3 runs have no record of the versions that made them."),
+    (None, "1 of 3 runs have no record of their versions."),
     ({"plugins": "broken", "project": 3}, "These runs differ in commit of the project (bbbbbbb, none)."),
 ])  # fmt: skip
 def test_a_table_says_in_one_line_in_what_its_runs_differ(tmp_path, other, remark):

@@ -93,7 +93,7 @@ def test_only_registered_classes_are_built_those_of_earlier_versions_too_and_opt
     with pytest.raises(UserError, match=r"os\.system is not a registered plugin"):
         build(OmegaConf.create({"_target_": "os.system", "command": "true"}))
     assert build_named("renderer", "analytic", {"soft": 2.0}).soft == 2.0
-    refuses("does not take these options", build_named, "renderer", "analytic", {"soft": "wide"})
+    refuses("does not accept these options", build_named, "renderer", "analytic", {"soft": "wide"})
     refuses(r"renderer=cubist is not among the plugins here \(analytic", build_named, "renderer", "cubist", {})
     node = OmegaConf.create({"_target_": "brushexp.plugins.density.strays.Strays", "after": 0.5})
     assert type(build(node)) is Strays
@@ -233,7 +233,7 @@ def test_an_attribute_that_a_plugin_lacks_is_named(loaded):
 def test_colours_that_are_none_are_no_target(loaded):
     text, body = HEAD.format("palette"), "def __call__(self, picture): return picture * float('nan')"
     loaded(f"{text}\n@register('palette', 'mad')\nclass Mad(Palette):\n    {body}", "mad")
-    refuses("__call__ returns a picture with numbers that are not finite", build_named("palette", "mad", {}), TARGET)
+    refuses("__call__ returns a picture with non-finite numbers", build_named("palette", "mad", {}), TARGET)
 
 
 @pytest.mark.parametrize("family", METHODS)
@@ -257,7 +257,7 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
     ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
     ("@register('loss', 'half')\nclass Half: ...", r"class Half lacks a base class of brushexp\.plugins\.loss\.base"),
     ("@register('loss', 'half')\nclass Half(Loss):\n    def forward(self, picture, target): ...",
-     r"loss=half \(.*half\.py\): forward\(self, picture, target\) is called as \(self, view\); correct the plugin"),
+     r"loss=half \(.*half\.py\): forward\(self, picture, target\) is called with \(self, view\); correct the plugin"),
     ("from brushexp.plugins.metric.base import Metric\n@register('metric', 'half')\nclass Half(Metric):\n"
      "    def __call__(self, comparison): ...", "class Half lacks title, higher_is_better$"),
     ("@register('loss', 'half')\ndef half(view): ...", "loss=half is <function half .*>, not a class; write one"),

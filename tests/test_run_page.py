@@ -246,7 +246,7 @@ def test_the_head_of_a_page_is_in_words(tmp_path):
 
 
 @pytest.mark.parametrize(("error", "words", "is_bug"), [
-    (UserError("no room"), "no report.html of this run: no room", False), (ZeroDivisionError(), "Traceback", True),
+    (UserError("no room"), "report.html could not be written: no", False), (ZeroDivisionError(), "Traceback", True),
 ])  # fmt: skip
 def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch, error, words, is_bug):
     monkeypatch.setattr("brushexp.pages.run_page.page_in", Mock(side_effect=error))
@@ -340,7 +340,7 @@ def test_charts_need_something_to_show():
 
 def test_the_painting_can_be_seen_alone_at_any_size(visited):
     page = visited.page
-    page.get_by_role("button", name="Look at it alone").click()
+    page.get_by_role("button", name="Show it alone").click()
     alone = page.get_by_role("dialog", name="The picture alone")
     picture = alone.get_by_alt_text("painting")
     alone.get_by_text("%").wait_for()

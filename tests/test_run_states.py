@@ -114,7 +114,7 @@ class Runs(RuleBasedStateMachine):
         code, output = self.ended(*self.words, f"output={name}", *["overwrite=true"] * overwrite, kill=kill)
         if is_refused:
             assert code == 1
-            assert f"output={name} holds a run already" in output
+            assert f"output={name} already holds a run" in output
             assert files_of(self.place / name) == before, "not a byte of it is another"
         else:
             self.check_end(name, code, output, kill)
@@ -127,9 +127,9 @@ class Runs(RuleBasedStateMachine):
         into = NAMES[1 - NAMES.index(name)] if other else name
         step, is_refused = self.step_of(name), other and self.is_held(into)
         code, output = self.ended(*self.task, f"resume={name}", f"output={into}", kill=kill)
-        if is_refused or "is not the file that the run began with; put it back" in output:
+        if is_refused or "has changed since the run began; restore it" in output:
             assert code == 1
-            assert not is_refused or f"output={into} holds a run already" in output
+            assert not is_refused or f"output={into} already holds a run" in output
             assert self.step_of(name) == step
         else:
             self.check_end(into, code, output, kill)

@@ -171,7 +171,7 @@ def test_a_full_disk_is_explained_and_leaves_the_previous_file(name, tmp_path):
         "catalogue.h5": lambda: save_catalogue(path, saved),
         "timelapse.mp4": lambda: timelapse.write(tmp_path),
     }[name]
-    reason = "File too large; mend that or choose another folder with output=..."
+    reason = "File too large; fix that or choose another folder with output=..."
     assert refusal(write) == f"cannot write {path}: {reason}"
     assert os.listdir(tmp_path) == [name]
     assert path.read_text() == "old"
@@ -193,10 +193,10 @@ def test_the_new_file_takes_the_place_of_the_old_one_unless_anything_fails(tmp_p
 
 
 def test_a_place_that_cannot_be_written_is_explained_and_a_very_long_name_is_no_obstacle(tmp_path):
-    words = r"cannot write .*metrics.json: No such file.*; mend that or .*output="
+    words = r"cannot write .*metrics.json: No such file.*; fix that or .*output="
     refuses(words, write_json, tmp_path / "missing" / "metrics.json", {})
     file = write_old(tmp_path / "file")
-    refuses(r"Not a directory; mend that or choose another folder with output=", write_json, file / "metrics.json", {})
+    refuses(r"Not a directory; fix that or choose another folder with output=", write_json, file / "metrics.json", {})
     (tmp_path / "folder").mkdir()
     refuses(r"cannot write .*folder: Is a directory", write_json, tmp_path / "folder", {})
     assert sorted(os.listdir(tmp_path)) == ["file", "folder"]

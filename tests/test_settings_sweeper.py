@@ -42,7 +42,7 @@ def test_every_setting_is_one_job_and_stands_above_the_command_line_with_whose_s
     refuses("steps is a key; type steps=", jobs, ["steps"])
     combined = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
     assert combined == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
-    refuses(r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
+    refuses(r"interval\(1,9\) is not a list of values; try hydra/sweeper=optuna", jobs, ["", "steps=interval(1,9)"])
 
 
 def test_words_for_changes_of_a_painting_are_words_of_settings_too_and_join_those_of_the_command_line():
@@ -102,10 +102,10 @@ def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_awa
     assert by_words == ["image=camera,strokes=4", "image=coffee,strokes=4"]
     cure = r"drop it, or type 'hydra\.sweep\.subdir=job\$\{hydra\.job\.num\}'"
     for subfolder, same in (("all", "all"), ("o${seed}", "o0")):
-        message = f"job 1 .*: hydra.sweep.subdir={same} is the folder of an earlier job, too; {cure}"
+        message = f"job 1 .*: hydra.sweep.subdir={same} is also the folder of an earlier job; {cure}"
         refuses(message, places, ["camera", "coffee"], f"hydra.sweep.subdir={subfolder}")
     refuses(
-        "chdir=true moves a run away from the files that its words name; drop it",
+        "chdir=true would break relative paths in the settings; drop it",
         places, ["camera"], "hydra.job.chdir=true",
     )  # fmt: skip
     assert moved(["seed=1", "hydra.sweep.subdir=a"], "b c") == ["seed=1", "hydra.sweep.subdir=b c"]

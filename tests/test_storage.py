@@ -101,7 +101,7 @@ def test_alpha_comes_back_and_what_is_no_picture_of_it_is_explained(tmp_path):
     assert torch.equal(parse(text).alpha, alpha)
     packed = png_of(alpha)
     for wrong in (b"", b"no picture", packed[:40], packed[:20] + bytes(20) + packed[40:]):
-        refuses("alpha is no PNG", alpha_of, wrong)
+        refuses("alpha is not a readable PNG", alpha_of, wrong)
     for wrong in ('"?"', "3"):
         refuses("alpha is", parse, re.sub('"alpha": "[^"]*"', f'"alpha": {wrong}', text))
 

@@ -199,16 +199,17 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     every = [line.strip() for line in run("--help=all", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in every), name
-    assert any(line.startswith("Samples, in place of a picture: astronaut, ") for line in every)
+    assert any(line.startswith("Sample pictures: astronaut, ") for line in every)
     assert "  options of renderer=neural, and their values now" in run("renderer=neural", "--help", cwd=tmp_path).stdout
     topics = {topic: run(f"--help={topic}", cwd=tmp_path).stdout for topic in ("tasks", "research")}
     for name, task in TASKS.items():
         assert [f"\n  {name} " in text for text in topics.values()] == [not task.is_research, task.is_research], name
     export = run("export", "--help", cwd=tmp_path).stdout
-    assert export.startswith("brushexp export outputs/x [key=value ...]\n\nWrite a saved painting")
+    assert export.startswith("brushexp export outputs/x [key=value ...]\n\nExport a finished painting")
     unknown = run("--help=everything", cwd=tmp_path).stderr
     assert (
-        unknown == "brushexp: --help=everything is no topic; type --help, or --help= and one of all, tasks, research\n"
+        unknown
+        == "brushexp: --help=everything is not a topic; type --help, or --help= and one of all, tasks, research\n"
     )
     assert run("--version", cwd=tmp_path).stdout == f"brushexp {__version__}\n"
     for path in (SHIPPED / "quality").glob("*.yaml"):
@@ -263,7 +264,7 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
     Image.new("RGB", (9, 16)).save(tmp_path / name / "new.png")
     code, output = ended(tmp_path, f"image={name}", "jobs=2", *QUICK)
     assert code == 0, output
-    assert "2 of 4 jobs have finished already" in output
+    assert "2 of 4 jobs are already finished" in output
     assert (folder / "second" / "painting.png").stat().st_mtime_ns == before
     assert (folder / "new" / "painting.png").is_file()
     code, output = ended(tmp_path, f"image={name}", *QUICK, "strokes=3")
@@ -386,7 +387,7 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     (own / "empty.yaml").write_text("[]")
     for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
         refuses(message, pictures_named, wrong, folders)
-    refuses("no picture is there", pictures_named, str(tmp_path), folders)
+    refuses("there are no pictures", pictures_named, str(tmp_path), folders)
     shipped = pictures_named("thesis12", [SHIPPED])
     assert len(set(shipped)) == 12
     assert set(shipped) <= samples().keys(), "it needs no file of yours"

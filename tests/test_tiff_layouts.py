@@ -263,7 +263,7 @@ def test_pages_that_lead_in_a_circle_are_each_looked_at_once(tmp_path, caplog, b
     assert picture_size(path) == (16, 16)
     with caplog.at_level(logging.WARNING):
         assert read_picture(path).shape == (16, 16, 3)
-    assert "has 3 pages, and the first is taken" in caplog.text
+    assert "has 3 pages, and only the first is used" in caplog.text
     assert time.process_time() - start < 10
 
 
@@ -301,7 +301,7 @@ def test_what_is_whole_is_never_rescued_and_what_is_cut_says_how_much_is_missing
         assert "cut short" not in caplog.text
         path.write_bytes(tiff(ramps(3, 8), Layout())[:-40])
         read_picture(path)
-        assert "is cut short, and painted as it is: 2.7% of the picture are missing" in caplog.text
+        assert "is truncated and painted as it is: 2.7% of the picture is missing" in caplog.text
 
 
 def test_no_word_of_a_library_is_in_a_refusal(tmp_path):

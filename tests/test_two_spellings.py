@@ -137,4 +137,4 @@ def test_a_run_is_painted_exported_and_looked_for_by_either_spelling(tmp_path, t
     assert (tmp_path / "there" / "strokes.json").is_file()
     assert not {"painting.png", typed} & {path.name for path in tmp_path.iterdir()}
     done = run(f"{typed}.png", f"output={typed}", *words, cwd=tmp_path)
-    assert "holds a run already" in done.stderr
+    assert "already holds a run" in done.stderr

@@ -149,7 +149,7 @@ def test_a_wanted_psnr_is_reached_with_few_strokes_and_the_verdict_says_so():
     found, reached = density.findings(), psnr_of(error_of(painter))
     assert 27 <= reached < 29
     assert found["strokes_needed"] == len(painter.catalogue) < 60
-    assert "the fewest that were found for psnr=27" in density.findings()["verdict"]
+    assert "the fewest found for psnr=27" in density.findings()["verdict"]
     counts, decibels = zip(*found["strokes_psnr"], strict=True)
     assert sorted(counts) == list(counts)
     assert sorted(decibels) == list(decibels)
@@ -201,7 +201,7 @@ def test_an_interrupted_painting_goes_on_as_if_nothing_had_been(tmp_path):
 
 
 def test_few_steps_add_no_strokes_and_a_line_says_so():
-    assert "it begins to add strokes from steps=20 on" in Worth().idle_reason(5)
+    assert "it adds strokes with steps=20 or more" in Worth().idle_reason(5)
     assert Worth().idle_reason(20) == ""
     alone = state_of(torch.zeros(3, 8, 8), torch.ones(3, 8, 8), strokes=Strokes.none(), step=10)
     assert len(Worth().revise(replace(alone, budget=9)).keep) == 0

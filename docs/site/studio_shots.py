@@ -62,10 +62,10 @@ def main(address: str) -> None:
         finish(page, 2)
         phone = browser.new_page(viewport=PHONE, color_scheme="dark", has_touch=True)
         phone.goto(address)
-        choose(phone, "What is shown", "Compare")
+        choose(phone, "View", "Compare")
         choose(phone, "Compare with", "1 · watercolour")
         compared = shot(phone)
-        choose(phone, "What is shown", "Touch up")
+        choose(phone, "View", "Touch up")
         phone.wait_for_timeout(1000)
         box = phone.locator("canvas").bounding_box() or {}
         places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in MARK]
@@ -76,7 +76,7 @@ def main(address: str) -> None:
         phone.mouse.up()
         phone.evaluate("scrollTo(0, 0)")
         marked = shot(phone)
-        choose(phone, "What is shown", "Painting")
+        choose(phone, "View", "Painting")
         phone.get_by_role("slider", name="Bleed, to be cut off").press("End")
         phone.get_by_role("button", name="PNG to print").scroll_into_view_if_needed()
         phone.evaluate("scrollBy(0, 90)")  # above the bar of buttons

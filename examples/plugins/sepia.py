@@ -16,7 +16,7 @@ class Sepia(Palette):
     """Browns between ink and paper, as of old photographs.
 
     Args:
-        share: of the brown; 0 keeps the picture.
+        share: share of brown; 0 keeps the picture.
     """
 
     def __init__(self, *, share: Annotated[float, between(0, 1)] = 1.0) -> None:

@@ -15,7 +15,7 @@ class Stairs(Optimizer):
 
     Args:
         lr: learning rate: how far a step moves the points of a stroke, in half-windows.
-        stairs: how often it is halved.
+        stairs: number of times that it is halved.
     """
 
     def __init__(self, *, lr: Annotated[float, above(0)] = 0.02, stairs: Annotated[int, between(0, 20)] = 3) -> None:

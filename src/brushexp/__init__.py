@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"  # the one place: pyproject.toml and all that the program writes take it from here
 
 __all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "load", "paint", "render"]
-HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
+HOMES = {  # modules are loaded when one of these names is first used, because torch takes seconds to import
     "brushexp.api.painting": ("Painting", "paint"),
     "brushexp.api.parts": ("create", "list_plugins", "render"),
     "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.loading": ("load",),
     "brushexp.errors": ("UserError",),
 }
-FUNCTIONS = "brushexp.functions"  # entry-point group: what installed packages add, by its name here
+FUNCTIONS = "brushexp.functions"  # entry-point group: functions that installed packages add, by name
 
 settle_caches()
 let_threads_sleep()

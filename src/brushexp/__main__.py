@@ -1,4 +1,4 @@
-"""The program: ``brushexp photo.jpg``, which is ``python -m brushexp photo.jpg`` and ``python run.py photo.jpg``."""
+"""The program: ``brushexp photo.jpg``, the same as ``python -m brushexp photo.jpg`` or ``python run.py photo.jpg``."""
 
 import gc
 import sys
@@ -6,9 +6,9 @@ import time
 
 
 def main() -> None:
-    """Do what the command line says; ``--help`` shows the choices."""
-    start = time.monotonic()  # before the slow imports, which count
-    gc.disable()  # until the task begins: modules are no garbage, and to look for it takes a seventh of the start
+    """Run the program with the words of its command line."""
+    start = time.monotonic()  # before the slow imports, so that their time counts
+    gc.disable()  # until the task begins: modules are not garbage, and collecting takes a seventh of the startup time
     from brushexp.cli.opening import open_with  # noqa: PLC0415
     from brushexp.system.heartbeat import heartbeat  # noqa: PLC0415
 

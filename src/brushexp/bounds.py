@@ -1,4 +1,4 @@
-"""Declare the values that an option takes: ``width: Annotated[int, at_least(1)] = 64``."""
+"""Declare the allowed values of an option: ``width: Annotated[int, at_least(1)] = 64``."""
 
 import difflib
 import os
@@ -9,12 +9,12 @@ from typing import Any, get_args
 
 from brushexp.errors import UserError
 
-LARGEST = 1e9  # what any number may be, unless its limits say otherwise: no sum of such numbers overflows 32 bits
+LARGEST = 1e9  # the default limit of any number: sums of such numbers do not overflow 32 bits
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a number, or the only values that it or a text may have.
+    """Limits of a number, or the list of values that a number or text may have.
 
     >>> between(0, 1).check("blend.opaque", 1.5)
     Traceback (most recent call last):
@@ -24,9 +24,9 @@ class Bounds:
 
     low: float = -LARGEST
     high: float = LARGEST
-    above: bool = False  # whether ``low`` itself is too small
-    step: int = 1  # whole numbers only in multiples of this
-    names: tuple[str | int, ...] = ()  # the only values; empty if any number between will do
+    above: bool = False  # whether ``low`` itself is excluded
+    step: int = 1  # whole numbers must be multiples of this
+    names: tuple[str | int, ...] = ()  # the allowed values; empty if any number between the limits is allowed
 
     def __str__(self) -> str:
         if self.names:
@@ -40,9 +40,9 @@ class Bounds:
         return f"a multiple of {self.step}, {limits}" if self.step > 1 else limits
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
-        """Refuse a value beyond the bounds; None has none, and of a list or mapping every element counts.
+        """Refuse a value outside the bounds; None always passes, and lists and mappings are checked element by element.
 
-        The UserError names the nearest value that would do, or the default where there is none.
+        The UserError names the nearest allowed value, or the default if there is none.
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:
@@ -73,7 +73,7 @@ class Bounds:
         return _plain(max(nearest // self.step, 1) * self.step if self.step > 1 else nearest)
 
 
-ANY = Bounds()  # for options without limits of their own
+ANY = Bounds()  # limits of options that declare none
 
 
 def _is_number(value: Any) -> bool:
@@ -90,7 +90,7 @@ def at_least(low: float) -> Bounds:
 
 
 def above(low: float, high: float = LARGEST) -> Bounds:
-    """More than ``low``, at most ``high``."""
+    """Bound a number by more than ``low`` and at most ``high``."""
     return Bounds(low, high, above=True)
 
 
@@ -100,21 +100,21 @@ def between(low: float, high: float) -> Bounds:
 
 
 def multiple_of(step: int, high: float = LARGEST) -> Bounds:
-    """``step``, twice ``step``, ... up to ``high``."""
+    """Allow the multiples of ``step`` up to ``high``."""
     return Bounds(step, high, step=step)
 
 
 def one_of(*names: str | int) -> Bounds:
-    """Bound a value to these names or whole numbers."""
+    """Allow only these names or whole numbers."""
     return Bounds(names=names)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Require that what reads a text later, or each element of a list, can read it."""
+    """Require that a text, or each element of a list, can be read by the code that will use it."""
 
-    read: Callable[[str, str], object]  # from value and option; a UserError if it is not that
-    besides: tuple[str, ...] = ()  # values that are not read
+    read: Callable[[str, str], object]  # raises a UserError for a value and option that it cannot read
+    besides: tuple[str, ...] = ()  # values that are not checked
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
         """Check a value as `Bounds.check` does."""
@@ -127,11 +127,11 @@ class Rule:
 
 def _check_duration(value: str, option: str) -> None:
     if not re.fullmatch(r"\d+:\d\d:\d\d:\d\d", value):
-        raise UserError(f"{option}={value} is no days:hours:minutes:seconds; for ten minutes: {option}=00:00:10:00")
+        raise UserError(f"{option}={value} is not days:hours:minutes:seconds; ten minutes are {option}=00:00:10:00")
 
 
 def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
-    """Require a path that ``exists``; the UserError ends in ``cure``."""
+    """Require a path for which ``exists`` is true; the UserError ends with ``cure``."""
 
     def read(path: str, option: str) -> None:
         if not exists(path):
@@ -141,16 +141,16 @@ def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
 
 
 def _check_interrupted(folder: str, option: str) -> None:
-    """Require the folder of a run that can go on; the UserError says what it is instead."""
+    """Require the folder of a run that can be continued; otherwise the UserError says what the folder holds."""
     if not os.path.isdir(folder):
         raise UserError(f"{option}={folder}: there is no such folder; give the folder of an interrupted run")
     has = {name for name in ("checkpoint.ckpt", "multirun.yaml", "metrics.json") if os.path.isfile(f"{folder}/{name}")}
     if "checkpoint.ckpt" in has:
         return
     if "multirun.yaml" in has:
-        raise UserError(f"{option}={folder}: this is a sweep; type it again as it was, and add resume=sweep")
+        raise UserError(f"{option}={folder}: this is a sweep; repeat its command and add resume=sweep")
     if "metrics.json" in has:
-        raise UserError(f"{option}={folder}: this run has ended, and nothing is left to go on with")
+        raise UserError(f"{option}={folder}: this run is finished, and nothing is left to continue")
     raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
 
 
@@ -161,6 +161,6 @@ FILE = path_rule(os.path.isfile, "such file; correct the path, or set {option}=n
 
 
 def bounds_of(annotation: Any) -> Bounds | Rule | None:
-    """The bounds inside a type, ``Annotated[float, between(0, 1)] | None`` for instance."""
+    """Find the bounds in a type such as ``Annotated[float, between(0, 1)] | None``."""
     bounds = (part if isinstance(part, Bounds | Rule) else bounds_of(part) for part in get_args(annotation))
     return next((part for part in bounds if part is not None), None)

@@ -1,15 +1,15 @@
-"""Define the error whose message tells a user what to type instead, and shorten others to a line."""
+"""Define the error that tells a user what to type instead, and shorten other errors to a line."""
 
 
 class UserError(ValueError):
-    """A request that cannot be met: one line that says what is wrong, what would be right, and which key to type."""
+    """A request that cannot be met; its message says in one line what is wrong, what is right and what to type."""
 
     def __init__(self, message: object) -> None:
         super().__init__(on_a_line(str(message)))
 
 
 def on_a_line(text: str, besides: str = "") -> str:
-    r"""Escape what is no letter, ``besides`` those: names of files may break a line, or command a terminal.
+    r"""Escape control characters except ``besides``, because file names may break lines or control a terminal.
 
     >>> print(on_a_line("a\x1b[31m\n.png"), on_a_line("é ☃"))
     a\x1b[31m\n.png é ☃
@@ -18,7 +18,7 @@ def on_a_line(text: str, besides: str = "") -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """Return the first line of an error, with its kind unless it is a message to the user."""
+    """Return the first line of an error, preceded by its type unless it is a `UserError`."""
     text = str(error).strip().partition("\n")[0]
     kind = type(error).__name__
     return text if isinstance(error, UserError) else f"{kind}: {text}" if text else kind

@@ -1,6 +1,6 @@
-"""Hydra sweeper: run all combinations of values or settings, and check every job before the first starts.
+"""Hydra sweeper: run all combinations of values or settings after checking every job.
 
-Hydra imports this file for any program, so what a sweep needs is imported when it begins.
+Hydra imports this file for every program, so a sweep imports what it needs when it begins.
 """
 
 import shlex
@@ -24,11 +24,11 @@ from omegaconf import DictConfig, OmegaConf
 class SettingsSweeperConf:
     """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two and those of `SettingsSweeper`.
 
-    ``pictures`` are what ``pictures=`` takes. A ``lenient`` sweep runs though some jobs are refused, and may grow.
+    ``pictures`` has the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are refused, and may grow.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
-    _recursive_: bool = False  # or Hydra would resolve ${x} in the name of a picture once more
+    _recursive_: bool = False  # otherwise Hydra would resolve ${x} in the name of a picture again
     max_batch_size: int | None = None
     params: dict[str, str] | None = None
     settings: list[str] = field(default_factory=lambda: [""])
@@ -38,11 +38,11 @@ class SettingsSweeperConf:
 
 
 class SettingsSweeper(Sweeper):
-    """Run one job for every picture and setting, times all combinations of what else is swept.
+    """Run one job for every picture and setting, times all combinations of other swept values.
 
-    ``settings`` are overrides such as ``"density=adaptive steps=200"``, or ``""``. They win over the command line,
-    which wins over ``params``; an ``image=`` of it wins over ``pictures``. The only job of a picture has a subfolder
-    of its name.
+    ``settings`` are overrides such as ``"density=adaptive steps=200"``, or ``""``. They override the command line,
+    which overrides ``params``; an ``image=`` on the command line overrides ``pictures``. If a picture has one job, its
+    subfolder has the picture's name.
     """
 
     config: DictConfig
@@ -58,7 +58,7 @@ class SettingsSweeper(Sweeper):
         )
 
     def sweep(self, arguments: list[str]) -> None:
-        """Check all jobs before anything of the sweep is written, then launch them batch by batch."""
+        """Check all jobs before writing anything, then launch them batch by batch."""
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_jobs, moved  # noqa: PLC0415
 
         jobs = self.combine([*(f"{key}={value}" for key, value in (self.options.params or {}).items()), *arguments])
@@ -86,7 +86,7 @@ class SettingsSweeper(Sweeper):
         pictures = [] if typed else all_pictures(self.options.pictures, folders_in(self.config))
         settings = [shlex.split(setting) for setting in self.options.settings]
         jobs: list[list[str]] = []
-        for words in settings:  # a sweep that is stopped then has all pictures of some settings
+        for words in settings:  # so that an interrupted sweep has all pictures of some settings
             for picture in [[f"image={one}"] for one in pictures] or [[]]:
                 meant = expand_changes([*picture, *words], beside=arguments, sweep=True)
                 own = [expand_shorthand(word, sweep=True) for word in keep_added(meant, arguments)]
@@ -98,7 +98,7 @@ class SettingsSweeper(Sweeper):
 
 
 def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
-    """Return every combination of the values of overrides; of two with one key the later one counts."""
+    """Return all combinations of the values of overrides; the last of several with one key counts."""
     from brushexp.errors import UserError  # noqa: PLC0415
 
     choices: dict[str, list[str]] = {}
@@ -109,13 +109,13 @@ def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
         elif override.is_discrete_sweep():
             values = list(override.sweep_string_iterator())
         else:
-            raise UserError(f"{override.input_line} is no list of values; try hydra/sweeper=optuna objective=psnr")
+            raise UserError(f"{override.input_line} is not a list of values; try hydra/sweeper=optuna objective=psnr")
         choices[key] = [f"{key}={value}" for value in values]
     return [list(job) for job in product(*choices.values())]
 
 
 class RegistryFirst(SearchPathPlugin):
-    """Search registered configs before files, so that a preset of a loss can be registered below its own name."""
+    """Make Hydra search registered configs before files, so that presets of losses can be registered by name."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         search_path.prepend("schema", "structured://")

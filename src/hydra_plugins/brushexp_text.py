@@ -1,6 +1,6 @@
-"""Hydra's source of configs, files in a folder, for text as any system writes it: with a byte order mark, in UTF-16.
+"""Read Hydra configs from files in the encodings of all systems: with a byte order mark, in UTF-16.
 
-Hydra imports this file for any program, so what reading needs is imported when it begins.
+Hydra imports this file for every program, so reading imports what it needs when it begins.
 """
 
 from io import StringIO
@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 
 class TextConfigSource(file_config_source.FileConfigSource):
-    """Reads configs from a folder, ``text:///home/me/conf``; tried with Hydra 1.3.8 and 1.4.0rc3."""
+    """Reads configs from a folder, ``text:///home/me/conf``; tested with Hydra 1.3.8 and 1.4.0rc3."""
 
     @staticmethod
     def scheme() -> str:

@@ -35,7 +35,7 @@ class CanvasTask(PaintTask):
 
     module = "brushexp_canvases.task"
 
-    image: str = key(MISSING, "a picture file of any size, or an OME-Zarr image")
+    image: str = key(MISSING, "picture file of any size, or an OME-Zarr image")
     canvas: str = key("canvas.zarr", "folder of the canvas (Zarr); an existing canvas is continued", CANVAS)
     tile: int = key(1024, "side of a tile in pixels", between(16, 4096))
     margin: int = key(

@@ -119,4 +119,4 @@ def test_typed_settings_of_the_painting_itself_are_told_to_stay(folder, monkeypa
     typed = ["renderer=textured", "strokes=70", "steps=3"]
     words = expand_arguments(["chelsea", "catalogue=plain", "region=mask.png", *typed])
     check(composed(words), words)
-    assert "change=region sets renderer and strokes itself, and what is typed has no effect" in caplog.text
+    assert "change=region sets renderer and strokes itself, so the typed value has no effect" in caplog.text

@@ -93,7 +93,7 @@ def fit(numbers: Group) -> Distribution:
 
 
 def bits_of(distribution: Distribution, numbers: Group) -> float:
-    """Estimate in how many bits a distribution codes numbers."""
+    """Estimate the number of bits in which a distribution codes numbers."""
     counts = np.bincount(_symbols(numbers >> distribution.shift), minlength=ESCAPE + 1)
     weights = weights_of(distribution.scale, distribution.power, distribution.at_zero)
     bits = -np.log2(np.maximum(weights / weights.sum(), 2.0**-24))

@@ -22,7 +22,7 @@ class Bits(Exporter):
 
     Args:
         fidelity: PSNR of the decoded painting against the one that is exported, dB; more takes more bits.
-        steps: of gradient descent, by which numbers that are not yet rounded make up for those that are; 0 is quick.
+        steps: number of gradient steps in which unrounded values compensate for rounded ones; 0 is quick.
     """
 
     def __init__(

@@ -191,7 +191,7 @@ class _Rounding:
             return mean_square(self._canvas.draw(rounded.strokes()) - self._goal)
 
     def at(self, scale: float, steps: int) -> Rounded:
-        """Round at a scale, after so many ``steps`` of descent in all, group after group."""
+        """Round at a scale, group by group, with ``steps`` of gradient descent in all."""
         rungs = np.array([rung_near(scale * 2.0**octave) for octave in self._octaves])
         brushes = self._template.strokes.brush.numpy() if self._template.brushes else None
         rounded = Rounded(

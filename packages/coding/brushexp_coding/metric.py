@@ -25,7 +25,7 @@ class BitsPerPixel(Metric):
 
     Args:
         loss: PSNR that rounding may cost, dB.
-        steps: of gradient descent after rounding; 0 is quick and takes more bits.
+        steps: number of gradient steps after rounding; 0 is quick but takes more bits.
     """
 
     title, digits = "bits per pixel", 3

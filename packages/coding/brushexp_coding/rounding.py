@@ -86,7 +86,7 @@ class Rounded:
 
     @property
     def octaves(self) -> np.ndarray:
-        """Coarseness (N, C) of each number."""
+        """Compute the coarseness (N, C) of each number."""
         return self.coarseness[:, is_paint(self.numbers.shape[1]).astype(int)]
 
     def strokes(self) -> Strokes:

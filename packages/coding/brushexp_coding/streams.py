@@ -26,7 +26,7 @@ class Writer:
         self.described.append(rest)
 
     def write_column(self, numbers: Group, classes: Group) -> None:
-        """Write numbers (N,); each class (N,) of them has a distribution of its own, around their median."""
+        """Write numbers (N,) in classes (N,), each with its own distribution around the median."""
         middle = int(np.rint(np.median(numbers))) if len(numbers) else 0
         self.write(middle)
         for number in range(int(classes.max(initial=0)) + 1):

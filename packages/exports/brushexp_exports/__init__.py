@@ -1,1 +1,1 @@
-"""Exporters for mail, print, film, relief, tables and machines, as members of the family ``to``."""
+"""Exporters for email, print, film, relief, tables and machines: members of the family ``to``."""

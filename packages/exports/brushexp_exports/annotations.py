@@ -16,13 +16,14 @@ CONTEXT = "http://iiif.io/api/presentation/3/context.json"
 @register("to", "annotations")
 @dataclass(kw_only=True)
 class Annotations(Exporter):
-    """``strokes.annotations.json``: each stroke an annotation of the picture, for Mirador and other viewers of IIIF.
+    """Writes ``strokes.annotations.json``: each stroke as an annotation, for Mirador and other IIIF viewers.
 
-    An annotation page of IIIF Presentation 3. The target of each annotation is an outline (SVG) on the canvas, in
-    pixels of the export; its body says the stroke's length, width, direction and colour. The bottom stroke comes first.
+    The file is an annotation page of IIIF Presentation 3. The target of each annotation is an outline (SVG) on the
+    canvas, in pixels of the export; its body gives the stroke's length, width, direction and colour. The bottom stroke
+    comes first.
 
     Args:
-        canvas: address of the canvas in the manifest, or of the picture, that the annotations are of.
+        canvas: address of the annotated canvas in the manifest, or of the picture.
     """
 
     canvas: str = "painting.png"
@@ -47,7 +48,7 @@ class Annotations(Exporter):
 
 
 def annotation_of(stroke: OutlinedStroke, canvas: str, size: tuple[int, int]) -> dict[str, object]:
-    """Make an annotation of a stroke on a canvas (H, W)."""
+    """Make the annotation of a stroke on a canvas (H, W)."""
     height, width = size
     places = " ".join(f"{x:.1f},{y:.1f}" for x, y in stroke.outline.tolist())
     svg = (
@@ -56,7 +57,7 @@ def annotation_of(stroke: OutlinedStroke, canvas: str, size: tuple[int, int]) ->
     )
     words = (
         f"Stroke {stroke.number}: length {stroke.length:.1f} px, width {stroke.width:.1f} px, "
-        f"direction {stroke.direction:.0f}° clockwise from level, colour {stroke.color}"
+        f"direction {stroke.direction:.0f}° clockwise from horizontal, colour {stroke.color}"
     )
     return {
         "id": f"{canvas}#stroke-{stroke.number}",

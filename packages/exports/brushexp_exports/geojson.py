@@ -15,15 +15,15 @@ from brushexp_exports.stroke_outlines import OutlinedStroke, outlined_strokes
 @register("to", "geojson")
 @dataclass(kw_only=True)
 class GeoJson(Exporter):
-    """``strokes.geojson``: each stroke a polygon with its figures, the bottom one first, for QGIS, R and GeoPandas.
+    """Writes ``strokes.geojson``: each stroke as a polygon with its measures, bottom first, for QGIS, R and GeoPandas.
 
-    Coordinates run from the lower left corner, x to the right and y upwards as maps have them, in pixels, or in
-    millimetres with ``width_cm``. They are places on the canvas and not on the earth, which differs from RFC 7946.
-    Properties: ``stroke`` its number in the catalogue, ``order`` (0 the bottom one), ``length`` from tip to tip,
-    ``width``, ``direction`` in degrees from level, clockwise, ``color`` and ``opacity``.
+    Coordinates start at the lower left corner, x to the right and y upwards as on maps, in pixels, or in millimetres
+    with ``width_cm``. They are positions on the canvas, not on the earth, unlike in RFC 7946. Properties: ``stroke``,
+    its number in the catalogue, ``order`` (0 for the bottom stroke), ``length`` from tip to tip, ``width``,
+    ``direction`` in degrees clockwise from horizontal, ``color`` and ``opacity``.
 
     Args:
-        width_cm: of the canvas; null = pixels.
+        width_cm: width of the canvas in cm; null = coordinates in pixels.
     """
 
     width_cm: Annotated[float, above(0, 100_000)] | None = None
@@ -46,7 +46,7 @@ class GeoJson(Exporter):
 
 
 def feature_of(stroke: OutlinedStroke, height: int, unit: float) -> dict[str, object]:
-    """Make a feature of a stroke on a canvas so many pixels high; ``unit`` is the size of a pixel."""
+    """Make the feature of a stroke on a canvas ``height`` pixels high; ``unit`` is the size of a pixel."""
     ring = [[round(unit * x, 3), round(unit * (height - y), 3)] for x, y in stroke.outline.tolist()]
     return {
         "type": "Feature",

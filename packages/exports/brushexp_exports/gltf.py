@@ -1,4 +1,4 @@
-"""Write the painting as an object in space (glTF 2.0, the Khronos Group, 2021), for Blender and other 3-D programs."""
+"""Write the painting as a 3-D model (glTF 2.0, the Khronos Group, 2021), for Blender and similar programs."""
 
 import json
 import struct
@@ -26,16 +26,17 @@ Array = np.ndarray
 @register("to", "gltf")
 @dataclass(kw_only=True)
 class Gltf(Exporter):
-    """``painting.glb``: each stroke a ribbon of paint in space, for Blender, Godot, three.js and viewers of 3-D models.
+    """Writes ``painting.glb``: each stroke as a ribbon of paint in 3-D, for Blender, Godot, three.js and model viewers.
 
-    The painting stands upright, strokes lie upon each other, and an animation lays them from the bottom to the top.
-    Ribbons have plain colours, without texture, light and paper. Points have more for shaders of one's own: ``UV`` (0
-    to 1 along and across a stroke), ``_TIME`` (the second in which the brush is there) and ``_WIDTH`` (in metres).
+    The painting stands upright, strokes lie on top of each other, and an animation lays them from bottom to top.
+    Ribbons have plain colours without texture, light or paper. Vertices have extra attributes for your own shaders:
+    ``UV`` (0 to 1 along and across a stroke), ``_TIME`` (the second at which the brush passes) and ``_WIDTH`` (in
+    metres).
 
     Args:
-        size_cm: longer side of the canvas.
-        thickness: of the paint of a stroke, in thousandths of the longer side.
-        seconds: that the animation takes.
+        size_cm: longer side of the canvas in cm.
+        thickness: thickness of the paint of a stroke, in thousandths of the longer side.
+        seconds: duration of the animation in seconds.
     """
 
     size_cm: Annotated[float, above(0, 100_000)] = 100.0
@@ -45,7 +46,7 @@ class Gltf(Exporter):
     def check(self, count: int, size: tuple[int, int]) -> None:
         if PER_STROKE * count > LARGEST_FILE:
             most = LARGEST_FILE // PER_STROKE
-            raise UserError(f"to=gltf holds {most} strokes, and this painting has {count}; try to=svg")
+            raise UserError(f"to=gltf holds {most} strokes, but this painting has {count}; try to=svg")
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         ribbons = ribbons_of(job, self.thickness / 1000 * max(job.size))
@@ -58,7 +59,7 @@ class Gltf(Exporter):
         return [folder / "painting.glb"]
 
     def _add_strokes(self, file: "_Glb", ribbons: Ribbons, count: int, unit: float) -> None:
-        """Add strokes in parts, each with the second in which it appears."""
+        """Add strokes in parts, each with the second at which it appears."""
         shape = ribbons.points.shape[:3]
         begin = ribbons.number[:, None] + ribbons.along
         columns = {
@@ -91,7 +92,7 @@ def light_of(ribbons: Ribbons) -> Array:
 
 
 class _Glb:
-    """A scene in the making: its description, and the numbers that this refers to."""
+    """A scene under construction: its description, and the binary data it refers to."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -102,7 +103,7 @@ class _Glb:
         self.channels: list[dict[str, Any]] = []
 
     def add_canvas(self, job: ExportJob, unit: float) -> None:
-        """Add the ground."""
+        """Add the bare canvas."""
         y, x = (0.5 * unit * side for side in job.size)
         points = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
         columns = {"POSITION": points, "NORMAL": np.tile([0.0, 0.0, 1.0], (4, 1))}
@@ -111,14 +112,14 @@ class _Glb:
         self.add_mesh("ground", columns, np.array([[0, 1, 2], [0, 2, 3]]), self.add_material("ground", ground))
 
     def add_material(self, name: str, color: Any, *, opaque: bool = True) -> int:
-        """Add a matt material, linear RGB times that of the points; return its number."""
+        """Add a matt material, linear RGB multiplied by the colour of the vertices; return its number."""
         paint = {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.6}
         mode = {} if opaque else {"alphaMode": "BLEND"}
         self.scene["materials"].append({"name": name, "pbrMetallicRoughness": paint, "doubleSided": True} | mode)
         return len(self.scene["materials"]) - 1
 
     def add_mesh(self, name: str, columns: dict[str, Array], corners: Array, material: int) -> int:
-        """Add a mesh of points with columns (P, k) and corners (T, 3) of triangles; return the number of its node."""
+        """Add a mesh with columns (P, k) of vertices and corners (T, 3) of triangles; return the number of its node."""
         attributes = {key: self._add(value, VERTICES, bounds=key == "POSITION") for key, value in columns.items()}
         indices = self._add(corners.reshape(-1, 1).astype(np.uint32), CORNERS)
         primitive = {"attributes": attributes, "indices": indices, "material": material}
@@ -127,14 +128,14 @@ class _Glb:
         return len(self.scene["nodes"]) - 1
 
     def add_appearance(self, node: int, second: float) -> None:
-        """Let a node have no size until a second of the animation."""
+        """Hide a node, by a size of 0, until a second of the animation."""
         times = self._add(np.array([[0.0], [second]]), bounds=True)
         sizes = self._add(np.array([[0.0] * 3, [1.0] * 3]))
         self.sampler.append({"input": times, "output": sizes, "interpolation": "STEP"})
         self.channels.append({"sampler": len(self.sampler) - 1, "target": {"node": node, "path": "scale"}})
 
     def packed(self) -> bytes:
-        """Pack all as the file holds it."""
+        """Pack the scene in the format of the file."""
         document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "brushexp"}, "scene": 0}
         document |= {"scenes": [{"nodes": [*range(len(self.scene["nodes"]))]}], **self.scene}
         document["buffers"] = [{"byteLength": len(self.data)}]
@@ -147,7 +148,7 @@ class _Glb:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
     def _add(self, values: Array, target: int | None = None, *, bounds: bool = False) -> int:
-        """Add numbers (n, k), as 32 bits unless they have 16; return the number of what reads them."""
+        """Add numbers (n, k), in 32 bits unless they have 16; return the number of their accessor."""
         kinds = {np.dtype(np.uint16): SHORT, np.dtype(np.uint32): INT}
         values = values if values.dtype in kinds else values.astype(np.float32)
         data = np.ascontiguousarray(values).tobytes()

@@ -1,4 +1,4 @@
-"""Write the painting as a JPEG, the file that people send each other."""
+"""Write the painting as a JPEG."""
 
 import struct
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was m
 @register("to", "jpg")
 @dataclass(kw_only=True)
 class Jpg(SheetExporter):
-    """``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
+    """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because edges of strokes are crisp. Unlike PNG, all of the picture is in
-    memory at once.
+    Colours are stored for every pixel (4:4:4), because edges of strokes are crisp. Unlike with PNG, the whole picture
+    is in memory at once.
 
     Args:
-        quality: 1 is small, 95 nearly without loss.
+        quality: JPEG quality, from 1 (small) to 95 (nearly lossless).
     """
 
     quality: Annotated[int, between(1, 100)] = 92
@@ -35,7 +35,7 @@ class Jpg(SheetExporter):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         sheet = self.sheet(job)
         if max(sheet.size) > LARGEST_SIDE:
-            excess = f"to=jpg holds {LARGEST_SIDE} pixels a side, and this picture has {max(sheet.size)}"
+            excess = f"to=jpg holds {LARGEST_SIDE} pixels per side, but this picture has {max(sheet.size)}"
             raise UserError(f"{excess}; choose a smaller resolution=, or to=png")
         picture = Image.fromarray(np.concatenate([*self.rows(sheet)]))
         density = {} if self.density is None else {"dpi": (round(self.density),) * 2}
@@ -48,7 +48,7 @@ class Jpg(SheetExporter):
 
 @cache
 def srgb() -> bytes:
-    """Make the profile of sRGB, the same bytes whenever it is made."""
+    """Make an sRGB profile with the same bytes every time."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     profile[MADE] = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)
     return bytes(profile)

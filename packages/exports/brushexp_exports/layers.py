@@ -1,4 +1,4 @@
-"""Take a painting apart into layers, which other programs show one over another."""
+"""Split a painting into layers for other programs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -17,18 +17,18 @@ ROUNDING = 2  # levels of 255 by which layers of 8 bits may differ from the pain
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A picture with its name in the list of layers."""
+    """A picture and its name in the list of layers."""
 
     name: str
     pixels: np.ndarray  # (H, W, 4) uint8, straight alpha
 
 
 def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
-    """Paint what is seen, (H, W, 3) uint8 or (H, W, 4) where it is transparent, and its layers, the lowest first.
+    """Paint the visible picture, (H, W, 3) uint8 or (H, W, 4) if transparent, and its layers, lowest first.
 
-    They are the ground, the strokes in at most ``count`` layers with the same number of strokes each, and where these
-    alone do not show the painting, to `ROUNDING`, the difference: ``light and paper``. Each ends where the painting
-    is transparent.
+    The layers are the ground, the strokes in at most ``count`` layers with equal numbers of strokes, and, if these do
+    not give the painting to within `ROUNDING`, the difference: ``light and paper``. All are transparent where the
+    painting is.
     """
     picture, alpha, layers = job.picture(), job.alpha(), [*_painted(job, count)]
     shown = _flattened(layers, job.size)
@@ -40,7 +40,7 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
 
 
 def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
-    """Draw ground and strokes, the lowest layer first."""
+    """Draw ground and strokes, lowest layer first."""
     ground = np.empty((*job.size, 4), np.uint8)
     ground[:] = [*(255 * job.saved.background.cpu()).round().tolist(), 255]
     yield Layer("ground", ground)
@@ -52,9 +52,9 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
 
 
 def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
-    """Draw strokes (n,) by their numbers without ground, light and paper: (H, W, 4) uint8, straight alpha.
+    """Draw strokes ``number`` (n,) without ground, light and paper: (H, W, 4) uint8, straight alpha.
 
-    Colour and alpha are those that give what is drawn over black and over white, where paint mixes as numbers.
+    Colour and alpha reproduce the strokes over black and over white, with paint mixed as numbers.
     """
     some = replace(job.saved, strokes=job.strokes[number], depth=job.saved.depth[number])
     plain = replace(job.bare(), space=build_named("color", "rgb", {}))
@@ -68,13 +68,13 @@ def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
 
 
 def _cut(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Make a layer (H, W, 4) as transparent as its painting is, by the alpha of that (H, W, 1)."""
+    """Apply the alpha (H, W, 1) of a painting to a layer (H, W, 4)."""
     share = pixels[..., 3:].astype(np.uint16) * alpha
     return np.concatenate([pixels[..., :3], ((share + 127) // 255).astype(np.uint8)], axis=2)
 
 
 def _flattened(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
-    """Lay layers over each other as programs do: (H, W, 3) uint8, over black."""
+    """Composite layers as other programs do: (H, W, 3) uint8, over black."""
     below = np.zeros((*size, 3), np.float32)
     for layer in layers:
         share = layer.pixels[..., 3:].astype(np.float32) / 255

@@ -25,15 +25,15 @@ LAYER = (
 @register("to", "ora")
 @dataclass(kw_only=True)
 class OpenRaster(PrintExporter):
-    """``painting.ora``: the ground, the strokes in layers from the lowest, large ones to small ones, light and paper.
+    """Writes ``painting.ora``: the ground, layers of strokes from bottom to top, light and paper.
 
-    Layers show the painting when all are seen, to two levels of 255, and each can be changed, hidden or lit anew. The
-    uppermost, ``light and paper``, is what the strokes alone do not show: lamp, paper and a mixing of paint that is not
-    that of light (``color=``). With ``background=transparent`` every layer ends where the picture does. All of it is in
-    memory at once.
+    Together the layers show the painting to within two levels of 255, and each can be edited or hidden. The uppermost
+    one, ``light and paper``, holds what the strokes alone do not show: lamp, paper, and mixing of paint other than in
+    RGB (``color=``). With ``background=transparent`` all layers are transparent where the picture is. The whole
+    painting is in memory at once.
 
     Args:
-        layers: in how many layers the strokes are, with the same number of strokes each.
+        layers: number of layers of strokes, with equal numbers of strokes.
     """
 
     layers: Annotated[int, between(1, 64)] = 5
@@ -53,7 +53,7 @@ class OpenRaster(PrintExporter):
         return [folder / "painting.ora"]
 
     def _stack(self, job: ExportJob, layers: list[Layer]) -> str:
-        """List the layers, the uppermost first, as the form wants them."""
+        """List the layers, uppermost first, in the format of the file."""
         height, width = job.size
         dots = f' xres="{self.density:.0f}" yres="{self.density:.0f}"' if self.density else ""
         rows = [LAYER.format(quoteattr(layer.name), number) for number, layer in enumerate(layers)]
@@ -68,5 +68,5 @@ def png_of(pixels: np.ndarray) -> bytes:
 
 
 def _add(archive: ZipFile, name: str, data: bytes, packing: int = ZIP_DEFLATED) -> None:
-    """Add a file with no time, so that the same painting has the same bytes."""
+    """Add a file without a time, so that equal paintings have equal bytes."""
     archive.writestr(ZipInfo(name), data, packing)

@@ -1,4 +1,4 @@
-"""Write the painting as a page for print (ISO 32000-1), with nothing on it but the picture."""
+"""Write the painting as a page for print (ISO 32000-1) that holds only the picture."""
 
 import logging
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"
 @register("to", "pdf")
 @dataclass(kw_only=True)
 class Pdf(SheetExporter):
-    """``painting.pdf``: one page of the picture's size on paper, ``to.pdf.size_cm=60x40``, its pixels without loss.
+    """Writes ``painting.pdf``: one page with the picture, lossless, at a size on paper, ``to.pdf.size_cm=60x40``.
 
     With a bleed, the page's trim box is the picture without it.
 
-    It is painted and packed in bands, as PNG is.
+    It is painted and packed in bands, like a PNG.
 
     Args:
-        compression: 1 is fast, 9 small.
+        compression: compression level, 1 (fast) to 9 (small).
     """
 
     compression: Compression = 6
@@ -67,9 +67,9 @@ class Pdf(SheetExporter):
         return [path]
 
     def _say_size(self, sheet: Sheet) -> None:
-        """Log the size on paper, and how to choose it where it follows from the pixels."""
+        """Log the size on paper and, if it follows from the pixels, how to choose it."""
         dpi = self.density or DPI
         height, width = (CM * (side - 2 * sheet.bleed) / dpi for side in sheet.size)
-        bleed = f", with {self.bleed:g} mm of bleed around it" if sheet.bleed else ""
+        bleed = f", plus {self.bleed:g} mm of bleed" if sheet.bleed else ""
         cure = "" if self.size_cm else f"; {self.key}.size_cm=60x40 paints it larger"
         log.info("painting.pdf: %.1f x %.1f cm at %g dpi%s%s", width, height, dpi, bleed, cure)

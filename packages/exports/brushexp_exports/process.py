@@ -1,4 +1,4 @@
-"""Film the painting process: lay the strokes from the bottom to the top."""
+"""Film the painting process, laying strokes from bottom to top."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -27,18 +27,18 @@ GROWTH = 0.25  # seconds from the beginning of a stroke to its end
 @register("to", "process")
 @dataclass(kw_only=True)
 class Process(Exporter):
-    """``process.mp4`` or ``process.gif``: how the strokes are laid down, bottom to top, at the size of ``resolution``.
+    """Writes ``process.mp4`` or ``process.gif``: a film of the strokes being laid, bottom to top, at ``resolution``.
 
     A video has at most 4096 pixels on its longer side, a GIF 480; larger paintings are drawn at that size.
 
     Args:
-        seconds: how long the painting takes.
-        fps: pictures per second.
-        format: mp4 (a GIF where PyAV is missing), or gif.
-        hold: seconds that the finished painting stays.
-        pace: even lays as many strokes in every second; quickening begins slowly, while strokes are large.
-        growing: draw each stroke from its start to its end instead of laying it at once; null: unless the renderer is
-            slow, because a stroke is drawn about seven times then.
+        seconds: duration of the painting in seconds.
+        fps: frames per second.
+        format: format of the film: mp4 (a GIF without PyAV) or gif.
+        hold: time for which the finished painting stays, in seconds.
+        pace: pace of the strokes: even lays the same number every second; quickening starts slowly, with large strokes.
+        growing: whether to draw each stroke from start to end instead of all at once, which takes about seven drawings
+            per stroke; null = unless the renderer is slow.
     """
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
@@ -60,7 +60,7 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
-    """Yield for each frame the share (n,) in [0, 1] of each stroke, the bottom one first, from none to all."""
+    """Yield for each frame the drawn share (n,), 0 to 1, of each stroke, bottom first, from none to all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
@@ -70,20 +70,20 @@ def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -
 
 
 def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
-    """Shrink a painting to ``side`` pixels on its longer side, and log it, if it has more."""
+    """Shrink a painting larger than ``side`` pixels on its longer side, and log it."""
     small = job.at_most(side)
     if small is not job:
-        log.info("the film is drawn with %d x %d pixels, the most that it can have", small.size[1], small.size[0])
+        log.info("the film has %d x %d pixels, the largest possible size", small.size[1], small.size[0])
     return small
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W), to be used before the next one is asked for, with ``shares`` of each stroke on it.
+    """Yield the canvas (3, H, W) with ``shares`` of each stroke; use each before requesting the next.
 
-    It is on the painting's paper and under its lamp: heights are laid over each other as colours are.
+    It has the painting's paper and lamp; heights are composited like colours.
     """
     if not job.blend.layered:
-        log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
+        log.warning("with this blend every frame is drawn from scratch, which is slow; try blend=tiled")
     background, rows = job.saved.background, Rows(0, job.size[0], job.size)
     shares, again = tee(shares)
     colors = (job.on_paper(rows, flat) for flat in _lay_in_steps(job, shares, background, job.renderer, job.space))
@@ -102,10 +102,10 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
 def _lay_in_steps(
     job: ExportJob, shares: Iterable[np.ndarray], bare: Tensor, renderer: Drawer, space: ColorSpace
 ) -> Iterator[Tensor]:
-    """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job on it.
+    """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job.
 
-    Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
-    over the paint below, so that each is drawn once, unless the blend is not `layered`.
+    Shares (N,) decrease from 1 to 0 from the bottom stroke up, and never decrease between states. Finished strokes are
+    composited onto the paint below, so that each is drawn once, unless the blend is not `layered`.
     """
     canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
     strokes = job.strokes[job.bottom_up]
@@ -125,9 +125,9 @@ def _lay_in_steps(
 
 
 def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space: ColorSpace) -> None:
-    """Lay strokes (n,), the bottom one first, over a canvas (C, H, W) in channels of the colour space, in place.
+    """Composite n strokes, bottom first, onto a canvas (C, H, W) in channels of the colour space, in place.
 
-    On black a blend shows what the strokes contribute, on white also what they let through: white light.
+    On black, a blend shows the contribution of the strokes; on white, also the light they let through.
     """
     if not len(strokes):
         return

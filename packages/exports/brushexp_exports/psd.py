@@ -26,14 +26,14 @@ PER_INCH, CENTIMETRES = 1, 2  # numbers of its units
 @register("to", "psd")
 @dataclass(kw_only=True)
 class Psd(PrintExporter):
-    """``painting.psd``: the layers of ``to=ora``, for programs that do not read that; ``pip install 'brushexp[psd]'``.
+    """Writes ``painting.psd``: the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
 
-    Ground, strokes from the lowest, large ones to small ones, light and paper; together they show the painting, to two
-    levels of 255. It has an sRGB profile, and the finished picture for programs that read no layers. All of it is in
-    memory at once.
+    The layers are the ground, strokes from bottom to top, light and paper; together they show the painting to within
+    two levels of 255. The file has an sRGB profile, and the finished picture for programs that read no layers. The
+    whole painting is in memory at once.
 
     Args:
-        layers: in how many layers the strokes are, with the same number of strokes each.
+        layers: number of layers of strokes, with equal numbers of strokes.
     """
 
     layers: Annotated[int, between(1, 64)] = 5
@@ -50,16 +50,16 @@ class Psd(PrintExporter):
         job = self.scale_to_paper(job)
         height, width = job.size
         if max(job.size) > LARGEST_SIDE:
-            excess = f"to=psd holds {LARGEST_SIDE} pixels a side, and this picture has {max(job.size)}"
+            excess = f"to=psd holds {LARGEST_SIDE} pixels per side, but this picture has {max(job.size)}"
             raise UserError(f"{excess}; choose a smaller resolution=, or to=ora")
         finished, layers = layers_of(job, self.layers)
         document = PSD(FileHeader(channels=4, height=height, width=width), image_resources=self._resources())
-        image = PSDImage(document)  # with an alpha layers have one, and no mask instead
+        image = PSDImage(document)  # with an alpha channel, layers have alpha instead of a mask
         for layer in layers:
             pixels = Image.fromarray(layer.pixels)
             left, top, right, bottom = pixels.getchannel("A").getbbox() or (0, 0, 1, 1)
             image.create_pixel_layer(pixels.crop((left, top, right, bottom)), layer.name, top, left)
-        if finished.shape[2] == 4:  # the form has colours over white, and a sign for an alpha that is no selection
+        if finished.shape[2] == 4:  # the format stores colours over white, and a mark for alpha that is not a selection
             finished = np.dstack([over_white(finished[..., :3], finished[..., 3:]), finished[..., 3]])
             info = document.layer_and_mask_information.layer_info
             assert info is not None
@@ -73,7 +73,7 @@ class Psd(PrintExporter):
         return [folder / "painting.psd"]
 
     def _resources(self) -> "ImageResources":
-        """Make the parts of the file that hold its profile and its resolution."""
+        """Make the resources of the file for its profile and resolution."""
         from psd_tools.constants import Resource  # noqa: PLC0415
         from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
 

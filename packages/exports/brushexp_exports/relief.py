@@ -1,4 +1,4 @@
-"""Write the painting as an object under a light, and its shape for printers and 3D programs."""
+"""Write the painting as a lit relief, and its shape for printers and 3-D programs."""
 
 import logging
 from dataclasses import replace
@@ -22,13 +22,13 @@ BYTES_PER_PIXEL = 14  # memory of heights in 32 bits, two pictures, and the copy
 
 @register("to", "relief")
 class Relief(Exporter):
-    """``relief.png``: thick paint under a lamp, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
+    """Writes ``relief.png``, thick paint under a lamp, ``light=315,45``, with ``height.png`` and ``normals.png``.
 
-    The lamp is that of the painting unless ``light.*`` says another; one painted without light gets ``light.depth=1``.
+    The lamp is the painting's own unless ``light.*`` sets another; paintings without light get ``light.depth=1``.
 
-    ``height.png`` has 16 bits: black is the bare canvas, white the highest point; how high that is stands in the log
-    and in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
-    normal map in the convention of OpenGL: red to the right, green up, blue to the viewer, -1 to 1 as 0 to 255.
+    ``height.png`` has 16 bits: black is the bare canvas, white the highest point, whose height is given in the log and
+    in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space normal
+    map in the convention of OpenGL: red to the right, green up, blue towards the viewer, -1 to 1 as 0 to 255.
     """
 
     def check(self, count: int, size: tuple[int, int]) -> None:
@@ -60,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Round heights (H, W), >= 0, to 16 bits, the highest one white; scale them in place, to save memory."""
+    """Round heights (H, W) >= 0 to 16 bits, with the highest as white, scaling in place to save memory."""
     highest = float(height.max())
-    height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
+    height *= WHITE / highest if highest > 1e-6 else 0.0  # lower values are rounding errors
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

@@ -1,4 +1,4 @@
-"""Make strokes into ribbons of paint in space: grids of points along and across each stroke, one upon another."""
+"""Turn strokes into 3-D ribbons of paint: stacked grids of points along and across each stroke."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Ribbons:
-    """N strokes that can be seen, the bottom one first, as grids of S sections of A points; pixels, y upwards, z up.
+    """N visible strokes, bottom first, as grids of S sections of A points; in pixels, y upwards, z towards the viewer.
 
-    The canvas has its middle at 0, and z = 0.
+    The centre of the canvas is the origin, and its plane is z = 0.
     """
 
     number: Array  # (N,) of each stroke in the order from the bottom to the top
@@ -36,7 +36,7 @@ class Ribbons:
 
 @torch.no_grad()
 def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
-    """Lay strokes as ribbons, so many pixels high in their middle, upon those below them, on the canvas alone."""
+    """Lay strokes as ribbons, ``thickness`` pixels high in the middle, on those below them, clipped to the canvas."""
     profile, _ = profile_of(job)
     order = job.bottom_up.cpu()
     rows = {name: getattr(profile, name).detach().cpu()[order].double() for name in profile.per_stroke}
@@ -69,7 +69,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
 
 
 def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Return middles (N, S, 2), half widths (N, S) and directions to the left (N, S, 2) of sections, round ends too."""
+    """Return middle (N, S, 2), half width (N, S) and left direction (N, S, 2) of sections, including round ends."""
     middle = point_at(curve[:, None], t)
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
@@ -90,7 +90,7 @@ def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tupl
 
 
 def _levels(flat: Array, size: tuple[int, int]) -> Array:
-    """Count (N,) how many strokes lie below each at most, by the cells that boxes of its parts (N, S, A, 2) touch."""
+    """Bound the number (N,) of strokes below each by the cells that boxes of its parts (N, S, A, 2) touch."""
     cells = np.floor(flat * (CELLS / max(size))).astype(int).clip(0, CELLS - 1)
     low = np.minimum(cells[:, :-1].min(2), cells[:, 1:].min(2)).tolist()
     high = (np.maximum(cells[:, :-1].max(2), cells[:, 1:].max(2)) + 1).tolist()
@@ -104,7 +104,7 @@ def _levels(flat: Array, size: tuple[int, int]) -> Array:
 
 
 def _normals(points: Array) -> Array:
-    """Compute unit normals (N, S, A, 3) of grids of points, that do not look down."""
+    """Compute upward unit normals (N, S, A, 3) of grids of points."""
     normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2))
     normal[normal[..., 2] < 0] *= -1
     length = np.linalg.norm(normal, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Outlines of strokes as polygons: round-ended lines along their curves."""
+"""Outline strokes as polygons: round-ended lines along their curves."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class OutlinedStroke(NamedTuple):
-    """A stroke with what people ask of it; pixels, x to the right, y down."""
+    """A stroke with its outline and measures; in pixels, x to the right, y down."""
 
     number: int  # in the catalogue
     order: int  # 0 is the bottom one
@@ -32,7 +32,7 @@ class OutlinedStroke(NamedTuple):
 
 
 def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
-    """Outline the strokes of a painting, the bottom one first."""
+    """Outline the strokes of a painting, bottom first."""
     order = 0
     for number in job.bottom_up.cpu().split(AT_ONCE):
         strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
@@ -57,7 +57,7 @@ def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
 
 
 def outline_lines(curve: Tensor, width: Array) -> Array:
-    """Outline round-ended lines along quadratic Bezier curves (N, 3, 2) of a width (N,): places (N, P, 2)."""
+    """Outline round-ended lines of ``width`` (N,) along quadratic Bezier curves (N, 3, 2): points (N, P, 2)."""
     t = torch.linspace(0, 1, PIECES + 1, dtype=torch.float64)
     points = point_at(curve[:, None], t).numpy()
     step = np.gradient(points, axis=1)
@@ -74,5 +74,5 @@ def outline_lines(curve: Tensor, width: Array) -> Array:
 
 
 def _beside(points: Array, angle: Array, width: Array) -> Array:
-    """Return the places half a width beside points, in the direction of an angle."""
+    """Return the points half a width away from ``points`` in the direction of an angle."""
     return points + 0.5 * width[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)

@@ -86,7 +86,7 @@ def test_the_report_says_how_much_is_painted_with_how_many_loads_and_where_the_w
 
 
 def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_small_is_refused(tmp_path):
-    with pytest.raises(UserError, match="has 2 places, and the painting 3 colours; give as many, or paint with fewer"):
+    with pytest.raises(UserError, match="has 2 wells, but the painting has 3 colours; add wells, or paint with fewer"):
         read(Gcode, job_of(by_stages()), tmp_path, wells="20x12:40x12:2x1")
     assert not list(tmp_path.iterdir())
     lines, _ = read(Gcode, job_of(by_stages()), tmp_path)
@@ -99,8 +99,8 @@ def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_sm
     ({"cloth": "25x100"}, "cloth: 25 x 100 mm lies"),  # which is wiped 20 mm to both sides
 ])  # fmt: skip
 def test_a_brush_is_not_dipped_rinsed_or_wiped_in_the_painting(options, what):
-    cure = "put it beside, or leave more room: a larger to.gcode.paper, "
-    where = f"to.gcode.{what} in the painting, which is from 36 x 30 to 261 x 180 mm; {cure}"
+    cure = "move it outside, or make room: a larger to.gcode.paper, "
+    where = f"to.gcode.{what} in the painting, which extends from 36 x 30 to 261 x 180 mm; {cure}"
     refuses(where, brush_plan, job_of(by_stages()), Gcode(**{**TRAY, **options}))
     brush_plan(job_of(by_stages()), Gcode(**TRAY | {"cloth": "10x100"}))
 
@@ -115,10 +115,10 @@ def test_extremes_are_painted_too(tmp_path, kind):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"wells": "20x12"}, "is no tray of 1 to 500 wells; try to.gcode.wells=20x15:230x45:8x3"),
-    ({"wells": "0x0:9x9:0x3"}, "is no tray"),
-    ({"wells": "0x0:9x9:99x99"}, "is no tray"),
-    ({"wells": "0x0:9x9:3x1", "water": "left"}, "to.gcode.water=left is no place in mm"),
+    ({"wells": "20x12"}, "is not a tray of 1 to 500 wells; try to.gcode.wells=20x15:230x45:8x3"),
+    ({"wells": "0x0:9x9:0x3"}, "is not a tray"),
+    ({"wells": "0x0:9x9:99x99"}, "is not a tray"),
+    ({"wells": "0x0:9x9:3x1", "water": "left"}, "to.gcode.water=left is not a place in mm"),
     ({"wells": "0x0:9x9:3x1", "load": 0.0}, "to.gcode.load=0 is not"),
 ])  # fmt: skip
 def test_places_that_are_none_are_refused(options, message):

@@ -104,14 +104,14 @@ def test_the_picture_lies_in_the_middle_of_the_paper(paper, landscape, width, ex
     ("gcode", {"paper": "a44"}, "paper=a44 is not a paper; choose one of a0, a1"),
     ("gcode", {"paper": "tight"}, "is not a paper"),
     ("gcode", {"paper": "300x200"}, "such as to.gcode.paper=300x200mm"),
-    ("hpgl", {"margin_mm": 200.0}, "leave nothing of 210 x 297 mm; choose a larger paper"),
+    ("hpgl", {"margin_mm": 200.0}, "leave no room on 210 x 297 mm; choose a larger paper"),
     ("gcode", {"colors": 0}, "to.gcode.colors=0 is not 1 to 64; try to.gcode.colors=1"),
     ("gcode", {"pens": ["reddish"]}, "'reddish'; write 'to.gcode.pens=[black"),
     ("gcode", {"pens": []}, "give 1 to 256 colours"),
     ("gcode", {"up": "G0 Z5\nM30"}, "is not one line"),
     ("hpgl", {"plotter": "axidraw"}, "not known to vpype; choose one of hp7475a"),
-    ("hpgl", {"plotter": "hp7475a", "paper": "a2"}, "does not take to.hpgl.paper=a2; it takes a4, a3"),
-    ("hpgl", {"plotter": "designmate"}, "cannot read what it knows"),
+    ("hpgl", {"plotter": "hp7475a", "paper": "a2"}, "does not support to.hpgl.paper=a2; it supports a4, a3"),
+    ("hpgl", {"plotter": "designmate"}, "cannot read its data"),
 ])  # fmt: skip
 def test_options_that_make_no_sense_are_refused_in_words(name, options, message):
     refuses(re.escape(message), build_named, "to", name, options)

@@ -27,7 +27,7 @@ OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"} 
 class FilmOptions:
     """Keys below ``film``."""
 
-    every: int = key(1, "paint every n-th frame of the film only", at_least(1))
+    every: int = key(1, "interval between painted frames, in frames of the film", at_least(1))
     start: float = key(0, "start time in seconds", at_least(0))
     stop: float | None = key(None, "end time in seconds; null = end of the film", above(0))
     steps: int = key(8, "gradient steps per frame, starting from the previous frame's strokes", at_least(0))
@@ -45,7 +45,7 @@ class FilmTask(PaintTask):
     presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", f"{SCENE_START}@_global_": "glance"}
     presets |= {"quality": "normal"}
 
-    image: str = key("clip.mp4", "a film file")
+    image: str = key("clip.mp4", "film file")
     film: FilmOptions = field(default_factory=FilmOptions)
 
     @staticmethod

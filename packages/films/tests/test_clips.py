@@ -192,7 +192,7 @@ def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_
         assert times_of(tmp_path / "film.mp4") == pytest.approx([0, 0.1, 0.14], abs=2e-3)
     with caplog.at_level(logging.WARNING):
         load_picture(str(path), 16)
-    assert f"moves, and its first picture is taken; to paint all of it as a film, type: brushexp {path}" in caplog.text
+    assert f"is animated, and only its first frame is used; to paint it as a film, type: brushexp {path}" in caplog.text
     frames[0].save(path)
     assert not is_moving(path)
 
@@ -206,7 +206,7 @@ def test_tracks_that_are_left_out_a_picture_that_is_a_film_and_a_missing_library
     assert "further tracks are left out (1 of sound)" in caplog.text
     assert len(decoded(film)[0]) == 2
     path = encoded(tmp_path / "clip.mp4", scene(1))
-    refuses(r"clip.mp4 is a film; a picture is wanted here", load_picture, str(path), 16, key="style")
+    refuses(r"clip.mp4 is a film, not a picture", load_picture, str(path), 16, key="style")
     path = encoded(tmp_path / "clip.mp4", scene(1))
     monkeypatch.setitem(sys.modules, "av", None)
     refuses(r"brushexp\[video\]", open_clip, path)

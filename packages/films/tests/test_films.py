@@ -281,7 +281,7 @@ def test_the_words_for_a_picture_paint_a_film_too_and_keys_for_which_it_has_no_u
         assert "task=film" in expand_arguments(words)
         assert "task=paint" not in expand_arguments(words)
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
-    refuses("task=paint leaves this to task=film", check, composed(["image=clip.mp4"]))
+    refuses("task=film handles this, not task=paint", check, composed(["image=clip.mp4"]))
     words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
     with caplog.at_level(logging.WARNING):
         check(config(*words), words)

@@ -19,7 +19,7 @@ BLOCK = 128  # strokes or pairs per program
 
 @dataclass(frozen=True)
 class Lists:
-    """The pairs of one canvas; pairs of tiles that are in a stroke's box but not touched come last."""
+    """The pairs of a stroke and a tile on one canvas; tiles in a stroke's box that it does not touch come last."""
 
     first: Tensor  # (tiles + 1,) where each tile's list begins in ``stroke``, ``slot`` and ``part``; row by row
     stroke: Tensor  # (room,) number of the stroke, front to back within a tile

@@ -27,7 +27,7 @@ def test_the_tables_know_which_way_an_objective_is_better():
     ):  # fmt: skip
         refuses(message, better_direction, objective, typed)
     assert objective_in({"psnr": 3, "status": "completed"}, "psnr") == 3.0
-    words = "objective=status is no number of this run; choose one of psnr"
+    words = "objective=status is not a metric of this run; choose one of psnr"
     refuses(words, objective_in, {"psnr": 3, "status": "completed", "on": True}, "status")
 
 

@@ -18,7 +18,7 @@ def judged(loss: Sinkhorn, image: Tensor, target: Tensor) -> Tensor:
 
 
 def dense(image: Tensor, target: Tensor, epsilon: float, iterations: int, floor: float) -> float:
-    """The same divergence with a cost for each pair of pixels, in the log domain, one channel after another."""
+    """Compute the divergence with a cost for each pair of pixels, in the log domain, channel by channel."""
     height, width = image.shape[1:]
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     places = torch.stack([rows, columns], -1).reshape(-1, 2).double() / max(height, width)

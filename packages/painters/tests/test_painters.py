@@ -157,8 +157,8 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
     assert torch.equal(styled.pictures["target"], plain.pictures["target"])
     again = (f"catalogue={tmp_path}/catalogue.h5", "init.length=5")
     check(config(*again), again)
-    assert "catalogue.h5 says where strokes start: it has no use for init.length" in caplog.text
-    assert "catalogue.h5 are laid in a new order; order=fixed keeps theirs" in caplog.text
+    assert "catalogue.h5, so init.length has no effect" in caplog.text
+    assert "catalogue.h5 get a new order; order=fixed keeps their own" in caplog.text
     assert (metrics["painter"], metrics["status"]) == (name, "completed")
     assert 0 < metrics["n_strokes"] <= 60
     assert metrics["psnr"] > 8

@@ -1,4 +1,4 @@
-"""Trace lines through what is missing, and put new strokes there in place of those that matter least."""
+"""Trace lines through missing detail, and place new strokes along them in place of the least important ones."""
 
 import math
 from dataclasses import dataclass, fields

@@ -10,10 +10,12 @@ from brushexp.contracts.tasks import Task, key
 
 @dataclass
 class CompareTask(Task):
-    """Compare finished runs: which are worth their time, and which was ahead when."""
+    """Compare finished runs by quality for time, and show which led at each moment."""
 
     module = "brushexp_studies.task"
     alone = "runs"
-    runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
+    runs: list[str] = key(
+        MISSING, "folder of a run or sweep, or one that contains several; separate folders by commas", FOLDER
+    )
     cost: str | None = key(None, "metric on the axis of the fronts, such as n_strokes or bits; null = CPU seconds")
-    fronts: list[str] = key([], "metrics that have a front, such as [ssim,perceptual]; [] = PSNR and perceptual")
+    fronts: list[str] = key([], "metrics with a Pareto front, such as [ssim,perceptual]; [] = PSNR and perceptual")

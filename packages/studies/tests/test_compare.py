@@ -75,7 +75,7 @@ def test_sweeps_and_single_runs_are_gathered(tmp_path):
     assert len(gather([tmp_path], into)) == 12
 
 
-@pytest.mark.parametrize(("name", "reason"), [("missing", "no such folder"), ("empty", "no finished run in it")])
+@pytest.mark.parametrize(("name", "reason"), [("missing", "no such folder"), ("empty", "no finished run")])
 def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
     (tmp_path / "empty").mkdir()
     words = rf"runs=.*{name}: there is {reason}; give the folder of a run or of a sweep"

@@ -1,4 +1,4 @@
-"""Build the left side of the page: the picture, the look, strokes, time, focus and style."""
+"""Build the left side of the page: picture, look, strokes, time, focus and style."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,7 +40,7 @@ class Controls:
         self.asked: Wishes | None = None  # what strokes were planned for last
         self.samples: dict[str, Tag] = {}  # pictures of the looks
         self.thumbs: dict[str, dict[str, Button]] = {}  # of pictures and of styles, by their keys
-        with Tag("section", "controls", aria_label="What to paint, and how"):
+        with Tag("section", "controls", aria_label="What to paint and how"):
             with part("Picture"):
                 self.pictures = Tag("div", "thumbs", role="group", aria_label="Picture")
             with part("Look"), Tag("div", "looks", role="group", aria_label="Look"):
@@ -54,25 +54,25 @@ class Controls:
                 seconds = {"name": "Seconds of painting", "low": 1, "high": 120, "step": 1, "value": 10}
                 self.seconds = Slide(self._take_seconds, **seconds)
                 self.seconds.set_visibility(False)
-            with part("Canvas", "pixels of its longer side"):
+            with part("Canvas", "pixels on the longer side"):
                 chips("Canvas", {side: str(side) for side in SIDES}, visit.wishes.side, self._take_side)
-            with part("Focus", "where the painting is most like the photograph"):
+            with part("Focus", "where the painting is most faithful to the photograph"):
                 self.focus = chips("Focus", FOCUS, visit.wishes.focus, self._take_focus)
             with part("In the style of", "colours and marks of another picture"):
                 self.styles = Tag("div", "thumbs", role="group", aria_label="Style")
             with Tag("details", "part more"):
                 Tag("summary", text="More: paper, palette, tubes")
-                with part("Paper", "what the paint lies on"):
+                with part("Paper", "the surface below the paint"):
                     chips("Paper", PAPERS, visit.wishes.paper, self._take_paper)
                 with part("Palette", "the range of colours"):
                     chips("Palette", PALETTES, visit.wishes.palette, self._take_palette)
-                with part("Tubes", "mixed from real paints; with a plan to paint it by hand"):
+                with part("Tubes", "mixed from real paints, with a plan for painting by hand"):
                     self.tubes = chips("Tubes", TUBES, visit.wishes.tubes, self._take_tubes)
         visit.listeners.append(self.show)
         self.show()
 
     def show(self) -> None:
-        """Show the pictures to choose from, and which are chosen."""
+        """Show the available pictures and the chosen ones."""
         wishes = self.visit.wishes
         for focus, button in self.focus.items():
             button.press(focus == wishes.focus)
@@ -88,7 +88,9 @@ class Controls:
                 self.show_drafts()
                 background_tasks.create(self._renew_strokes())
             key = chosen.key if chosen else NONE
-            if key not in self.thumbs.get(name, ()):  # else they stay: a click on one that goes would be lost
+            if key not in self.thumbs.get(
+                name, ()
+            ):  # otherwise they stay, because a click on a removed one would be lost
                 place.clear()
                 with place:
                     self.thumbs[name] = self._thumbs(name, chosen, take)
@@ -96,13 +98,13 @@ class Controls:
                 button.press(other == key)
 
     def show_drafts(self) -> None:
-        """Show the photograph in each look, as far as it has been painted, in place of a sample."""
+        """Replace the samples of looks by drafts of the photograph that have been painted."""
         for look, sample in self.samples.items():
             address = self.visit.drafts.address(self.visit.wishes.photo, look)
             sample.set(src=address or f"/looks/{look}.webp")
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
-        """Add what to choose from: samples, or paintings as styles, and a chosen picture of the visitor's own."""
+        """Add the choices: samples, or paintings as styles, and the visitor's own picture."""
         none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
         whole = name == "picture"  # a file dropped anywhere on the page
         own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
@@ -155,7 +157,7 @@ class Controls:
         self.visit.wishes.palette = palette
 
     async def _take_tubes(self, tubes: str) -> None:
-        """Choose paints, and the look that goes with them; without paints, the first look in its place."""
+        """Choose paints and the look for them; without paints, return to the first look."""
         wishes = self.visit.wishes
         wishes.tubes = tubes
         if tubes:
@@ -164,7 +166,7 @@ class Controls:
             await self._take_look(self.visit.looks[0])
 
     def receive(self, answer: dict[str, Any], take: Callable[[Photo], None]) -> None:
-        """Take the photo of an upload, or show its error."""
+        """Use the photo of an upload, or show its error."""
         self.complain(str(answer.get("error", "")))
         if "photo" in answer:
             try:
@@ -182,11 +184,11 @@ class Controls:
         share = (notch - 1) / (NOTCHES - 1)
         strokes = None if notch == 0 else round(FEWEST_STROKES * (MOST_STROKES / FEWEST_STROKES) ** share)
         self.visit.wishes.strokes = strokes and int(float(f"{strokes:.2g}"))
-        return "as the look" if strokes is None else f"{self.visit.wishes.strokes:,}"
+        return "set by the look" if strokes is None else f"{self.visit.wishes.strokes:,}"
 
     def _take_size(self, power: float) -> str:
         self.visit.wishes.size = round(2**power, 2)
-        return "as the look" if power == 0 else f"{self.visit.wishes.size:g} ×"
+        return "set by the look" if power == 0 else f"{self.visit.wishes.size:g} ×"
 
     async def _take_time(self, name: str) -> None:
         timed = name == SECONDS
@@ -213,22 +215,22 @@ class Controls:
         self.visit.notify()
 
     async def _renew_strokes(self) -> None:
-        """Show how many strokes there will be, and whether their size can be chosen."""
+        """Show how many strokes there will be and whether their size can be chosen."""
         wishes = self.visit.wishes
         if wishes.photo is None:
             return
         self.asked = asked = replace(wishes)
         plan = await run.io_bound(lambda: (planned_strokes(asked), own_size(asked.look)))
-        if asked is not self.asked:  # another choice was made meanwhile, whose plan may have come sooner
+        if asked is not self.asked:  # another choice was made meanwhile, and its plan may already be here
             return
         if plan and wishes.strokes is None:
-            self.number.show(f"as the look: {plan[0]:,}")
+            self.number.show(f"set by the look: {plan[0]:,}")
         self.size.set_visibility(bool(plan and plan[1]))
 
 
 @contextmanager
 def part(title: str, hint: str = "") -> Iterator[None]:
-    """Add a part of the controls under its head."""
+    """Add a section of the controls with a heading."""
     with Tag("section", "part"):
         with Tag("h2", text=title):
             if hint:

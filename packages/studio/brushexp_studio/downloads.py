@@ -1,4 +1,4 @@
-"""Files that take a while to make from a finished painting: each is made in a thread, and says how far it is."""
+"""Make slow files of a finished painting in threads and report their progress."""
 
 import zipfile
 from collections.abc import Callable
@@ -16,7 +16,7 @@ MAKING, MADE, BROKEN = "making", "made", "broken"
 
 
 class Painted(Protocol):
-    """A finished painting and its own files, of which others are made."""
+    """A finished painting and its files, from which others are made."""
 
     folder: Path
     painting: Any  # a `brushexp.Painting`, or None if it was not kept
@@ -31,16 +31,16 @@ class Painted(Protocol):
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its own files by name."""
+        """Files of the painting by name."""
 
     @property
     def has_tubes(self) -> bool:
-        """Whether it was painted with real paints."""
+        """Tell whether it was painted with real paints."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """A kind of file that is made on request."""
+    """A kind of file made on request."""
 
     title: str  # on its button
     what: str  # one line about it
@@ -51,15 +51,15 @@ class Form:
 FORMS = {
     "psd": Form("PSD", "layers for Photoshop and Affinity, broad strokes to fine ones", draws=11),
     "ora": Form("ORA", "the same layers, for Krita and GIMP", draws=11),
-    "plan": Form("Plan", "what to mix, in which order to paint, and a drawing to paint by numbers", draws=None),
-    "zip": Form("Everything, zip", "all files of the painting in one"),
-    "pdf": Form("PDF to print", "one page of this size, for a printer or a print shop", is_print=True),
-    "png": Form("PNG to print", "the same as pixels, crisp at this size", is_print=True),
+    "plan": Form("Plan", "mixtures, the order of painting, and a drawing for painting by numbers", draws=None),
+    "zip": Form("Everything, zip", "all files of the painting in one archive"),
+    "pdf": Form("PDF to print", "one page of this size, for your printer or a print shop", is_print=True),
+    "png": Form("PNG to print", "a crisp picture of this size", is_print=True),
 }
 
 
 def possible_forms(work: Painted) -> dict[str, Form]:
-    """List the kinds of files that can be made of a painting here: PSD needs an extra, a plan needs tubes."""
+    """List the files that can be made of a painting; PSD needs an extra, a plan needs tubes."""
     missing = {"psd"} if find_spec("psd_tools") is None else set()
     if not work.has_tubes:
         missing.add("plan")
@@ -68,7 +68,7 @@ def possible_forms(work: Painted) -> dict[str, Form]:
 
 @dataclass
 class Download:
-    """A file that is being made, or has been."""
+    """A file being made, or finished."""
 
     form: str
     paper: Print | None = None  # size of a print
@@ -79,7 +79,7 @@ class Download:
 
     @property
     def words(self) -> str:
-        """What happens, in a few words.
+        """Progress in a few words.
 
         >>> Download("pdf", share=0.4).words
         'Making the PDF … 40 %'
@@ -91,7 +91,7 @@ class Download:
 
 @dataclass(frozen=True)
 class WatchedJob(ExportJob):
-    """A painting that tells ``watch`` of each band that is drawn which share of the picture it is."""
+    """An export job that reports to ``watch`` the share of the picture in each drawn band."""
 
     watch: Callable[[float], None] = field(default=lambda share: None, kw_only=True)
 
@@ -102,11 +102,11 @@ class WatchedJob(ExportJob):
 
 
 class Stopped(Exception):
-    """The studio closes while a file is being made."""
+    """Raised when the studio closes while a file is being made."""
 
 
 def make_file(work: Painted, download: Download, tell: Callable[[float | None], None]) -> Path:
-    """Make a file of a finished painting, and ``tell`` the share that is done; a UserError if it cannot be made."""
+    """Make a file of a finished painting and ``tell`` the finished share; raise a UserError if that is impossible."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
     if download.form == "zip":
@@ -130,7 +130,7 @@ def make_file(work: Painted, download: Download, tell: Callable[[float | None], 
 
 
 def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
-    """Pack all files of a painting, and ``tell`` the share of their bytes that is done."""
+    """Pack all files of a painting and ``tell`` the finished share of their bytes."""
     files = work.files
     total = max(1, sum(file.stat().st_size for file in files.values()))
     packed = 0
@@ -143,7 +143,7 @@ def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
 
 
 def describe_file(path: Path, size: tuple[int, int]) -> str:
-    """Say in one line what a file of a painting of ``size`` (H, W) in pixels is, and how large it is."""
+    """Describe in one line the kind and size of a file of a painting of ``size`` (H, W) in pixels."""
     megabytes = path.stat().st_size / 1e6
     amount = f"{megabytes:.1f}\u00a0MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f}\u00a0kB"
     if path.suffix == ".svg":
@@ -153,9 +153,9 @@ def describe_file(path: Path, size: tuple[int, int]) -> str:
         return f"vector file; {amount}, {kind}"
     what = {
         ".png": f"{size[1]} × {size[0]} pixels",
-        ".h5": "the strokes as numbers, to open again with brushexp",
-        ".mp4": "how the painting came to be",
-        ".gif": "how the painting came to be",
+        ".h5": "the strokes as numbers, for brushexp",
+        ".mp4": "how the painting was made",
+        ".gif": "how the painting was made",
         ".html": "the painting and its strokes on one page, for any browser",
     }[path.suffix]
     return f"{what}; {amount}"

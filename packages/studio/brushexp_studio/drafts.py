@@ -1,4 +1,4 @@
-"""Paint the chosen photograph small in each look, in the background, as samples of the looks."""
+"""Paint small drafts of the chosen photograph in each look, in the background."""
 
 import logging
 import os
@@ -23,7 +23,7 @@ NICENESS = 10  # of the thread, where the system has such a thing for threads
 
 
 class Drafts:
-    """Drafts of photographs by their keys and looks: one at a time, and none while a painting is made or waits."""
+    """Drafts of photographs by key and look, painted one at a time, and not while a painting is running or waiting."""
 
     def __init__(self, works: Works) -> None:
         self.works = works
@@ -33,7 +33,7 @@ class Drafts:
         self._thread: Thread | None = None
 
     def want(self, photo: Photo, looks: list[str]) -> None:
-        """Paint drafts of a photograph in each look, in this order, instead of those of another one."""
+        """Paint drafts of a photograph in each look, in this order, replacing earlier requests."""
         self._wanted = photo, looks
         if self._thread is None:
             self._thread = Thread(target=self._run, name="drafts", daemon=True)
@@ -44,7 +44,7 @@ class Drafts:
         return f"/drafts/{photo.key}/{look}.jpg" if photo and self.pictures.get((photo.key, look)) else None
 
     def close(self) -> None:
-        """End the draft and the thread."""
+        """Stop the draft and the thread."""
         self._closing.set()
         if self._thread:
             self._thread.join()
@@ -66,7 +66,7 @@ class Drafts:
                 self.works.version += 1
 
     def _next(self) -> tuple[Photo, str] | None:
-        """Return what is to be painted next; None if nothing is."""
+        """Return the next draft to paint; None if there is nothing to do."""
         if self._wanted is None:
             return None
         photo, looks = self._wanted
@@ -76,7 +76,7 @@ class Drafts:
         return self.works.is_warm.is_set() and self.works.current is None and not self._closing.is_set()
 
     def _paint(self, photo: Photo, look: str) -> bytes | None:
-        """Paint a draft; None if something else is to be done first, and no bytes if the look fails."""
+        """Paint a draft; None if something more urgent comes, empty bytes if the look fails."""
         keys: dict[str, Any] = {"look": look, "quality": "draft", "resolution": min(SIDE, max(photo.size))}
         try:
             if not self._may_paint():
@@ -88,6 +88,6 @@ class Drafts:
                         return None
                     image = state.image
         except UserError as error:
-            log.info("no draft of look=%s: %s", look, error)
+            log.info("the draft of look=%s failed: %s", look, error)
             return b""
         return encode(Image.fromarray(image), SIDE, **JPEG)

@@ -1,4 +1,4 @@
-"""Build the right side of the page: photograph, painting, comparison, replay, files, and earlier paintings."""
+"""Build the right side of the page: photograph, painting, comparison, replay, files and earlier paintings."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,7 +37,7 @@ class Easel:
         self.state: tuple[Any, ...] = ()
         self.made: tuple[tuple[str, str], ...] = ()  # forms of files, and how far they are
         with Tag("section", "easel", aria_label="The picture"):
-            self.views = Tag("div", "chips", role="group", aria_label="What is shown")
+            self.views = Tag("div", "chips", role="group", aria_label="View")
             self.place = Tag("div", "place")
             self.caption = Tag("p", "caption hint")
             self.files = Tag("section", "files", aria_label="Download")
@@ -49,7 +49,7 @@ class Easel:
         self.show()
 
     def show(self) -> None:
-        """Show everything anew."""
+        """Redraw everything."""
         views = self.visit.views()
         if self.visit.view not in views:
             self.visit.view = views[-1] if views else PHOTOGRAPH
@@ -68,7 +68,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting, and the rest anew if more than that has changed."""
+        """Show the latest picture of the painting, and redraw the rest if more has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
@@ -95,16 +95,23 @@ class Easel:
             with Tag("div", "empty"):
                 text = "Drop a photograph here, or choose one …"
                 Drop(self.receive, name="Your photograph", text=text, address="/photos")
-                Tag("p", "hint", text="It stays on this machine. Or take one of the samples.")
+                Tag("p", "hint", text="It stays on this machine. Or choose one of the samples.")
             return
         if wishes.focus == "mask":
             before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
-            words = {"label": "Where the painting shall be most like the photograph", "group": "Brush of the focus"}
+            words = {
+                "label": "Where the painting should be most faithful to the photograph",
+                "group": "Brush of the focus",
+            }
             mask = Mask(
                 self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before, **words
             )
             mask.style(f"--ratio: {photo.ratio}")
-            Tag("p", "caption hint", "Click on each face, or paint over what shall be most like the photograph.")
+            Tag(
+                "p",
+                "caption hint",
+                "Click on each face, or paint over the parts that should be most faithful to the photograph.",
+            )
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
                 Tag("img", src=photo.address, alt=f"the photograph {photo.name}")
@@ -119,7 +126,7 @@ class Easel:
             found.set_text(in_words(len(faces)))
 
     async def _mark_faces(self, photo: Photo) -> None:
-        """Let the visitor mark faces by hand, beside those that were found."""
+        """Let the visitor mark faces by hand, in addition to detected ones."""
         faces = await run.io_bound(find_faces, photo)
         wishes = self.visit.wishes
         if wishes.mask is None and faces:
@@ -136,12 +143,12 @@ class Easel:
             if work.frames:
                 self.live = Tag("img", src=work.address, alt=f"painting {work.title}")
             else:
-                Tag("img", "bare", src=work.wishes.subject.address, alt="the photograph, to be painted")
+                Tag("img", "bare", src=work.wishes.subject.address, alt="the photograph to paint")
         if work.frames:
             with Tag("div", "row tools"):
-                Tag("button", "choice", "Look at it alone", type="button", data_zoom=".place .stage img")
+                Tag("button", "choice", "Show it alone", type="button", data_zoom=".place .stage img")
         elif work.status == WAITING and self.visit.works.before(work):
-            Tag("p", "caption hint", "It is painted when the ones before it are finished.")
+            Tag("p", "caption hint", "It will be painted when the ones before it are finished.")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
@@ -172,11 +179,11 @@ class Easel:
             for button in buttons:
                 button.allow(self.touched is not None)
 
-        words = {"label": "The place that is painted anew", "group": "Brush of the place"}
+        words = {"label": "The place to repaint", "group": "Brush of the place"}
         address = f"/photos/{work.wishes.subject.key}/masks"
         mask = Mask(take, picture=work.address, ratio=work.ratio, address=address, before="", **words)
         mask.style(f"--ratio: {work.ratio}")
-        Tag("p", "caption hint", "Paint over a place; then it is painted anew, and all else stays.")
+        Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays.")
         with Tag("div", "row tools", role="group", aria_label="Touch up"):
             for how, title in HOWS.items():
                 buttons.append(Button(title, partial(self._begin_touch, work, how)))
@@ -227,7 +234,7 @@ class Easel:
             Tag("small", text=describe_file(work.files[name], work.wishes.canvas))
 
     def _show_form(self, key: str, form: Form, work: Work) -> None:
-        """Add a file that is made on request: a button, then its progress, then a link."""
+        """Add a file made on request: first a button, then its progress, then a link."""
         download = work.downloads.get(key)
         if download and download.status != MAKING and form.is_print and download.paper != self.visit.paper:
             download = None  # of another size
@@ -240,7 +247,7 @@ class Easel:
             if download and download.status == MAKING:
                 with Tag("span", "making"):
                     words = Tag("small", text=download.words, role="status")
-                    self.making[key] = words, Tag("progress", aria_label=f"Share of {form.title} that is made", max=1)
+                    self.making[key] = words, Tag("progress", aria_label=f"Progress of {form.title}", max=1)
             else:
                 Tag("small", text=download.trouble if download and download.trouble else form.what)
 
@@ -250,7 +257,7 @@ class Easel:
         self.renew()
 
     def _renew_files(self) -> None:
-        """Show how far files are that are being made, and save those of this tab that are made."""
+        """Show the progress of files being made, and save finished files of this tab."""
         work, works = self.visit.work, self.visit.works
         for key, (words, bar) in self.making.items():
             if work and (download := work.downloads.get(key)):

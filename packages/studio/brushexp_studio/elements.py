@@ -1,4 +1,4 @@
-"""Define the elements of the page: plain HTML, in the style of the pages of runs, and six with scripts."""
+"""Define the elements of the page: plain HTML in the style of run pages, and six with scripts."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,7 +9,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 
 class Tag(TextElement):
-    """An element of HTML: ``Tag("a", "button", "Save", href="/x")``."""
+    """An HTML element: ``Tag("a", "button", "Save", href="/x")``."""
 
     def __init__(self, tag: str, classes: str = "", text: str = "", **attributes: Any) -> None:
         super().__init__(tag=tag, text=text)
@@ -27,7 +27,7 @@ class Tag(TextElement):
 
 
 class Button(Tag):
-    """A button that calls ``do``; one that is a choice is ``pressed`` or not."""
+    """A button that calls ``do``; a choice is ``pressed`` or not."""
 
     def __init__(
         self, text: str, do: Callable[[], Any], *, pressed: bool | None = None, classes: str = "button"
@@ -44,7 +44,7 @@ class Button(Tag):
 
 
 class Scripted(ui.element):
-    """An element with a script and its properties; ``answer`` receives the replies to its uploads."""
+    """An element with a script and properties; ``answer`` receives the replies to its uploads."""
 
     def __init__(self, answer: Callable[[dict[str, Any]], Any] | None = None, **props: Any) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Scripted(ui.element):
 
 
 class Drop(Scripted, component="web/drop.js"):
-    """A drop zone for files: ``name``, ``text``, the ``address`` to which they are sent, ``whole``: of the page."""
+    """A drop zone for files with ``name``, ``text`` and upload ``address``; ``whole`` covers the page."""
 
 
 class Wipe(Scripted, component="web/wipe.js"):
@@ -70,14 +70,14 @@ class Blend(Scripted, component="web/blend.js"):
 
 
 class Mask(Scripted, component="web/mask.js"):
-    """A mask over a ``picture`` of a ``ratio`` (width / height); ``before`` is the address of one to go on with.
+    """A mask over a ``picture`` with a ``ratio`` (width / height); ``before`` is the address of a mask to continue.
 
-    ``label`` and ``group`` say what it and its brush are for.
+    ``label`` and ``group`` describe the mask and its brush.
     """
 
 
 class Slide(Scripted, component="web/slide.js"):
-    """A slider with a name; ``change`` takes the value, and returns the text beside the name."""
+    """A slider with a name; ``change`` receives the value and returns the text beside the name."""
 
     def __init__(self, change: Callable[[float], str], **props: Any) -> None:
         super().__init__(shown=change(props["value"]), **props)
@@ -88,7 +88,7 @@ class Slide(Scripted, component="web/slide.js"):
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> dict[Any, Button]:
-    """Add a group of buttons of which one is pressed, and return them by key; ``choose`` takes its key."""
+    """Add a group of buttons, one of them pressed, and return them by key; ``choose`` receives a key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:

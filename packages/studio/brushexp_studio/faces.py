@@ -1,4 +1,4 @@
-"""Find the faces of a photograph, say how many there are, and mark them in a mask."""
+"""Find and count the faces in a photograph, and mark them in a mask."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,7 +17,7 @@ REACH = 0.7  # sides of a face: radius of its mark
 
 @lru_cache(maxsize=64)
 def find_faces(photo: Photo) -> list[Any]:
-    """Find faces as a painting does, each with a middle ``x``, ``y`` and a ``side`` in pixels of the photograph."""
+    """Find faces as a painting does, each with a centre ``x``, ``y`` and a ``side`` in pixels of the photograph."""
     with Image.open(photo.path) as picture:
         pixels = np.asarray(picture.convert("RGB"), np.float32) / 255
     return faces_of(settings_of("paint", {"faces": "auto"}).cfg, torch.from_numpy(pixels).movedim(2, 0))
@@ -33,7 +33,7 @@ def in_words(count: int) -> str:
 
 
 def mask_of(faces: Sequence[Any], size: tuple[int, int]) -> np.ndarray:
-    """Draw a mask (H, W) of bytes of a ``size`` (H, W), with a disc on each face."""
+    """Draw a mask of bytes of ``size`` (H, W) with a disc on each face."""
     mask = Image.new("L", (size[1], size[0]))
     for face in faces:
         radius = REACH * face.side

@@ -1,4 +1,4 @@
-"""Store pictures that users upload, and samples: each is read once, and kept as a plain PNG."""
+"""Store uploaded pictures and samples; each is read once and kept as a plain PNG."""
 
 import itertools
 import logging
@@ -48,13 +48,13 @@ class Photo:
         return f"/photos/{self.key}/shown.jpg"
 
     def jpeg(self, side: int) -> bytes:
-        """Encode the picture for the page, with at most ``side`` pixels."""
+        """Encode the picture for the page with at most ``side`` pixels on its longer side."""
         with Image.open(self.path) as picture:
             return encode(picture.convert("RGB"), side, **JPEG)
 
 
 class Photos:
-    """The pictures and masks of a session, by keys that are no paths."""
+    """The pictures and masks of a session, by keys that are not paths."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -64,7 +64,7 @@ class Photos:
         self._reading = RLock()  # one at a time: they may be large, and remarks are read from stderr
 
     def __getitem__(self, key: str) -> Photo:
-        """Return a picture by its key, a sample or painting by its name; a UserError if there is none."""
+        """Return a picture by key, or a sample or painting by name; raise a UserError if there is none."""
         with self._reading:
             if key in SAMPLES and key not in self._photos:
                 self._photos[key] = self._store(samples()[key], key, key)
@@ -72,11 +72,11 @@ class Photos:
                 path = PAINTINGS[key]
                 self._photos[key] = self._store(path, key, str(path))  # so that its command names the file
         if key not in self._photos:
-            raise UserError("this picture is no longer there; choose it again")
+            raise UserError("this picture no longer exists; choose it again")
         return self._photos[key]
 
     def add(self, received: Path, name: str) -> Photo:
-        """Read a file that the browser has sent, and its name there; a UserError if it is no picture."""
+        """Read an uploaded file with its name; refuse (UserError) anything but a picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
         short = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
@@ -87,7 +87,7 @@ class Photos:
         return self._photos[key]
 
     def add_mask(self, received: Path, photo: Photo) -> str | None:
-        """Store a mask for a picture; return its key, or None for an empty mask. A UserError if it does not fit."""
+        """Store a mask for a picture; return its key, or None for an empty mask. A UserError refuses a wrong size."""
         with self._reading:
             grey = read_picture(received, key="mask").max(2)
             check_ratio("the mask", grey.shape, photo.size, "focus")
@@ -119,7 +119,7 @@ class Photos:
 
 @contextmanager
 def remarks() -> Iterator[list[str]]:
-    """List the warnings of this thread while a file is read, such as that it is cut short."""
+    """Collect the warnings of this thread while a file is read, such as that it is truncated."""
     told: list[str] = []
     thread = get_ident()
 
@@ -137,5 +137,5 @@ def remarks() -> Iterator[list[str]]:
 
 
 def in_plain_letters(name: str) -> str:
-    """Make a file name that is valid on any system."""
+    """Make a file name that is valid on every system."""
     return re.sub(r"[^\w-]+", "_", name)

@@ -1,4 +1,4 @@
-"""Build the part of the page that chooses the size of a print."""
+"""Build the controls for the size of a print."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,7 @@ MOST_MARGIN, MOST_BLEED = 20, 10  # mm
 
 
 class PrintControls:
-    """Paper, margin and bleed; ``changed`` is called when one of them is another."""
+    """Controls for paper, margin and bleed; ``changed`` is called when one of them changes."""
 
     def __init__(self, visit: Visit, changed: Callable[[], None]) -> None:
         self.visit, self.changed = visit, changed
@@ -32,12 +32,12 @@ class PrintControls:
             with Tag("div", "slides"):
                 self.side = self._slide("side", "Longer side", "cm", SMALLEST_SIDE, LARGEST_SIDE, 1)
                 self._slide("margin", "White margin", "mm", 0, MOST_MARGIN, 1)
-                self._slide("bleed", "Bleed, to be cut off", "mm", 0, MOST_BLEED, 0.5)
+                self._slide("bleed", "Bleed, to be trimmed", "mm", 0, MOST_BLEED, 0.5)
             self.words = Tag("p", "hint", role="status")
             self.files = Tag("ul", "downloads")
 
     def show(self, work: Work | None) -> None:
-        """Show the size of a print of a painting; nothing without one."""
+        """Show the size of a print of a painting, or nothing without a painting."""
         self.work = work
         self.place.set_visibility(work is not None)
         self.fits.set_visibility(self.visit.paper.paper in PAPERS)

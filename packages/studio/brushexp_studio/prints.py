@@ -1,4 +1,4 @@
-"""The size of a print on paper: a paper or a length, what to do with its edges, and the pixels that it needs."""
+"""Choose the size of a print: the paper or a length, the treatment of edges, and the number of pixels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ MOST_PIXELS = 5000  # of the longer side: more than 300 dpi on A3, and large pri
 
 @dataclass(frozen=True)
 class Print:
-    """A size on paper; lengths of paper are in cm, margin and bleed in mm."""
+    """A size on paper; paper is measured in cm, margin and bleed in mm."""
 
     paper: str = "A4"
     side: float = 30.0  # cm: of a square, or the longer side of a picture of its own size
@@ -22,16 +22,16 @@ class Print:
 
     @property
     def is_cropped(self) -> bool:
-        """Whether the picture takes the shape of the paper: a square always does, an own size never."""
+        """Tell whether the picture takes the shape of the paper: always on a square, never at its own size."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)
 
     def box(self, ratio: float) -> tuple[float, float]:
-        """Compute width and height in cm of the paper for a picture of a ``ratio`` (width / height)."""
+        """Compute width and height of the paper in cm for a picture with a ``ratio`` (width / height)."""
         longer, shorter = PAPERS.get(self.paper, (self.side, self.side))
         return (longer, shorter) if ratio >= 1 else (shorter, longer)
 
     def size(self, ratio: float) -> tuple[float, float]:
-        """Compute width and height in cm of the print, without bleed.
+        """Compute width and height of the print in cm, without bleed.
 
         >>> Print("A4").size(1.5), Print("A4", fill=True).size(1.5), Print("Square", side=20).size(0.7)
         ((29.7, 19.8), (29.7, 21.0), (20, 20))
@@ -44,7 +44,7 @@ class Print:
         return round(across + around, 1), round(across / ratio + around, 1)
 
     def dpi(self, ratio: float) -> int:
-        """Compute pixels per inch: 300, or fewer where the print would have more than `MOST_PIXELS`.
+        """Compute pixels per inch: 300, or fewer if the print would have more than `MOST_PIXELS`.
 
         >>> Print("A4").dpi(1.5), Print("A2").dpi(1.5)
         (300, 213)
@@ -58,7 +58,7 @@ class Print:
         return options | {"fill": self.is_cropped, "margin": self.margin, "bleed": self.bleed}
 
     def words(self, ratio: float) -> str:
-        """Describe the print in a line.
+        """Describe the print in one line.
 
         >>> Print("A4", bleed=3).words(1.5)
         '29.7 × 19.8 cm and 3 mm of bleed on each side, at 300 dpi'

@@ -1,4 +1,4 @@
-"""Keys of ``task=studio`` and ``task=view``."""
+"""Declare the keys of ``task=studio`` and ``task=view``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,32 +15,32 @@ PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 
 @dataclass
 class StudioTask(Task):
-    """Paint your own photographs in the browser, and watch: a page on this machine, until Ctrl-C."""
+    """Paint photographs in the browser, on a page served on this machine until Ctrl-C."""
 
     module = "brushexp_studio.task"
 
-    output: str = key("${scratch:}", "folder of the log; by default none is left")
-    keep: str | None = key(None, "folder where finished paintings stay; null = they go with the page")
-    port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
-    open: bool = key(True, "in the browser, or only print the address")
+    output: str = key("${scratch:}", "folder for the log; by default no log is kept")
+    keep: str | None = key(None, "folder for finished paintings; null = they are deleted with the page")
+    port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
+    open: bool = key(True, "whether to open the page in the browser; false = only print the address")
 
 
 @dataclass
 class ViewTask(Task):
-    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
+    """View a painting, a run or a sweep in the browser, on a page served on this machine until Ctrl-C."""
 
     module = "brushexp_studio.view"
     alone = "catalogue"
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
     catalogue: str | None = key(None, "folder of a run or sweep, or a catalogue; null = the newest in outputs/", PAGE)
-    output: str = key("${scratch:}", "folder that keeps the page; by default none does")
+    output: str = key("${scratch:}", "folder for the page; by default it is not kept")
     port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
-    open: bool = key(True, "open the page in the browser; false = only print the address")
+    open: bool = key(True, "whether to open the page in the browser; false = only print the address")
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Check that there is something to look at."""
+        """Check that there is something to view."""
         from brushexp_studio.view import newest_run  # noqa: PLC0415  (``--help`` does not need it)
 
         if cfg.catalogue is None:

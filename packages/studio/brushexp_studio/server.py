@@ -1,4 +1,4 @@
-"""Serve the studio on this machine alone: pictures and files for the browser, and uploads from it."""
+"""Serve the studio to this machine only: pictures and files for the browser, and uploads from it."""
 
 import socket
 import time
@@ -39,12 +39,12 @@ GUARDS = [
     (b"content-security-policy", POLICY.encode()), (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
 ]  # fmt: skip
-FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # a picture at an address never changes
+FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # the picture at an address never changes
 READER = ThreadPoolExecutor(1, "reader")  # of uploads: each thread would keep the memory of a large one
 
 
 def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
-    """Serve pictures by their keys and files of paintings, and take uploads."""
+    """Serve pictures and files of paintings, and receive uploads."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
     @app.get("/photos/{key}/{size}.jpg")
@@ -90,7 +90,7 @@ def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
     _take_uploads(app, photos)
     app.mount("/looks", StaticFiles(directory=LOOKS))
     for error in (KeyError, UserError, FileNotFoundError):
-        app.add_exception_handler(error, lambda *_: Response("there is nothing of this name here", 404))
+        app.add_exception_handler(error, lambda *_: Response("there is nothing with this name here", 404))
     app.add_middleware(OwnPages)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
     return app
@@ -108,7 +108,7 @@ def _take_uploads(app: FastAPI, photos: Photos) -> None:
 
 
 class OwnPages:
-    """Refuse requests from pages of other sites, and send the content policy."""
+    """Refuse requests from pages of other sites, and send the content security policy."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -122,7 +122,7 @@ class OwnPages:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})
             else:
-                await Response("only pages of the studio may ask for this", 403)(scope, receive, send)
+                await Response("only pages of the studio may request this", 403)(scope, receive, send)
             return
 
         async def guarded(message: Message) -> None:
@@ -134,28 +134,28 @@ class OwnPages:
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:
-    """Pass a file that the browser sends to ``use``, and return its result or the error; stop at the largest size."""
+    """Pass an uploaded file to ``use`` and return its result or error; stop at the largest size."""
     received = 0
     try:
         with NamedTemporaryFile() as file:
             async for piece in request.stream():
                 received += len(piece)
                 if received > LARGEST_UPLOAD:
-                    return {"error": f"this file has more than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
+                    return {"error": f"this file is larger than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
                 file.write(piece)
             file.flush()
             return await get_running_loop().run_in_executor(READER, use, Path(file.name))
     except (UserError, MemoryError) as error:
         return {"error": str(error) or "there is not enough memory for this picture; make it smaller"}
     except OSError as error:
-        return {"error": f"the studio cannot keep this file: {error.strerror}"}
+        return {"error": f"the studio cannot store this file: {error.strerror}"}
     except ClientDisconnect:
         return {}
 
 
 @contextmanager
 def running(app: FastAPI, port: int) -> Iterator[str]:
-    """Serve an application on this machine while the context lasts, and yield its address; port 0 is any free one."""
+    """Serve an application on this machine inside ``with`` and yield its address; port 0 means any free port."""
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -178,11 +178,11 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
 
 @contextmanager
 def open_studio(own: Path, results: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
-    """Run the studio while the context lasts, and yield its address and its paintings.
+    """Run the studio inside ``with``, and yield its address and its paintings.
 
     Uploads go into the folder ``own``, paintings into ``results``; ``options`` are keys of all paintings.
     """
-    warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI looks at all objects
+    warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI inspects all objects
     photos, works = Photos(own), Works(results, options)
     drafts = Drafts(works)
     app = application(photos, works, drafts)

@@ -1,4 +1,4 @@
-"""Serve pages to browsers on this machine, and nothing else."""
+"""Serve pages to browsers on this machine only."""
 
 import logging
 import time
@@ -16,24 +16,24 @@ from brushexp.contracts import UserError
 from brushexp.contracts.files import check_file
 
 log = logging.getLogger(__name__)
-HOST = "127.0.0.1"  # nobody else can connect
+HOST = "127.0.0.1"  # no other machine can connect
 LARGEST_PAGE = 2**28  # bytes
 HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
-    "Cache-Control": "no-store",  # the page may be made anew
+    "Cache-Control": "no-store",  # the page may be rewritten
     "X-Frame-Options": "DENY",
-    # A page that somebody else has made may run its own scripts, which reach neither other pages here nor the network.
+    # An untrusted page may run its own scripts, which reach neither other pages here nor the network.
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'",
 }
-TIMEOUT_SECONDS = 10  # a connection that is silent for so long is closed
+TIMEOUT_SECONDS = 10  # seconds of silence after which a connection is closed
 
 
 @contextmanager
 def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
-    """Serve files by the path of their address while the context lasts; yields the address of the first one, ``/``.
+    """Serve files by address inside ``with``, and yield the address of the first one, ``/``.
 
-    They are read at each request. Port 0 is any that is free; one that cannot be had is a UserError.
+    Files are read at each request. Port 0 means any free port; an unavailable port raises a UserError.
     """
     try:
         server = _Server((HOST, port), _Handler)
@@ -51,16 +51,16 @@ def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
 
 
 def port_error(port: int, error: OSError) -> UserError:
-    """Make the error of a port that cannot be had."""
-    reason = f"port={port} cannot be had ({error.strerror})"
-    return UserError(f"{reason}; choose another one, or port=0 for any that is free")
+    """Make the error for an unavailable port."""
+    reason = f"port={port} is not available ({error.strerror})"
+    return UserError(f"{reason}; choose another one, or port=0 for any free port")
 
 
 def show_until_interrupted(address: str, *, in_browser: bool) -> None:
-    """Wait for Ctrl-C, with the address open in the browser if it shall be."""
+    """Open the address in the browser if asked, and wait for Ctrl-C."""
     try:
         if in_browser and not webbrowser.open(address):
-            log.info("no browser could be started: open %s yourself", address)
+            log.info("could not start a browser; open %s yourself", address)
         while True:
             time.sleep(3600)
     except KeyboardInterrupt:
@@ -71,7 +71,7 @@ class _Server(ThreadingHTTPServer):
     pages: Mapping[str, Path]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        log.debug("a browser went away", exc_info=True)
+        log.debug("a browser closed its connection", exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -82,13 +82,13 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         port = self.server.server_port
         if self.headers.get("Host") not in {f"{HOST}:{port}", f"localhost:{port}"}:
-            # A page from the network whose name was made to mean this machine (DNS rebinding) must not read anything.
-            self.send_error(HTTPStatus.FORBIDDEN, "ask for this page by its address")
+            # A page from the network whose name resolves to this machine (DNS rebinding) must not read anything.
+            self.send_error(HTTPStatus.FORBIDDEN, "open this page by its address")
             return
         page = self.server.pages.get(unquote(self.path.partition("?")[0], errors="surrogateescape"))
         try:
-            if page is None or page.is_symlink():  # a link may lead out of the folder that is shown
-                raise UserError("it is not among the pages")
+            if page is None or page.is_symlink():  # a link may lead out of the served folder
+                raise UserError("it is not one of the pages")
             check_file(page, "", LARGEST_PAGE)
             body = page.read_bytes()
         except (UserError, OSError):

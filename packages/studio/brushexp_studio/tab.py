@@ -1,4 +1,4 @@
-"""Build the page of the studio for each tab: a bar, the controls beside the easel, and the buttons."""
+"""Build the page of the studio for each tab: a bar, controls, easel and buttons."""
 
 import asyncio
 from pathlib import Path
@@ -47,7 +47,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
 
 
 def likelihood(look: str) -> tuple[int, str]:
-    """Order looks by how likely a visitor wants them; those of users come last, by name."""
+    """Order looks by popularity; users' own looks come last, by name."""
     return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 
 
@@ -70,7 +70,7 @@ class Tab:
             with Tag("div", "doing"):
                 self.main = Button("Paint", self.paint, classes="button main")
                 self.stop = Button("Stop", self.end)
-                self.bar = Tag("progress", aria_label="Share of the painting that is done", max=1)
+                self.bar = Tag("progress", aria_label="Progress of the painting", max=1)
                 self.status = Tag("p", "status hint", role="status")
                 self.trouble = Tag("p", "alarm", role="alert")
         visit.listeners.append(self.renew)
@@ -81,13 +81,13 @@ class Tab:
         self.trouble.set_text(words)
 
     async def paint(self) -> None:
-        """Begin a painting of the chosen picture, and show it; a second click is none for another one."""
-        while self.visit.reading:  # else it would be one of the picture before
+        """Start a painting of the chosen picture and show it, ignoring a second click."""
+        while self.visit.reading:  # otherwise it would paint the previous picture
             await asyncio.sleep(MOMENT)
         self.begin(self.visit.wishes)
 
     def begin(self, wishes: Wishes) -> None:
-        """Begin a painting, and show it."""
+        """Start a painting and show it."""
         last = self.visit.begun
         if last and last.is_open and not last.frames and last.wishes == wishes:
             return
@@ -101,7 +101,7 @@ class Tab:
         ui.run_javascript("scrollTo({ top: 0 })")
 
     def end(self) -> None:
-        """Stop the painting of this tab, and keep its state."""
+        """Stop the painting of this tab and keep its state."""
         if work := self.visit.stoppable():
             self.works.stop(work)
             if work not in self.works.all:
@@ -110,7 +110,7 @@ class Tab:
             self.renew()
 
     def look(self) -> None:
-        """Renew the page if any painting has changed."""
+        """Update the page if any painting has changed."""
         if self.version != self.works.version:
             self.version = self.works.version
             self.visit.join()
@@ -119,7 +119,7 @@ class Tab:
             self.renew()
 
     def renew(self) -> None:
-        """Renew the buttons, and the line beside them."""
+        """Update the buttons and the line beside them."""
         work, mine = self.visit.work, self.visit.stoppable()
         self.main.allow(self.visit.wishes.photo is not None)
         self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())
@@ -132,7 +132,7 @@ class Tab:
             self.complain(work.trouble)
 
     def describe(self) -> str:
-        """Say what the studio does."""
+        """Describe what the studio is doing."""
         current = self.works.current
         if current is None:
             return "" if self.visit.wishes.photo else "Choose a picture first."
@@ -151,7 +151,7 @@ class Tab:
 
 
 def in_words(seconds: float) -> str:
-    """Write a time that is left.
+    """Format a remaining time.
 
     >>> in_words(7.4), in_words(200)
     ('7 s', '3 min')

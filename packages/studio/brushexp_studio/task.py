@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Serve the studio until Ctrl-C, and then remove all uploads, and all paintings unless they are kept."""
+    """Serve the studio until Ctrl-C, then remove all uploads, and all paintings unless they are kept."""
     try:
         from brushexp_studio.server import open_studio  # noqa: PLC0415  (an extra)
     except ModuleNotFoundError as error:
@@ -29,8 +29,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         options = {"seed": cfg.seed, "device": cfg.device, "threads": cfg.threads}
         results = Path(own) if cfg.keep is None else Path(cfg.keep)
         with open_studio(Path(own), results, cfg.port, options) as (address, works):
-            log.info("the studio is at %s until Ctrl-C", address)
+            log.info("the studio runs at %s until Ctrl-C", address)
             show_until_interrupted(address, in_browser=cfg.open)
         paintings = len(works.all)
-    log.info("the studio is closed; %s", f"paintings are in {results}" if cfg.keep else "nothing of it is kept")
+    log.info("the studio is closed; %s", f"paintings are in {results}" if cfg.keep else "nothing was kept")
     return {"paintings": paintings}

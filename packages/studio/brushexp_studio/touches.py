@@ -1,4 +1,4 @@
-"""Paint a place of a finished painting anew: with finer strokes, with larger ones, or with others."""
+"""Repaint a place of a finished painting with finer, larger or different strokes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 @dataclass(frozen=True)
 class Touch:
-    """A place of a painting, bright in a ``mask``, and how it is painted anew."""
+    """A place of a painting, bright in a ``mask``, and how to repaint it."""
 
     number: int  # of the painting
     mask: Path
@@ -29,18 +29,18 @@ class Touch:
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
-    """Replace the strokes of a painting that lie in a place by fresh ones of its look, and write the catalogue.
+    """Replace the strokes in a place of a painting by fresh ones of its look, and write the catalogue.
 
-    Strokes count as in the place if both ends and the middle of their curves are. Fresh ones are laid over all others,
-    small ones over large ones, as many as ``touch.how`` says; steps then fit them. A UserError if the place is too
-    small for that.
+    A stroke is in the place if both ends and the middle of its curve are. Fresh strokes go on top of all others, small
+    over large, in the number that ``touch.how`` asks for; steps then fit them. A UserError is raised if the place is
+    too small.
     """
     saved = painting.finished.job.saved
     mask = load_mask(str(touch.mask), saved.size, "region") >= 0.5
     goes = lies_in(mask, saved.strokes)
     rows, columns = (mask.any(axis).nonzero()[:, 0] for axis in (1, 0))
     if not len(rows):
-        raise UserError("paint over the place that you mean first")
+        raise UserError("first paint over the place to repaint")
     top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
     target = picture_at(painting.target, saved.size)[:, top:bottom, left:right].contiguous()
     share = float(mask[top:bottom, left:right].double().mean())
@@ -61,7 +61,7 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
 
 
 def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
-    """Tell which strokes (N,) have both ends and the middle of their curves in a mask (H, W) of bool."""
+    """Tell which strokes (N,) have both ends and the middle of their curves inside a bool mask (H, W)."""
     points = point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, 3)).floor().long()  # (N, 3, 2)
     x, y = points[..., 0].clamp(0, mask.shape[1] - 1), points[..., 1].clamp(0, mask.shape[0] - 1)
     inside: Tensor = mask[y, x].all(1)
@@ -69,12 +69,12 @@ def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
 
 
 def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
-    """Scale a picture (h, w, 3) of bytes to a ``size`` (H, W), as (3, H, W) in [0, 1]."""
+    """Scale a picture (h, w, 3) uint8 to ``size`` (H, W), as (3, H, W) in [0, 1]."""
     scaled = Image.fromarray(pixels).resize((size[1], size[0]), Image.Resampling.LANCZOS)
     return torch.from_numpy(np.asarray(scaled, np.float32) / 255).movedim(2, 0)
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Turn the overrides of a painting into those of a touch of it: its strokes are given."""
+    """Turn the overrides of a painting into those for repainting a place of it, with given strokes."""
     kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
     return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}

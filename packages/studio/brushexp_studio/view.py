@@ -1,4 +1,4 @@
-"""``task=view``: show the page of a saved painting, of a run or of a sweep in the browser."""
+"""``task=view``: show the page of a painting, run or sweep in the browser."""
 
 import logging
 from pathlib import Path
@@ -19,21 +19,21 @@ SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder o
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Serve the page of a run or sweep until Ctrl-C; one that is not there is made, in this run's folder."""
+    """Serve the page of a run or sweep until Ctrl-C, making a missing page in this run's folder."""
     source = newest_run() if cfg.catalogue is None else Path(cfg.catalogue)
     pages = pages_of(cfg, source, folder)
     with serve(pages, cfg.port) as address:
-        log.info("%s is at %s until Ctrl-C", as_shown(source), address)
+        log.info("%s is served at %s until Ctrl-C", as_shown(source), address)
         show_until_interrupted(address, in_browser=cfg.open)
     log.info("the page is no longer served")
     return {}
 
 
 def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
-    """Return what is to be served of a catalogue, run or sweep: path of the address -> file.
+    """Map paths of addresses to the files to serve for a catalogue, run or sweep.
 
-    A ``report.html`` that is not there is written into ``folder``. With a sweep come the pages of its runs. A source
-    that is neither a run nor a sweep raises a UserError.
+    A missing ``report.html`` is written into ``folder``. A sweep includes the pages of its runs. A source that is
+    neither a run nor a sweep raises a UserError.
     """
     page = folder / PAGE_NAME
     if (source / PAGE_NAME).is_file() and cfg.get("renderer") is None:
@@ -60,13 +60,13 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
 
 
 def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
-    """Reopen a catalogue with the renderer that painted it, unless another one is chosen."""
+    """Reopen a catalogue with its own renderer, unless another one is chosen."""
     saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
     return export_job(saved, renderer, build(cfg.blend), source=str(path))
 
 
 def _draw(job: ExportJob) -> Finished:
-    small = job.at_most(LARGEST_SIDE)  # more would not fit into the page
+    small = job.at_most(LARGEST_SIDE)  # more would be too large for the page
     pictures = {"painting": small.picture()}
     if not job.is_bare:
         pictures["flat"] = small.bare().picture()
@@ -74,8 +74,8 @@ def _draw(job: ExportJob) -> Finished:
 
 
 def newest_run(folder: Path = Path("outputs")) -> Path:
-    """Find the run, or the sweep, that has changed its page or catalogue last; a UserError if there is none."""
+    """Find the run or sweep with the newest page or catalogue; raise a UserError if there is none."""
     places = {path.parent: path.stat().st_mtime for name in SHOWN for path in sorted(folder.glob(f"*/{name}"))}
     if not places:
-        raise UserError(f"no run is in {folder}/ here; name what to look at: brushexp view FOLDER")
+        raise UserError(f"there is no run in {folder}/; name one to view: brushexp view FOLDER")
     return max(places, key=lambda place: places[place])

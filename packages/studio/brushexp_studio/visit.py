@@ -1,4 +1,4 @@
-"""The state of one tab of the browser; the paintings belong to all tabs."""
+"""Hold the state of one browser tab; paintings belong to all tabs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ VIEWS = {
 
 @dataclass
 class Visit:
-    """A tab: its choices, its painting, and its view; parts of the page listen to changes."""
+    """A tab with its choices, painting and view; parts of the page listen to changes."""
 
     photos: Photos
     works: Works
@@ -46,12 +46,12 @@ class Visit:
             listener()
 
     def take_photo(self, photo: Photo) -> None:
-        """Choose the picture to paint, and drop the mask of the one before."""
+        """Choose the picture to paint, and drop the mask of the previous one."""
         self.wishes.photo, self.wishes.mask, self.view = photo, None, PHOTOGRAPH
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: of this tab, or the one that is shown if nobody else waits for it."""
+        """Return the painting that Stop ends: that of this tab, or the shown one if nobody else waits for it."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
@@ -63,7 +63,7 @@ class Visit:
         self.notify()
 
     def arrive(self, tab: str | None) -> None:
-        """Be connected to a tab; if it has loaded the page again, what it has begun stays its own, and is shown."""
+        """Connect to a tab; after a reload, it keeps and shows the painting it started."""
         self.is_there, self.tab = True, tab
         mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
         for work in mine:
@@ -74,13 +74,13 @@ class Visit:
             self.look_at(mine[-1])
 
     def join(self) -> None:
-        """Show the last painting of another tab, if this one has no painting yet."""
+        """Show the last painting of another tab if this one has none yet."""
         if self.work is None and self.works.all:
             self.wishes.photo = self.wishes.photo or self.works.all[-1].wishes.photo
             self.look_at(self.works.all[-1])
 
     def views(self) -> list[str]:
-        """List the views that are possible now."""
+        """List the currently possible views."""
         views = [PHOTOGRAPH] if self.wishes.photo else []
         if self.work:
             views += [PAINTING]

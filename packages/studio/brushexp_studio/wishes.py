@@ -1,4 +1,4 @@
-"""Choices of a user of the page, and their overrides of the command line."""
+"""Turn the choices of a user into overrides of the command line."""
 
 import shlex
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from brushexp_studio.touches import Touch
 
 QUALITIES = ("draft", "normal", "fine", "best")
 SIDES = (256, 512, 768, 1024)  # pixels of the canvas
-FOCUS = {"look": "As the look", "auto": "Faces first", "even": "Everywhere", "mask": "Painted by hand"}
+FOCUS = {"look": "Set by the look", "auto": "Faces first", "even": "Everywhere", "mask": "Painted by hand"}
 AS_LOOK = ""  # choice that is left to the look
 PAPERS = {
-    AS_LOOK: "As the look",
+    AS_LOOK: "Set by the look",
     "smooth": "None",
     "cold_pressed": "Cold pressed",
     "rough": "Rough",
@@ -26,7 +26,7 @@ PAPERS = {
     "weave": "Canvas",
 }
 PALETTES = {
-    AS_LOOK: "As the look",
+    AS_LOOK: "Set by the look",
     "own": "As the photograph",
     "high_key": "Light",
     "low_key": "Dark",
@@ -45,7 +45,7 @@ LONGEST_STROKE = 10.0  # pitches: the largest init.length and init.width
 
 @dataclass
 class Wishes:
-    """Choices of one user; None leaves a choice to the look."""
+    """The choices of a user; None leaves a choice to the look."""
 
     photo: Photo | None = None  # None: no picture is chosen yet
     look: str = "oil"
@@ -70,7 +70,7 @@ class Wishes:
 
     @property
     def resolution(self) -> int:
-        """The longer side of the canvas in pixels; small pictures are not enlarged."""
+        """Longer side of the canvas in pixels; small pictures are not enlarged."""
         return min(self.side, max(self.subject.size))
 
     @property
@@ -79,7 +79,7 @@ class Wishes:
         return size_at(self.resolution, *self.subject.size)
 
     def overrides(self) -> dict[str, Any]:
-        """Convert to keys of the command line besides ``image``."""
+        """Convert to keys of the command line other than ``image``."""
         keys: dict[str, Any] = {"look": self.look, "resolution": self.resolution, "frames": 60}
         keys |= {"quality": self.quality} if self.seconds is None else {"seconds": self.seconds}
         if self.strokes is not None:
@@ -100,14 +100,14 @@ class Wishes:
         return keys
 
     def at_a_glance(self) -> dict[str, Any] | None:
-        """Convert to keys of a painting that begins with a network's strokes; None where this one does, or none may."""
+        """Convert to keys of a painting that starts from a network's strokes; None if it does already, or cannot."""
         drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("glance", "normal"))
         if drafted == own or self.size != 1 or self.touch or (self.seconds is None and self.quality == "draft"):
             return None
         return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "glance"}
 
     def command(self) -> str:
-        """Write the command for a terminal, with the name of the user's file."""
+        """Write the command line with the name of the user's file."""
         words = {"image": self.subject.name} | self.overrides()
         del words["frames"]
         if self.mask and words.get("focus") == str(self.mask):
@@ -119,13 +119,13 @@ class Wishes:
 
 
 def planned_strokes(wishes: Wishes) -> int:
-    """Compute how many strokes the painting will have, at most."""
+    """Compute the maximum number of strokes of the painting."""
     cfg = _settings(wishes.look, wishes.quality)
     return wishes.strokes or stroke_budget(cfg, wishes.canvas, build(cfg.density))
 
 
 def own_size(look: str) -> dict[str, float]:
-    """Read length and width of strokes of a look, in pitches; empty where they come from another painting."""
+    """Read the stroke length and width of a look in pitches; empty if they come from another painting."""
     cfg = _settings(look, "normal")
     if cfg.style.brushwork is not None:
         return {}
@@ -134,5 +134,5 @@ def own_size(look: str) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _settings(look: str, quality: str) -> Any:
-    """Compose the config of a look: it takes most of a second the first time."""
+    """Compose the config of a look, which takes most of a second the first time."""
     return settings_of("paint", {"look": look, "quality": quality}).cfg

@@ -1,4 +1,4 @@
-"""The paintings of a session: one at a time is painted, in a thread beside the page; others wait for their turn."""
+"""Paint the paintings of a session one at a time in a thread; others wait in a queue."""
 
 import io
 import logging
@@ -32,7 +32,7 @@ WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing",
 
 @dataclass
 class Work:
-    """One painting: its pictures so far as JPEG, each with a caption."""
+    """One painting with its pictures so far as JPEGs with captions."""
 
     number: int
     wishes: Wishes
@@ -49,7 +49,7 @@ class Work:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is not finished."""
+        """Tell whether it is unfinished."""
         return self.status in (WAITING, PAINTING, FINISHING)
 
     @property
@@ -59,7 +59,7 @@ class Work:
 
     @property
     def name(self) -> str:
-        """The name of saved files, in letters that are valid on any system."""
+        """Name of saved files, valid on every system."""
         return in_plain_letters(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
@@ -69,17 +69,17 @@ class Work:
 
     @property
     def last(self) -> int:
-        """The number of the latest picture; -1 before there is one."""
+        """Number of the latest picture; -1 if there is none."""
         return max(self.frames, default=GLANCE)
 
     @property
     def address(self) -> str:
-        """The address of the latest picture."""
+        """Address of the latest picture."""
         return f"/works/{self.number}/{self.last}.jpg"
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that can be downloaded, by their names within the folder."""
+        """Downloadable files by their names in the folder."""
         if self.status != DONE:
             return {}
         paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
@@ -88,11 +88,11 @@ class Work:
 
     @property
     def has_tubes(self) -> bool:
-        """Whether it is finished, and painted with real paints."""
+        """Tell whether it is finished and was painted with real paints."""
         return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:
-        """Lay the painting over its photograph with an opacity of 0 to 100 percent, as PNG, as the page shows it."""
+        """Composite the painting over its photograph with an opacity of 0 to 100 percent, as on the page, to a PNG."""
         with Image.open(self.files["painting.png"]) as picture:
             painting = picture.convert("RGB")
         with Image.open(self.wishes.subject.path) as picture:
@@ -102,13 +102,13 @@ class Work:
         return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
-        """Return a picture, or the next one that is left if it has been removed; KeyError if none follows."""
-        frames = dict(self.frames)  # the thread that paints goes on
+        """Return a picture or, if it was removed, the next one; raise a KeyError if none follows."""
+        frames = dict(self.frames)  # the painting thread continues
         later = [other for other in frames if other >= number]
         return frames[min(later, default=number)][0]
 
     def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
-        """Add a picture (H, W, 3) of bytes, the next one if it has no number."""
+        """Add a picture (H, W, 3) uint8, with the next number if none is given."""
         number = self.last + 1 if number is None else number
         self.frames[number] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
@@ -117,7 +117,7 @@ class Work:
 
 
 class Works:
-    """All paintings of a session, in a folder; ``options`` are keys of the command line of all of them."""
+    """All paintings of a session in a folder; ``options`` are keys for all of them."""
 
     def __init__(self, folder: Path, options: dict[str, Any]) -> None:
         self.folder, self.options = folder, options
@@ -133,30 +133,30 @@ class Works:
 
     @property
     def current(self) -> Work | None:
-        """The painting that is being painted, or else the first that waits."""
+        """The painting in progress, or otherwise the first in the queue."""
         return next((work for work in self.all if work.is_open), None)
 
     def before(self, work: Work) -> int:
-        """Count the paintings that are painted before this one."""
+        """Count the paintings ahead of this one."""
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
-        """Return a painting by its number; KeyError if there is none."""
+        """Return a painting by number; raise a KeyError if there is none."""
         return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
-        """Import and compile, in a thread, what the first painting needs."""
+        """Import and compile what the first painting needs, in a thread."""
         self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
         self._thread.start()
 
     def begin(self, wishes: Wishes, owner: Any = None) -> Work:
-        """Paint, once the paintings before are finished; a UserError if there is no picture or the queue is full."""
+        """Queue a painting; raise a UserError if no picture is chosen or the queue is full."""
         if wishes.photo is None:
             raise UserError("choose a picture first")
         if sum(work.is_open for work in self.all) > LONGEST_QUEUE:
-            raise UserError(f"{LONGEST_QUEUE} paintings are waiting; wait for the end of one")
+            raise UserError(f"{LONGEST_QUEUE} paintings are waiting; wait until one is finished")
         number = self.count = self.count + 1
-        wishes = replace(wishes)  # later choices are for the next painting
+        wishes = replace(wishes)  # later choices apply to the next painting
         folder = self.folder / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{number}_{wishes.look}"
         work = Work(number, wishes, folder, owner)
         self.all.append(work)
@@ -166,7 +166,7 @@ class Works:
         return work
 
     def stop(self, work: Work) -> None:
-        """Stop a painting and keep its state; one that waits is withdrawn."""
+        """Stop a painting and keep its state, or remove it from the queue."""
         work.stopped.set()
         if work.status == WAITING:
             work.status = WITHDRAWN
@@ -174,9 +174,9 @@ class Works:
         self.version += 1
 
     def make(self, work: Work, form: str, paper: Print | None = None) -> Download:
-        """Begin to make a file of a finished painting, unless it is made, or is being made, already.
+        """Start to make a file of a finished painting, unless it exists or is being made.
 
-        A print has its size on ``paper``; it is made anew for another size.
+        A print has its size on ``paper`` and is remade for another size.
         """
         download = work.downloads.get(form)
         is_other = download is not None and download.paper != paper and download.status != MAKING
@@ -189,7 +189,7 @@ class Works:
         return download
 
     def close(self) -> None:
-        """End the paintings and the thread."""
+        """Stop the paintings and the thread."""
         self._closing.set()
         for work in [work for work in self.all if work.is_open]:
             self.stop(work)
@@ -218,7 +218,7 @@ class Works:
         self.version += 1
 
     def _warm(self) -> None:
-        for look in ("oil", "plain"):  # their renderers are those of all looks
+        for look in ("oil", "plain"):  # together they use the renderers of all looks
             if not self._closing.is_set():
                 brushexp.paint("chelsea", look=look, resolution=48, steps=2, **self.options)
         self.is_warm.set()
@@ -226,7 +226,7 @@ class Works:
 
     def _run(self, work: Work, before: Thread | None) -> None:
         if before:
-            before.join()  # the warm-up, or the painting before
+            before.join()  # waits for the warm-up or the previous painting
         if work.stopped.is_set():
             return
         work.status = PAINTING
@@ -269,7 +269,7 @@ class Works:
                     work.painting = state.painting
 
     def _glance(self, work: Work) -> None:
-        """Show what a network lays at a glance, until the painting's own first picture is there."""
+        """Show the strokes that a network lays at a glance until the painting's own first picture exists."""
         if (keys := work.wishes.at_a_glance()) is not None:
             painter: Any = brushexp.iterate(work.wishes.subject.path, **keys | self.options)
             with closing(painter) as states:
@@ -280,7 +280,7 @@ class Works:
 
 
 def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:
-    """Return the share of a painting that is done, and the seconds left; None before there is a step to judge by.
+    """Return the finished share of a painting and the remaining seconds, None before the first step.
 
     >>> progress_of(10, 40, 5.0, None), progress_of(10, 0, 5.0, 20.0), progress_of(0, 40, 0.1, None)
     ((0.25, 15.0), (0.25, 15.0), (0.0, None))

@@ -117,7 +117,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
         ["写真 cat.png", list(CHELSEA.read_bytes())],
     )  # dropped beside every field
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
-    page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
+    page.get_by_text(re.compile(r"set by the look: [\d,]+")).wait_for()
     choose(page, "Look", "plain")  # 1,500 steps: it is not done before it is stopped
     choose(page, "Canvas", "512")
     choose(page, "Time", "Best")
@@ -155,7 +155,7 @@ def test_a_large_file_says_how_far_it_is_before_it_is_saved(tab):
     paint(page, 2, "oil")
     page.get_by_text(re.compile(r"^vector file; [\d.]+\s[Mk]B, of bitmaps for the bristles$")).wait_for()
     choose(page, "Paper size", "A5")
-    bleed = page.get_by_role("slider", name="Bleed, to be cut off")
+    bleed = page.get_by_role("slider", name="Bleed, to be trimmed")
     bleed.press("End")
     page.get_by_text("21 × 14 cm and 10 mm of bleed on each side, at 300 dpi").wait_for()
     with page.expect_download(timeout=120_000) as download:
@@ -164,7 +164,7 @@ def test_a_large_file_says_how_far_it_is_before_it_is_saved(tab):
         assert page.get_by_role("button", name="PDF to print").is_disabled()
     assert re.search(r"-oil-2-A5\.pdf$", download.value.suggested_filename)
     assert b"/TrimBox [28.3200 28.3200 " in Path(download.value.path()).read_bytes()
-    choose(page, "What is shown", "Blend")
+    choose(page, "View", "Blend")
     share = page.get_by_role("slider", name="From photograph to painting")
     share.press("Home")
     assert share.get_attribute("aria-valuetext") == "0 % painting"
@@ -180,13 +180,13 @@ def test_two_paintings_are_compared_and_replayed(tab):
     choose(page, "Picture", "chelsea")
     paint(page, 3, "gouache")
     paint(page, 4, "ink")
-    choose(page, "What is shown", "Compare")
+    choose(page, "View", "Compare")
     choose(page, "Compare with", "3 · gouache")
     divider = page.get_by_role("slider", name="Divider between 3 · gouache and 4 · ink")
     divider.focus()
     page.keyboard.press("Home")
     assert divider.get_attribute("aria-valuetext") == "0 % from the left"
-    choose(page, "What is shown", "Replay")
+    choose(page, "View", "Replay")
     page.get_by_role("button", name="Play").wait_for()  # it has come to its end
     moment = page.get_by_role("slider", name="Moment of the painting")
     moment.press("Home")
@@ -227,7 +227,7 @@ def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
     assert canvas.evaluate(painted) < 1.5 * dab
     page.get_by_role("button", name="Clear").click()
     assert canvas.evaluate(painted) == 0
-    choose(page, "Focus", "As the look")
+    choose(page, "Focus", "Set by the look")
     page.get_by_role("button", name="Mark a face").click()
     canvas.wait_for()
     assert page.get_by_role("button", name="Painted by hand").get_attribute("aria-pressed") == "true"

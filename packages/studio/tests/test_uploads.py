@@ -85,7 +85,7 @@ SENT = {
     "GIF of 65535 x 65535": (claiming("GIF", 6, WIDEST), "megapixels"),
     "BMP of 2^31 x 2^31": (claiming("BMP", 18, b"\xff\xff\xff\x7f" * 2), "megapixels"),
     "a page": (b"<script>alert(1)</script>", "is not a picture"),
-    "PostScript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is not read here"),
+    "PostScript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is not supported"),
     "a pickle": (b"\x80\x04.", "is not a picture"),
     "more than 64 MB": (bytes(2**26 + 2**20), "make it smaller"),
 }
@@ -126,7 +126,7 @@ def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace_and_a_full_disk_is_t
     with monkeypatch.context() as patched:
         patched.setattr("brushexp_studio.server.NamedTemporaryFile", Mock(side_effect=full))
         answer = json.loads(ask(uploads, "/photos", "POST", b"x")[1])
-    assert answer == {"error": "the studio cannot keep this file: No space left on device"}
+    assert answer == {"error": "the studio cannot store this file: No space left on device"}
 
 
 def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monkeypatch):
@@ -324,7 +324,7 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
     with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
         pool.submit(asyncio.run, choose()).result()
-    controls.number.show.assert_called_once_with("as the look: 5")
+    controls.number.show.assert_called_once_with("set by the look: 5")
 
 
 def test_faces_are_counted_and_marked(tmp_path):

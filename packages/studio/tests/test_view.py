@@ -41,7 +41,7 @@ def pages(config, catalogue, into, *overrides):
 
 def test_the_newest_run_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refuses("no run is in outputs/ here; name what to look at: brushexp view FOLDER", newest_run)
+    refuses("there is no run in outputs/; name one to view: brushexp view FOLDER", newest_run)
     places = [Path("outputs/a"), Path("outputs/b")]
     for folder, changed in zip(places, (100, 50), strict=True):
         folder.mkdir(parents=True)
@@ -71,7 +71,7 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
         assert ask(address, "/", Host=f"localhost:{port}")[0] == 200
         with socket.socket() as other, pytest.raises(OSError, match="refused"):
             other.connect(("127.0.0.2", port))  # another address of this machine
-        with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), serve({}, port):
+        with pytest.raises(UserError, match=rf"port={port} is not available .*port=0"), serve({}, port):
             pass
     with pytest.raises(OSError, match="refused"):
         ask(address, "/")

@@ -17,11 +17,12 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks of a family; the list is empty if its contract is only about types.
+    """List the checks of a family; the last one is about the words of a member.
 
     >>> [check.__name__ for check in contract("order")]
-    ['gives_every_stroke_a_depth']
+    ['gives_every_stroke_a_depth', 'speaks_plainly']
     """
-    from brushexp_testing import changes, engines, families, media  # noqa: PLC0415  (torch)
+    from brushexp_testing import changes, engines, families, media, words  # noqa: PLC0415  (torch)
 
-    return (families.CHECKS | media.CHECKS | changes.CHECKS | {"engine": engines.CHECKS}).get(family, [])
+    checks = families.CHECKS | media.CHECKS | changes.CHECKS | {"engine": engines.CHECKS}
+    return [*checks.get(family, []), words.speaks_plainly]

@@ -22,6 +22,7 @@ from brushexp.contracts.families import (
 from brushexp.contracts.members import Analytic, Tiled
 from brushexp.contracts.runs import Status
 from brushexp.contracts.strokes import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
+from brushexp_testing.words import refuses_plainly
 
 Make = Callable[..., Any]  # builds a fresh plugin from options
 Check = Callable[[Make], None]
@@ -96,7 +97,8 @@ def loads_its_checkpoint(make: Make) -> None:
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")
-        except UserError:
+        except UserError as error:
+            refuses_plainly(error)
             return
         raise AssertionError("call self.restore(checkpoint, ...) at the end of __init__")
 

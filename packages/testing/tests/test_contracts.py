@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from brushexp_testing import contract
+from brushexp_testing.words import refuses_plainly, speaks_plainly
 
 import brushexp
 from brushexp.errors import UserError
@@ -25,10 +26,39 @@ class Tied(Order):
 
 def test_python_has_them_by_the_name_of_the_program_and_a_plugin_that_breaks_one_is_found():
     assert brushexp.testing.contract is contract
-    assert {family for family in FAMILIES if not contract(family)} == {"color", "callbacks", "to"}
-    (check,) = contract("order")
+    assert {family for family in FAMILIES if len(contract(family)) == 1} == {"color", "callbacks", "to"}
+    check, words = contract("order")
+    words(Tied)
     with pytest.raises(AssertionError):
         check(Tied)
+
+
+@pytest.mark.parametrize(
+    ("docstring", "reason"),
+    [
+        ("Order by size", "full stop"),
+        ("order by size.", "capital letter"),
+        ("Which stroke is small lies on top.", "clause"),
+        (f"Order {'and order ' * 12}by size.", "characters"),
+        ("Order by size.\n\nArgs:\n    every: that pass between two orders.", "every: .*clause"),
+        ("Order by size.\n\nArgs:\n    every: " + "a step, " * 60, "every: .*characters"),
+    ],
+)
+def test_a_plugin_whose_words_are_not_plain_is_found(docstring, reason):
+    untold = type("Untold", (Tied,), {"__doc__": docstring, "__module__": __name__})
+    with pytest.raises(AssertionError, match=reason):
+        speaks_plainly(untold)
+
+
+def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
+    refuses_plainly(UserError("size=0 is not 1 or more; try size=1"))
+    for message in (
+        "size=0 is wrong",
+        "size=0 is not 1 or more; try size=1.",
+        "no; " * 100 + "x",
+    ):
+        with pytest.raises(AssertionError):
+            refuses_plainly(UserError(message))
 
 
 class Shrinks(Change):

@@ -1,4 +1,4 @@
-"""Read figures that others have published; a leaderboard shows them beside what was measured."""
+"""Read published figures of others, which a leaderboard shows beside measured ones."""
 
 import math
 from dataclasses import dataclass, field

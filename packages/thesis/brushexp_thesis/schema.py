@@ -7,12 +7,12 @@ from omegaconf import MISSING
 from brushexp.contracts import FILE, FOLDER, at_least, one_of
 from brushexp.contracts.tasks import Task, key
 
-RUNS = "folder of a run, of a sweep, or above many of them; several with commas"
+RUNS = "folder of a run or sweep, or one that contains several; separate folders by commas"
 
 
 @dataclass
 class DeparturesTask(Task):
-    """List every setting in which finished paintings differ from the procedure of the thesis."""
+    """List all settings in which finished paintings differ from the procedure of the thesis."""
 
     is_research = True
     module = "brushexp_thesis.departures"
@@ -22,7 +22,7 @@ class DeparturesTask(Task):
 
 @dataclass
 class VerdictsTask(Task):
-    """Judge the claims of the thesis by finished studies: one page with verdicts, tables and plots."""
+    """Judge the claims of the thesis by finished studies, on one page with verdicts, tables and plots."""
 
     is_research = True
     module = "brushexp_thesis.verdicts"
@@ -30,25 +30,27 @@ class VerdictsTask(Task):
     runs: list[str] = key(
         MISSING, "folder of sweeps of experiment=, or of records of such; several with commas", FOLDER
     )
-    claims: str | None = key(None, "YAML file of claims; null = the thesis's, which ship", FILE)
-    paintings: str | None = key(None, "YAML list of pictures to tell apart, as paintings; null = those that ship", FILE)
-    page: str | None = key(None, "Markdown file to write, plots and records beside it; null = ablations.md in output")
+    claims: str | None = key(None, "YAML file of claims; null = the shipped claims of the thesis", FILE)
+    paintings: str | None = key(None, "YAML list of pictures that are paintings; null = the shipped list", FILE)
+    page: str | None = key(
+        None, "Markdown file to write, with plots and records beside it; null = ablations.md in output"
+    )
 
 
 @dataclass
 class LeaderboardTask(Task):
-    """Put painters beside each other: finished runs, paintings by others, published figures; means and intervals."""
+    """Compare painters by means with intervals: finished runs, paintings by others, published figures."""
 
     is_research = True
     module = "brushexp_thesis.leaderboard"
 
     runs: list[str] = key([], RUNS, FOLDER)
-    add: str | None = key(None, "a painting by others: a picture, a catalogue, or a folder of them; null = none")
-    target: str | None = key(None, "what it was painted after; of a folder, one with files of the same names")
-    name: str | None = key(None, "of the painter of add; null = as the file is called")
-    strokes: int | None = key(None, "that add took; null = those of a catalogue, else unknown", at_least(1))
-    seconds: float | None = key(None, "that add took; null = unknown", at_least(0))
-    note: str | None = key(None, "what page and tables begin with: the machine, say, and what else it did; null = none")
-    published: str | None = key(None, "YAML file of published figures; null = those that ship", FILE)
+    add: str | None = key(None, "painting by others: a picture, a catalogue, or a folder of these; null = none")
+    target: str | None = key(None, "target of the painting; for a folder, a folder with files of the same names")
+    name: str | None = key(None, "name of the painter of add; null = the name of the file")
+    strokes: int | None = key(None, "number of strokes of add; null = from its catalogue, or unknown", at_least(1))
+    seconds: float | None = key(None, "seconds that add took; null = unknown", at_least(0))
+    note: str | None = key(None, "remark at the top of page and tables, such as the machine and its load; null = none")
+    published: str | None = key(None, "YAML file of published figures; null = the shipped file", FILE)
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
-    lpips_weights: str | None = key(None, "file with its features: add is then measured with LPIPS, too", FILE)
+    lpips_weights: str | None = key(None, "file with its features, with which add is also measured by LPIPS", FILE)

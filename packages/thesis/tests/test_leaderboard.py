@@ -209,5 +209,5 @@ def test_the_task_begins_from_the_command_line(tmp_path):
     code, output = ended(tmp_path, "task=leaderboard", "runs=none")
     assert (code, output) == (
         1,
-        "brushexp: runs=none: there is no finished run in it; give the folder of a run or of a sweep\n",
+        "brushexp: runs=none: there is no finished run; give the folder of a run or of a sweep\n",
     )

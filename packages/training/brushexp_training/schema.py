@@ -24,19 +24,27 @@ LIMIT = "number of training strokes to use, the first ones; null = all"
 class NetworkTrainerOptions(TrainerOptions):
     """Keys below ``trainer`` of tasks that train networks, which have epochs and validations."""
 
-    max_epochs: int | None = key(-1, "epochs at most; -1 = no limit (a task has limits of its own)", at_least(-1))
-    min_epochs: int | None = key(None, "epochs at least", at_least(0))
-    min_steps: int | None = key(None, "gradient steps at least", at_least(0))
-    limit_train_batches: int | float | None = key(None, "batches per epoch: number or fraction as 0.5", at_least(0))
-    limit_val_batches: int | float | None = key(None, "batches per validation: number or fraction as 0.5", at_least(0))
-    val_check_interval: int | float | None = key(None, "batches between validations, or a fraction: 0.5", above(0))
+    max_epochs: int | None = key(
+        -1, "maximum number of epochs; -1 = no limit (tasks have their own limits)", at_least(-1)
+    )
+    min_epochs: int | None = key(None, "minimum number of epochs", at_least(0))
+    min_steps: int | None = key(None, "minimum number of gradient steps", at_least(0))
+    limit_train_batches: int | float | None = key(
+        None, "batches per epoch: a number, or a fraction such as 0.5", at_least(0)
+    )
+    limit_val_batches: int | float | None = key(
+        None, "batches per validation: a number, or a fraction such as 0.5", at_least(0)
+    )
+    val_check_interval: int | float | None = key(
+        None, "batches between validations: a number, or a fraction such as 0.5", above(0)
+    )
     check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1))
     accumulate_grad_batches: int | None = key(None, "batches accumulated into a gradient step", at_least(1))
 
 
 @dataclass
 class SimulateTask(Task):
-    """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
+    """Simulate brush strokes on an empty canvas, to train renderers on."""
 
     is_research = True
     module = "brushexp_training.tasks.simulate"
@@ -67,17 +75,17 @@ class TrainTask(Task):
     simulate: int | None = key(
         10000, "without data: strokes to simulate and store; null = new ones", at_least(SMALLEST_SET)
     )
-    sets: str = key("data", "folder where simulated sets are stored")
+    sets: str = key("data", "folder for simulated sets")
     batch_size: int = key(64, "strokes per gradient step", at_least(1))
     epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
     minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
-    fresh_starts: int = key(3, "times that a network which draws all strokes alike is begun anew", between(0, 100))
+    fresh_starts: int = key(3, "restarts of a network that draws all strokes alike", between(0, 100))
     detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
     tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
-    critic: bool = key(False, "add a RaSGAN loss to L2: a critic scores the pictures")
+    critic: bool = key(False, "whether to add a RaSGAN loss, from a critic of the pictures, to L2")
     critic_lr: float = key(2.0e-3, "peak learning rate of the critic (two time scales: four times lr)", above(0, 1))
     critic_weight: float = key(0.1, "gradient of the critic's loss, as a fraction of the gradient of L2", at_least(0))
     critic_width: int = key(16, "channels of the critic at full resolution", at_least(1))
@@ -101,7 +109,7 @@ class NetworkTask(Task):
     is_research = True
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
 
-    epochs: int | None = key(None, "of 500 steps each; null = no limit", at_least(0))
+    epochs: int | None = key(None, "number of epochs of 500 steps; null = no limit", at_least(0))
     minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
@@ -122,7 +130,7 @@ class EvaluateTask(Task):
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
 
     data: list[str] | None = key(None, DATA, STROKES)
-    split: str = key("test", "which part of the data to evaluate on", one_of("test", "validation"))
+    split: str = key("test", "part of the data to evaluate on", one_of("test", "validation"))
     n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "allow strokes of another brush than the renderer was trained on")
+    other_data: bool = key(False, "whether to allow strokes of another brush than in training")
     inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), to compute the published FID", FILE)

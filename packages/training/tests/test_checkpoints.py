@@ -91,7 +91,7 @@ def test_a_plain_name_is_one_that_comes_with_the_program_which_ships_a_small_goo
     assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]
     assert elsewhere.shipped_name("mine") == "mine"
     assert elsewhere.shipped_name("yours") is None
-    refuses(r"yours does not come with the program \(there are: mine\)", tiny, checkpoint="yours")
+    refuses(r"yours is not a shipped checkpoint \(there are: mine\)", tiny, checkpoint="yours")
 
 
 @pytest.mark.parametrize("fewer", [None, "seconds=5", "finish_steps=9"])
@@ -143,10 +143,10 @@ DAMAGE = {
     "other weights": (lambda p: change_bias(p, torch.ones(16)), "describes other weights; copy both files"),
     "no tensor": (lambda p: change_bias(p, None), "train it again with task=train: .*Missing.*last.bias"),
     "shape": (lambda p: change_bias(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
-    "nan": (lambda p: change_bias(p, torch.full((16,), torch.nan)), "last.bias has numbers that are not finite"),
+    "nan": (lambda p: change_bias(p, torch.full((16,), torch.nan)), "last.bias has non-finite numbers"),
     "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "cut short; pickles are refused"),
     "old pickle": (lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})), "refused, because they can run code"),
-    "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; copy mine.json"),
+    "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; also copy mine.json"),
     "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),
     "other JSON": (lambda p: p.with_suffix(".json").write_text("[]"), "is not the recipe of a renderer"),
     "newer": (

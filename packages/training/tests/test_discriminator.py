@@ -135,7 +135,7 @@ def test_a_checkpoint_brings_the_same_loss_back_and_others_are_refused(trained, 
     assert recipe["training"]["steps"] == 500
     for checkpoint, message in (
         (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
-        ("yours", r"yours does not come with the program \(there are: discriminator\)"),
+        ("yours", r"yours is not a shipped checkpoint \(there are: discriminator\)"),
         (tmp_path / "none.safetensors", r"give the \.safetensors of task=train_discriminator"),
     ):
         refuses(message, Discriminated, checkpoint=str(checkpoint))

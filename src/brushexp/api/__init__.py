@@ -1,1 +1,1 @@
-"""Offer the tasks of the command line as functions of Python: ``import brushexp``."""
+"""Offer the tasks of the command line as Python functions: ``import brushexp``."""

@@ -1,4 +1,4 @@
-"""``brushexp.iterate``: a painting, state after state, while it is optimised."""
+"""``brushexp.iterate``: yield the states of a painting while it is optimised."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ if TYPE_CHECKING:
 
 
 def _stay() -> None:
-    """Do nothing: the painting has ended, or is in another process."""
+    """Do nothing, because the painting has ended or runs in another process."""
 
 
 @dataclass(frozen=True)
 class State:
     """The state of a painting after a step."""
 
-    step: int  # gradient steps that are done
-    steps: int  # planned; with ``seconds`` the plan changes on the way
-    seconds: float  # seconds of optimisation until now
-    image: np.ndarray  # (H, W, 3) uint8, as the steps last saw it; of the last state the painting, under its lamp
-    strokes: Strokes  # N, as they are now
-    psnr: float  # dB, of what the steps last saw
-    painting: Painting | None = field(default=None, repr=False)  # only the last state has it
-    stop: Callable[[], None] = field(default=_stay, repr=False)  # end now: the next state is the last
+    step: int  # gradient steps taken
+    steps: int  # planned steps; with ``seconds`` the plan changes on the way
+    seconds: float  # seconds of optimisation so far
+    image: np.ndarray  # (H, W, 3) uint8 as the steps last saw it; in the last state, the painting under its lamp
+    strokes: Strokes  # the N current strokes
+    psnr: float  # dB, of the picture that the steps last saw
+    painting: Painting | None = field(default=None, repr=False)  # in the last state only
+    stop: Callable[[], None] = field(default=_stay, repr=False)  # call it to make the next state the last
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "stop": _stay}  # another process cannot end the painting
 
 
 class Handover(L.Callback):
-    """Hand states of a painting to another thread, at most one ahead; the painter's clock stops while it waits."""
+    """Hand the states of a painting to another thread, one ahead at most; the painter's clock stops while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
-        self.states: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
+        self.states: SimpleQueue[State | None] = SimpleQueue()  # None when the painting is done
         self.room = threading.Semaphore(1)
         self.stopped, self.closed = threading.Event(), threading.Event()
         self.last, self.step = -float("inf"), -1  # time of the last state, and the previous step
@@ -76,13 +76,13 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Whether a multiple of ``every`` was passed: other painters may take many steps at once."""
+        """Tell whether the last steps passed a multiple of ``every``; some painters take many steps at once."""
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
     def state_of(self, painter: Any) -> State:
         schedule, image, error = painter.schedule, painter.latest(), painter.picture.error
-        if math.isinf(error):  # nothing has been looked at
+        if math.isinf(error):  # no picture has been painted yet
             error = float((image - painter.picture.target).square().mean())
         numbers = schedule.step, schedule.steps, schedule.seconds
         return State(*numbers, to_bytes(image), painter.strokes(), psnr_of(error), stop=self.stopped.set)
@@ -99,17 +99,17 @@ def iterate(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Iterator[State]:
-    """Paint as `paint` does, to the same bits, and give the state before the first step and after each ``every``.
+    """Paint as `paint` does, bit for bit, and yield the state before the first step and after every ``every`` steps.
 
-    A thread paints, at most one state ahead of the caller; while it waits, its ``seconds`` stand still. The last state
-    has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends without
-    one. PyTorch's generators are those of the painting as long as it lasts.
+    A thread paints, one state ahead of the caller at most; ``seconds`` do not count while it waits. The last state
+    has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends the
+    painting without one. The painting uses PyTorch's global random generators until it ends.
 
-    ``every`` counts steps, and ``every_seconds`` is the least time between two states: with ``every=1``, there are as
-    many as can be looked at. The other arguments are those of `paint`.
+    ``every`` counts steps, and ``every_seconds`` is the shortest time between two states. With ``every=1`` there are as
+    many states as the caller has time for. The other arguments are those of `paint`.
 
     Raises:
-        UserError: from here, what is wrong with the settings; from the generator, what goes wrong while it paints.
+        UserError: raised here if the settings are wrong, and by the generator if something goes wrong while it paints.
 
     >>> for state in iterate("astronaut", every=2, look="plain", resolution=32, strokes=20, steps=4):
     ...     print(state.step, state.steps, state.image.shape)
@@ -126,13 +126,13 @@ def iterate(
 
 
 def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
-    """Paint in a thread, and yield the states."""
+    """Paint in a thread and yield the states."""
     painting: Future[Painting] = Future()
     thread = threading.Thread(target=_paint, args=(settings, handover, painting), name="brushexp", daemon=True)
 
     def close() -> None:
         handover.closed.set()
-        handover.room.release()  # the painter may wait for it
+        handover.room.release()  # the painter may be waiting for it
         if threading.current_thread() is not thread:  # the thread itself may collect the generator as garbage
             thread.join()
 
@@ -150,7 +150,7 @@ def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
         strokes = finished.finished.job.at_size(picture.shape[:2]).strokes
         yield State(*numbers, picture, strokes, metrics["psnr"], finished)
     finally:
-        if not handover.closed.is_set():  # else the program ends, and modules are gone
+        if not handover.closed.is_set():  # otherwise the program may end while the thread still needs its modules
             close()
             atexit.unregister(close)
 

@@ -1,4 +1,4 @@
-"""``brushexp.load``: a painting from the folder of its run, or from its catalogue."""
+"""``brushexp.load``: read a painting from the folder of its run or from its catalogue."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from brushexp.system.run_files import METRICS_FILE
 
 
 def load(source: str | PathLike[str]) -> Painting:
-    """Load a finished painting: its strokes, pictures, metrics and settings, as `paint` returned it.
+    """Load a finished painting as `paint` returned it: strokes, pictures, metrics and settings.
 
-    Nothing is painted again; the painting is drawn only where its ``painting.png`` is missing.
+    Nothing is optimised again; the strokes are drawn only if ``painting.png`` is missing.
 
     Args:
         source: the folder of a run, a ``catalogue.h5``, ``strokes.json`` or ``strokes.bits``, or the name of a
-            catalogue that ships. One without the other files of its run has no ``target`` and no ``metrics``.
+            catalogue that ships. A catalogue without the other files of its run has no ``target`` and no ``metrics``.
 
     Raises:
-        UserError: what is wrong with a file, or which plugin it needs.
+        UserError: if a file is damaged or needs a plugin that is missing.
 
     >>> from tempfile import TemporaryDirectory
     >>> from brushexp.api.painting import paint
@@ -62,10 +62,10 @@ def load(source: str | PathLike[str]) -> Painting:
 
 
 def _settings_of(saved: Saved, path: Path, folder: Path | None) -> Settings:
-    """Read the settings of a painting from its catalogue, as far as it has them."""
+    """Read the settings of a painting from its catalogue, as far as they are recorded."""
     recorded = plain_config(config_of(saved))
     usual = {"task": "paint", "image": str(path), "threads": None}
     cfg: Any = OmegaConf.merge(usual, recorded)
-    if cfg.task not in TASKS:  # of a package that is not installed
+    if cfg.task not in TASKS:  # the task belongs to a package that is not installed
         cfg.task = "paint"
     return Settings(cfg, [] if folder is None else words_of(folder), {}, None if folder is None else folder.resolve())

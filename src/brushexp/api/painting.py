@@ -43,21 +43,21 @@ FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Painting:
-    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved.
+    """A finished painting: its strokes, pictures and metrics, in memory until you save it.
 
-    It can be pickled, and so come from another process.
+    It can be pickled, and so passed between processes.
     """
 
     finished: Finished
     settings: Settings
 
     def __getstate__(self) -> dict[str, Any]:
-        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # figures, not what has them
+        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # not the function
         return {"finished": finished, "settings": self.settings}
 
     @property
     def strokes(self) -> Strokes:
-        """The N strokes, in pixels of the canvas; ``depth`` says which lies on which."""
+        """The N strokes in pixels of the canvas; ``depth`` orders them."""
         return self.finished.job.strokes
 
     @property
@@ -77,9 +77,9 @@ class Painting:
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the picture that was painted, at the size at which strokes were optimised.
+        """(H, W, 3) uint8: the target picture, at the size at which strokes were optimised.
 
-        A UserError if a run that was loaded has none.
+        Raises a UserError if the run was loaded without it.
         """
         if "target" not in self.finished.pictures:
             raise UserError("this painting was loaded without the target.png of its run; load the run's whole folder")
@@ -87,12 +87,12 @@ class Painting:
 
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """The numbers of metrics.json, computed at first use: ``psnr`` (dB), ``ssim``, ``seconds``, ``status``, ..."""
+        """The entries of metrics.json, computed at first use: ``psnr`` (dB), ``ssim``, ``seconds``, ``status``, ..."""
         with self.settings.as_asked():
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8; ``light``: with lamp."""
+        """Draw the painting (H, W, 3) uint8, crisp at any ``size`` of the longer side; ``light`` adds its lamp."""
         job = _sized(self.finished.job, size)
         with undisturbed():
             return (job if light else replace(job, light=UNLIT)).picture()
@@ -100,13 +100,13 @@ class Painting:
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
     ) -> list[Path]:
-        """Write it in a form that other programs read (``to=`` of task=export): svg, json, csv, gcode, png and more.
+        """Write the painting in a format of other programs (``to=`` of task=export): svg, json, csv, gcode, png, ...
 
         Args:
             form: name of the exporter.
-            folder: where to; it is made if it is not there.
-            size: pixels of the longer side; None for as it was painted.
-            options: of the exporter, such as ``digits=2`` for svg.
+            folder: folder for the files; it is created if necessary.
+            size: pixels of the longer side; None keeps the size of the painting.
+            options: options of the exporter, such as ``digits=2`` for svg.
 
         Returns:
             The files, the main one first.
@@ -122,7 +122,7 @@ class Painting:
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write the files of a run (painting.png, catalogue.h5, report.html, ...) over those of another painting.
 
-        There is a timelapse only if ``frames`` was set, and no curves. Returns the path of the page.
+        A timelapse is written only if ``frames`` was set, and curves never are. Returns the path of the page.
         """
         into = find_path(folder)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
@@ -134,7 +134,7 @@ class Painting:
             settings = write_pictures(self.settings, into)
             note_words(into, settings.cfg, settings.words)
             job = replace(job, saved=replace(job.saved, config=settings.yaml))
-            figures = {"status": Status.COMPLETED, **self.metrics}  # those of a lone catalogue are none
+            figures = {"status": Status.COMPLETED, **self.metrics}  # a catalogue without its run has no metrics
             finished = replace(self.finished, job=job, compute_metrics=lambda: figures)
             finished.write(into, finished.pictures)
             if finished.timelapse is not None:
@@ -144,7 +144,7 @@ class Painting:
         return into / "report.html"
 
     def _repr_html_(self) -> str:
-        """The page of the painting, with its replay, for a notebook."""
+        """Show the page of the painting, with its replay, in a notebook."""
         name = Path(str(self.settings.cfg.image)).name
         shown = {"painting": self.finished.pictures["painting"]}
         finished = replace(self.finished, pictures=shown, compute_metrics=lambda: self.metrics)
@@ -177,21 +177,21 @@ def paint(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Painting:
-    """Paint a picture out of brush strokes by gradient descent, as ``task=paint`` does.
+    """Paint a picture out of brush strokes by gradient descent, like ``task=paint``.
 
     Args:
-        image: a path, the name of a sample of scikit-image, a PIL image, the bytes of a file, an open file, an array
-            (H, W, 3), (H, W, 4) with alpha, which lies over white, or (H, W), or a tensor (3, H, W); uint8, bool, or
-            floats in [0, 1].
-        look: how it is painted: oil (the default), watercolour, ...
-        strokes: how many; None for as many as the look has for a picture of this size.
-        seconds: seconds of optimisation; None for the steps of the look.
-        output: folder of a run, with all its files; None writes nothing.
-        overrides: keys of the command line: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
+        image: a path, the name of a scikit-image sample, a PIL image, the bytes of a file, an open file, an array
+            (H, W, 3), (H, W) or, with alpha composited over white, (H, W, 4), or a tensor (3, H, W); uint8, bool or
+                floats in [0, 1].
+        look: the medium and style: oil (the default), watercolour, ...
+        strokes: number of strokes; None for the look's own number for a picture of this size.
+        seconds: seconds of optimisation; None for the look's own number of steps.
+        output: folder for the files of the run; None writes nothing.
+        overrides: further keys of the command line: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
             ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
 
     Raises:
-        UserError: what is wrong, in one line, as on the command line.
+        UserError: says in one line what is wrong, as on the command line.
 
     >>> painting = paint("astronaut", look="plain", resolution=32, strokes=20, steps=3)
     >>> painting.image.shape, len(painting.strokes), painting.metrics["steps"]
@@ -204,7 +204,7 @@ def paint(
 def plan_of(
     image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
 ) -> Settings:
-    """Check the settings of a painting; those of ``main`` that are None are left out."""
+    """Check the settings of a painting; entries of ``main`` that are None do not count."""
     typed = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # no timelapse
     settings = settings_of("paint", {"image": image, **typed, **frames, **overrides}, output)
@@ -216,7 +216,7 @@ def plan_of(
 
 
 def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
-    """Paint, in a folder if the settings have one."""
+    """Paint with checked settings, in a folder if they name one."""
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:

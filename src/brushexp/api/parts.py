@@ -1,4 +1,4 @@
-"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: plugins, and strokes that they draw."""
+"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: plugins, and strokes drawn with them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
-    """Map families to the names of their plugins, those of the current folder too, and to a line about each.
+    """Map each family to its plugins, including those of the current folder, with a one-line description of each.
 
     >>> list(list_plugins("order")["order"])
     ['accuracy', 'area', 'fixed']
@@ -32,12 +32,12 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
 
 
 def create(family: str, name: str, **options: Any) -> Any:
-    """Build one plugin with options as its keys have them: a loss, a renderer, an exporter.
+    """Build one plugin, such as a loss, renderer or exporter, with options named as on the command line.
 
-    The weights of a renderer are frozen, and so it draws fast; ``.requires_grad_()`` on it is for training them.
+    The weights of a renderer are frozen, which makes it fast; call ``.requires_grad_()`` on it to train them.
 
     Raises:
-        UserError: which option does not fit, or which names there are.
+        UserError: if an option is wrong, or if there is no plugin of this name.
 
     >>> create("loss", "mse", weight=2.0).weight
     2.0
@@ -59,27 +59,26 @@ def render(
     color: str = "rgb",
     **options: Any,
 ) -> Tensor:
-    """Draw strokes on a canvas; gradients flow back into their position, curve, width, color and opacity.
+    """Draw strokes on a canvas, differentiably in their position, curve, width, color and opacity.
 
-    First derivatives come from ``.backward()`` or `torch.autograd.grad`; second ones need ``blend="dense"``.
+    Use ``.backward()`` or `torch.autograd.grad` for first derivatives; second derivatives need ``blend="dense"``.
 
     Args:
-        strokes: N, in pixels of the canvas; ``strokes.moved(zoom=2)`` are those of one twice as large. A list of B of
-            them, which may differ in N, is a batch.
-        size: height and width of the canvas in pixels; one number is both.
-        depth: (N,) ranks, 0 for the bottom stroke; None lays them in their order. Of a batch, a list of B of these.
-        background: (3,) RGB in [0, 1] of the bare canvas; None is white. Of a batch it may be (B, 3).
-        renderer: a name, or a renderer of `create`.
-        blend: name of what lays them over each other.
-        color: name of the space in which they mix.
-        options: options of a renderer by name, such as ``soft=1.0``.
+        strokes: N strokes in pixels of the canvas; ``strokes.moved(zoom=2)`` scales them to a canvas twice as large. A
+            list of B such sets, which may differ in N, is a batch.
+        size: height and width of the canvas in pixels, or one number for both.
+        depth: (N,) ranks, 0 for the bottom stroke; None keeps the order of the strokes. For a batch, a list of B.
+        background: (3,) RGB of the bare canvas in [0, 1]; None is white. For a batch it may be (B, 3).
+        renderer: name of a renderer, or one that `create` built.
+        blend: name of the blend that composites the strokes.
+        color: name of the colour space in which they are composited.
+        options: options of the named renderer, such as ``soft=1.0``.
 
     Returns:
-        (3, H, W) RGB in [0, 1]; of a batch (B, 3, H, W).
+        (3, H, W) RGB in [0, 1]; for a batch, (B, 3, H, W).
 
     Raises:
-        UserError: what is wrong with an argument; also within ``torch.func`` (vmap, grad), which compiled code cannot
-            follow.
+        UserError: if an argument is wrong, or inside ``torch.func`` (vmap, grad), which cannot trace compiled code.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> strokes = sample_prior(4).moved(shift=(16, 12)).map(lambda value: value.requires_grad_())
@@ -98,7 +97,7 @@ def render(
     depths = _depths(depth, canvases, is_one=is_one)
     canvas = _canvas(size)
     if options and not isinstance(renderer, str):
-        raise UserError(f"{', '.join(options)} would be options of a renderer that is made already; give its name")
+        raise UserError(f"{', '.join(options)}: this renderer is built already; give these to create, or give its name")
     with undisturbed(gradients=False):
         grounds = _grounds(background, len(canvases), is_one=is_one)
         chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
@@ -125,7 +124,7 @@ def _draw(
 def _depths(
     depth: Tensor | Sequence[Tensor | None] | None, canvases: Sequence[Strokes], *, is_one: bool
 ) -> Sequence[Tensor | None]:
-    """List the ranks of the strokes of each canvas; a UserError says where strokes or ranks are wrong."""
+    """List the ranks of the strokes of each canvas; refuse (UserError) wrong strokes or ranks."""
     if not canvases:
         raise UserError("strokes is an empty list; give at least one Strokes")
     for number, strokes in enumerate(canvases):
@@ -143,7 +142,7 @@ def _depths(
 
 
 def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence[Tensor]:
-    """List the colours of the bare canvases (UserError)."""
+    """List the colours of the bare canvases; refuse (UserError) other shapes."""
     ground = torch.ones(3) if background is None else background
     if ground.shape == (3,):
         return [ground] * count
@@ -154,10 +153,10 @@ def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence
 
 
 def _canvas(size: object) -> tuple[int, int]:
-    """Read height and width; one number is both."""
+    """Read height and width of a canvas; one number stands for both."""
     sides = (size, size) if isinstance(size, Integral) else size
     if not isinstance(sides, str) and isinstance(sides, Iterable):
         match [*sides]:
             case [Integral() as height, Integral() as width] if min(int(height), int(width)) >= 1:
                 return int(height), int(width)
-    raise UserError(f"size={size} is no canvas; give height and width in pixels, (128, 256), or 128 for a square")
+    raise UserError(f"size={size} is not a canvas size; give height and width in pixels, (128, 256), or 128 for both")

@@ -1,4 +1,4 @@
-"""Compose and check keys from Python as the command line does, with the same messages."""
+"""Compose and check keys given in Python as the command line does, with the same messages."""
 
 import logging
 import os
@@ -29,20 +29,20 @@ from brushexp.system.spellings import find_path
 from brushexp.system.words import table_of_words
 
 PICTURE = "image="
-_composed = lru_cache(maxsize=32)(composed)  # composing takes Hydra a while
+_composed = lru_cache(maxsize=32)(composed)  # Hydra takes a while to compose
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 
 @cache
 def load_choices() -> list[Path]:
-    """Load plugins, those of the current folder too, at the first call, and list the folders of configs."""
+    """Load all plugins at the first call, including those of the current folder; list the folders of configs."""
     prepare(Path())
-    return folders_of(Path().resolve())  # the program may go elsewhere
+    return folders_of(Path().resolve())  # the program may change its working folder
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The checked config of a task, its words, and the pictures in memory that it names."""
+    """The checked config of a task, its overrides, and the in-memory pictures that it names."""
 
     cfg: DictConfig
     words: list[str]
@@ -59,13 +59,13 @@ class Settings:
 
     @contextmanager
     def as_asked(self) -> Iterator[None]:
-        """Use the threads of the config, as in `undisturbed`; restore all after."""
+        """Use the config's number of threads inside ``with``, and isolate PyTorch as `undisturbed` does."""
         import torch  # noqa: PLC0415
         from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
 
         remarks, threads = logging.getLogger("lightning.pytorch"), torch.get_num_threads()
         level = remarks.level
-        remarks.setLevel(max(level, logging.WARNING))  # else it reports its hardware
+        remarks.setLevel(max(level, logging.WARNING))  # otherwise it reports its hardware
         use_threads(self.cfg.threads or threads)
         try:
             with isolate_rng(), undisturbed():
@@ -77,7 +77,7 @@ class Settings:
 
 @contextmanager
 def undisturbed(gradients: bool = True) -> Iterator[None]:
-    """Use PyTorch's own precision and device, and gradients unless only what is around decides; restore all after."""
+    """Use PyTorch's default precision and device inside ``with``, and ``gradients`` if asked; restore all after."""
     import torch  # noqa: PLC0415
 
     dtype, gradients = torch.get_default_dtype(), gradients or torch.is_grad_enabled()
@@ -91,9 +91,9 @@ def undisturbed(gradients: bool = True) -> Iterator[None]:
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
-    """Check the settings of a task from values of Python; what the command line refuses is a UserError.
+    """Check the settings of a task given as Python values; refuse (UserError) what the command line refuses.
 
-    Values are numbers, texts, paths, None, and lists and mappings of them; pictures may be in memory.
+    Values are numbers, texts, paths, None, and lists and mappings of these; pictures may be in memory.
     """
     folders = load_choices()
     held: dict[str, HeldPicture] = {}
@@ -114,7 +114,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
 
 
 def write_pictures(settings: Settings, folder: Path) -> Settings:
-    """Write the pictures in memory into the folder of a run, and name these files in the settings."""
+    """Write in-memory pictures into the folder of a run and make the settings name these files."""
     cfg, words = settings.cfg.copy(), settings.words
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
@@ -127,11 +127,11 @@ def write_pictures(settings: Settings, folder: Path) -> Settings:
 
 
 def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: str = "") -> Iterator[str]:
-    """Write ``key=value`` for each option, those of a mapping below its key: ``light={"azimuth": 90}``."""
+    """Write each option as ``key=value``; entries of a mapping go below its key: ``light={"azimuth": 90}``."""
     for key, value in options.items():
         name = f"{above}{key}"
         if name in RESERVED:
-            raise UserError(f"{name}={value} is no option here; {RESERVED[name]}")
+            raise UserError(f"{name}={value} does not work in Python; {RESERVED[name]}")
         if isinstance(value, list | tuple) and (name == "image" or any(map(is_picture, value))):
             each = all(is_picture(one) or isinstance(one, str | os.PathLike) for one in value)
             cure = "give one after the other: for image in pictures" if name == "image" else "give one of them"
@@ -143,7 +143,7 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(type_of_key(name)[0]) is not dict:
             if not value:
-                raise UserError(f"{name}={{}} says nothing; leave it out, or give a value")
+                raise UserError(f"{name}={{}} is empty; leave it out, or give a value")
             yield from words_from(value, held, f"{name}.")
         else:
             yield f"{name}={as_typed(value)}"

@@ -1,1 +1,1 @@
-"""Read a command line, answer ``--help``, and begin a task."""
+"""Read a command line, answer ``--help``, and start a task."""

@@ -1,4 +1,4 @@
-"""Write the text of ``--help``: how to start, and where to read on."""
+"""Write the text of ``--help``."""
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
@@ -24,31 +24,31 @@ from brushexp.system.words import table_of_words
 
 TITLE = "Paint pictures out of brush strokes by gradient descent, and study how well that works."
 TOPICS = {  # --help=topic
-    "all": "every key and every plugin of a task",
-    "tasks": "everything else that the program does",
+    "all": "every key and plugin of a task",
+    "tasks": "all other tasks",
     "research": "tasks and studies for researchers: training, benchmarks, evidence",
 }
-UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x"}  # as the help shows them
-PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # examples of what stands alone in a task
-MORE = "Documentation: README.md and docs/. The whole config: --cfg job. Hydra's own flags: --hydra-help."
-LINE_WIDTH = 120  # letters of a line
-COLUMN = 28  # letters up to a meaning
-EXAMPLE_COLUMN = 52  # letters up to what an example does
+UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x"}  # default values as the help shows them
+PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # example of the path that a task takes
+MORE = "Documentation: README.md and docs/. --cfg job prints the whole config, --hydra-help lists Hydra's own flags."
+LINE_WIDTH = 120  # characters per line
+COLUMN = 28  # column at which meanings start
+EXAMPLE_COLUMN = 52  # column at which explanations of examples start
 TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
 
 
 def topic_of(words: Sequence[str]) -> str:
-    """Read the topic that ``--help=topic`` names; "" for plain ``--help``, and a UserError for another topic."""
+    """Read the topic of ``--help=topic``, "" for plain ``--help``; refuse (UserError) an unknown topic."""
     topics = [word.removeprefix("--help=") for word in words if word.startswith("--help=")]
     if topics and topics[-1] not in TOPICS:
-        raise UserError(f"--help={topics[-1]} is no topic; type --help, or --help= and one of {', '.join(TOPICS)}")
+        raise UserError(f"--help={topics[-1]} is not a topic; type --help, or --help= and one of {', '.join(TOPICS)}")
     return topics[-1] if topics else ""
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path], topic: str = "") -> str:
-    """Write the help for a composed config and the typed overrides; presets are in the folders.
+    """Write the help for a composed config and the typed overrides; ``folders`` hold the presets.
 
-    A family that is typed, ``renderer=`` or ``renderer=neural``, shows its members and the options of the chosen ones.
+    For a typed family, ``renderer=`` or ``renderer=neural``, it lists the members and the options of the chosen ones.
     """
     typed = [word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides]
     families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task"}]
@@ -66,33 +66,33 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
 
 
 def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
-    """Write the first page: examples, looks, qualities, the keys that people use, and where to read on."""
+    """Write the first page: examples, looks, qualities, the most useful keys, and further topics."""
     schema, lines = PaintTask, [TITLE, ""]
     examples = table_of_words("examples").items()
     for example, meaning in sorted(examples, key=lambda pair: not pair[0].startswith("brushexp photo.jpg")):
         lines += two_columns(example, meaning, EXAMPLE_COLUMN)
-    for group, head in (("look", "Looks: look=plain, or the word alone"), ("quality", "Qualities: quality=draft")):
+    for group, head in (("look", "Looks: look=plain, or just plain"), ("quality", "Qualities: quality=draft")):
         lines += ["", head, *_members(group, folders)]
-    lines += ["", "Keys that people use, and their values now"]
+    lines += ["", "Most useful keys, with their current values"]
     lines += _keys(cfg, [key for name, key in keys_of(schema).items() if name in schema.common])
     lines += ["", "More"]
     for topic, about in TOPICS.items():
         lines += two_columns(f"brushexp --help={topic}", about, EXAMPLE_COLUMN)
     families = ", ".join(family for family in FAMILIES if family in groups_of(schema) or family == "to")
-    lines += two_columns("brushexp renderer= --help", f"a family, its members and options: {families}", EXAMPLE_COLUMN)
+    lines += two_columns("brushexp renderer= --help", f"members and options of a family: {families}", EXAMPLE_COLUMN)
     lines += two_columns("brushexp export --help", "the keys of another task", EXAMPLE_COLUMN)
     lines += two_columns("brushexp doctor", "what is installed and what is broken, for a bug report", EXAMPLE_COLUMN)
     return [*lines, "", MORE]
 
 
 def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
-    """Write the page of a task: what it does, its keys, and which plugins it takes."""
+    """Write the page of a task: what it does, its keys and its plugins."""
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
     keys = keys_of(schema)
     lines += _keys(cfg, [key for name, key in keys.items() if not name.startswith(TRAINER)])
     if groups := [group for group in groups_of(schema) if _names(group, folders)]:
-        lines += ["", "Plugins and presets, each with --help: renderer= --help"]
+        lines += ["", "Plugins and presets; for details type, for example, renderer= --help"]
         for group in groups:
             lines += two_columns(group, ", ".join(_names(group, folders)))
     more = f"brushexp {cfg.task} --help=all shows all of them" + (
@@ -102,7 +102,7 @@ def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 
 
 def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
-    """List every key of a task with its meaning, and every plugin and preset that it can choose."""
+    """List every key of a task with its meaning, and every plugin and preset that the task can use."""
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
     lines += _keys(cfg, list(keys_of(schema).values()))
@@ -110,7 +110,7 @@ def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -
     for group in groups_of(schema):
         lines += ["", *_group(group, cfg, folders, with_options=group in families)]
     if schema.alone == "image":
-        lines += ["", *fill(f"Samples, in place of a picture: {', '.join(sorted(samples()))}", LINE_WIDTH).splitlines()]
+        lines += ["", *fill(f"Sample pictures: {', '.join(sorted(samples()))}", LINE_WIDTH).splitlines()]
     return [*lines, "", MORE]
 
 
@@ -124,7 +124,7 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _words_of_changes(cfg: DictConfig) -> list[str]:
-    """List the words for options of changes, with the values of those that are chosen."""
+    """List the words that set options of changes, with the values of the chosen ones."""
     words = change_words_of(TASKS[cfg.task])
     options = {option: word for word, option in words.items()}
     for word, tuned in table_of_words("change_options").items():
@@ -137,12 +137,12 @@ def _words_of_changes(cfg: DictConfig) -> list[str]:
             if path in options:
                 head = f"{options[path]}={as_typed(OmegaConf.select(cfg, path))}"
                 lines.setdefault(options[path], two_columns(head, meaning.rstrip(".")))
-    about = "Words for what is different about one painting, its changes; null: not chosen"
+    about = "Changes to a painting; null = not chosen"
     return ["", about, *chain.from_iterable(lines.values())] if lines else []
 
 
 def usage_of(task: str, alone: str) -> str:
-    r"""Write how a task is typed.
+    r"""Write the usage line of a task.
 
     >>> usage_of("export", "catalogue"), usage_of("paint", "image")
     ('brushexp export outputs/x [key=value ...]\n', 'brushexp photo.jpg [key=value ...]\n')
@@ -152,7 +152,7 @@ def usage_of(task: str, alone: str) -> str:
 
 
 def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
-    """List keys with their values in a config, and their meanings."""
+    """List keys with their values in a config and their meanings."""
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
     lines = []
     for key in keys:
@@ -181,7 +181,7 @@ def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
 
 
 def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """List the members of a group, one line each; ``with_options``, also facts to choose by, and options."""
+    """List the members of a group, one line each; ``with_options`` adds facts for choosing one, and options."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
@@ -202,7 +202,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
 
 
 def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
-    """Write a name and its meaning in two columns, or in two lines if the name is long."""
+    """Write a name and its meaning in two columns, or on two lines if the name is long."""
     head = f"  {name:<{column - 3}} "
     if len(head) > column:
         indent = " " * column

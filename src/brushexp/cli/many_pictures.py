@@ -24,16 +24,16 @@ from brushexp.system.spellings import find_path
 
 log = logging.getLogger(__name__)
 SETS = "pictures="
-LAUNCHERS = "brushexp.launchers"  # entry-point group: name of a launcher -> function that tells whether it works here
-ENDING = ".yaml"  # of files with sets of pictures
-PROCESSES, AUTO = "jobs=", "auto"  # number of jobs of a sweep at once
-LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher, or may
+LAUNCHERS = "brushexp.launchers"  # entry-point group: launcher -> function that tells whether it works here
+ENDING = ".yaml"  # extension of files that list pictures
+PROCESSES, AUTO = "jobs=", "auto"  # key for the number of jobs that run at once
+LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher or may do so
 PICTURES_PER_PROCESS = 2  # fewest
-MB_PER_PROCESS = 2048  # memory of a process: 450 for modules, and about 800 bytes for each pixel
+MB_PER_PROCESS = 2048  # memory of a process: 450 MB for modules, and about 800 bytes for each pixel
 
 
 def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
-    """Replace ``jobs=2`` by the launcher that runs so many jobs at once; several ``pictures`` are ``jobs=auto``."""
+    """Replace ``jobs=2`` by a launcher that runs this many jobs at once; several ``pictures`` imply ``jobs=auto``."""
     typed = [word for word in words if word.startswith(PROCESSES)]
     others = [word for word in words if word not in typed]
     automatic = pictures and not any(word.startswith(LAUNCHER_WORDS) for word in words)
@@ -41,18 +41,18 @@ def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
     if number == AUTO:
         number = str(as_many_as_fit(pictures))
     if not number.isdecimal() or number == "0":
-        raise UserError(f"{typed[-1]} is no number of processes; try jobs=2, or jobs=auto")
+        raise UserError(f"{typed[-1]} is not a number of processes; try jobs=2, or jobs=auto")
     return others if number == "1" else [*others, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
 
 
 def launcher() -> str:
-    """Choose the launcher of several processes: one that a package publishes and that works here, or Hydra's joblib."""
+    """Choose the launcher for several processes: one from a package that works on this machine, or Hydra's joblib."""
     suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
     return next(suiting, "joblib")
 
 
 def as_many_as_fit(pictures: int) -> int:
-    """Count the processes that cores, memory and work (0: any) allow at once; one on a GPU."""
+    """Count the processes that cores, memory and the number of pictures (0 = any) allow at once; on a GPU, one."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
@@ -64,7 +64,7 @@ def as_many_as_fit(pictures: int) -> int:
 
 
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """Turn the words of a command line with several pictures into a sweep, which the same command continues."""
+    """Turn a command line with several pictures into a sweep, which the same command continues."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
@@ -90,23 +90,23 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
 
 
 def _without_brackets(text: str) -> str:
-    """Write a list as other keys have it, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``; a file of such a name stays."""
+    """Write a bracketed list, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``, unless a file has this very name."""
     if not (text.startswith("[") and text.endswith("]")) or os.path.exists(text):
         return text
     return ",".join(part.strip().strip("\"'") for part in text[1:-1].split(","))
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
-    """List the pictures that several parts of ``pictures=`` name, each once."""
+    """List the pictures that the parts of ``pictures=`` name, each once."""
     return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
 
 
 def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     """List the pictures of one part of ``pictures=``: a set, a folder or pattern, or one picture.
 
-    A set is a YAML file, ``pictures/<name>.yaml`` in folders of configs or a typed path, that lists samples and files;
-    their relative paths begin at its folder, or at the current one. A UserError names what is missing, or is another
-    file than the set gives the SHA-256 of.
+    A set is a YAML file, ``pictures/<name>.yaml`` in a folder of configs or at a typed path, that lists samples and
+    files; relative paths start from its folder or the current one. A UserError names files that are missing or that do
+    not have the SHA-256 of the set.
     """
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
@@ -115,7 +115,7 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     try:
         digests = read_set(path)
     except UserError as error:
-        raise UserError(f"pictures={name}: {error}; give a list of pictures, a line '- photo.jpg' each") from error
+        raise UserError(f"pictures={name}: {error}; list one picture per line, '- photo.jpg'") from error
     places = {one: _place_of(one, path.parent) for one in digests}
     missing = [one for one, place in places.items() if not place.is_file() and one not in samples()]
     if missing or not digests:
@@ -131,7 +131,7 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _pictures_in(name: str) -> list[str]:
-    """List the pictures of a folder or pattern, and log what is left out of it."""
+    """List the pictures of a folder or pattern, and log which files are left out."""
     paths = pictures_in(name)
     for line in left_out(name):
         log.warning("image=%s: %s", name, line)
@@ -139,7 +139,7 @@ def _pictures_in(name: str) -> list[str]:
 
 
 def read_set(path: Path) -> dict[str, str]:
-    """Read the pictures of a set with their SHA-256, "" where a line, ``- photo.jpg: 0ab3...``, gives none."""
+    """Read the pictures of a set with their SHA-256 (``- photo.jpg: 0ab3...``), or "" for lines without one."""
     lines = yaml_of(read_text(path, "give a file with a list of pictures"), list)
     pairs = (next(iter(line.items())) if isinstance(line, dict) and len(line) == 1 else (line, "") for line in lines)
     return {str(name): str(digest) for name, digest in pairs}
@@ -151,14 +151,14 @@ def _place_of(picture: str, folder: Path) -> Path:
 
 
 def name_of(image: str) -> str:
-    """Name the output folder for the pictures of a folder or pattern."""
+    """Choose the name of the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
-    name = Path(os.path.expanduser(folder)).resolve().name  # that of pathlib raises for ~nosuchuser
-    return name.replace("${", "{") or "pictures"  # Hydra can write into no folder with ${
+    name = Path(os.path.expanduser(folder)).resolve().name  # pathlib's version raises for ~nosuchuser
+    return name.replace("${", "{") or "pictures"  # Hydra cannot write into a folder with ${ in its name
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:
-    """Name a folder for each picture: by its stem, and by its ending and a number where names would be equal."""
+    """Name a folder after each picture's stem, adding its extension and a number where names would clash."""
     stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
     often = Counter(stems)

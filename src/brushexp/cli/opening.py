@@ -1,6 +1,6 @@
-"""Say at once what a command line begins, before the imports of seconds; answer what needs none of them.
+"""Say what a command line starts before the slow imports, and answer what needs none of them.
 
-Nothing here checks the words: a mistake is told a moment later, by those who read them (`brushexp.config.words`).
+Nothing here checks the words: `brushexp.config.words` reports mistakes a moment later.
 """
 
 import os
@@ -17,17 +17,17 @@ from brushexp.system.heartbeat import heartbeat
 from brushexp.system.words import table_of_words
 
 ENDS = (".png", ".jpg")  # of samples
-PAINTED = ("", "paint")  # tasks whose line names the picture
+PAINTED = ("", "paint")  # tasks whose first line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and ``doctor`` and end; else say on a terminal what begins.
+    """Answer ``--version`` and ``doctor`` and exit; otherwise say on a terminal what starts.
 
-    Returns the words, ``help`` as ``--help``, and tasks as we spell them.
+    Returns the words with ``help`` spelled ``--help`` and tasks in our spelling.
     """
     open_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
-        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: a name of a file may have letters it has not
+        sys.stdout.reconfigure(errors="backslashreplace")  # like stderr: the encoding may lack some characters
     words = [as_task(as_found(word)) for word in words]
     if "--version" in words:
         print(f"brushexp {__version__}")
@@ -35,7 +35,7 @@ def open_with(words: Sequence[str]) -> list[str]:
     try:
         os.getcwd()
     except OSError:
-        sys.exit("brushexp: the folder where this was typed is gone; go to one that is there: cd")
+        sys.exit("brushexp: the current folder no longer exists; change to another folder with cd")
     if words[:1] == ["doctor"] and not is_path("doctor"):
         from brushexp.cli.doctor import examine  # noqa: PLC0415  (few people need it)
 
@@ -50,14 +50,14 @@ def open_with(words: Sequence[str]) -> list[str]:
 
 
 def open_streams() -> None:
-    """Open what is closed, as by ``2>&-``, on nothing; else the next files would have its number and get its words."""
+    """Open closed streams (``2>&-``) on the null device; otherwise the next file would get their number and output."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (until the end)
 
 
 def opening_line(words: Sequence[str]) -> str:
-    """Say in a few words what a command line begins; nothing where it only asks, or names a file that is not there.
+    """Say in a few words what a command line starts; "" for a question or a file that does not exist.
 
     >>> opening_line(["coffee", "look=ink", "strokes=300"])
     'painting coffee in ink'
@@ -77,7 +77,7 @@ def opening_line(words: Sequence[str]) -> str:
 
 
 def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
-    """Say which pictures will be painted, and how; nothing if they are not there."""
+    """Say which pictures will be painted and how; "" if they do not exist."""
     pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
@@ -89,14 +89,14 @@ def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
 
 
 def is_sample(name: str) -> bool:
-    """Whether a picture of this name ships with scikit-image, or matplotlib."""
+    """Tell whether scikit-image or matplotlib ships a picture of this name."""
     found = find_spec("skimage")
     folders = [Path(folder, "data") for folder in (found.submodule_search_locations or () if found else ())]
     return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)
 
 
 def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    """Tell keys from words alone; those of painters are keys."""
+    """Separate keys from words typed alone; painters' words count as keys."""
     keys: dict[str, str] = {}
     alone = []
     for word in words:

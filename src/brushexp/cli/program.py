@@ -35,13 +35,13 @@ from brushexp.system.runtime import end_on_signals, interrupted_code
 
 RESOLUTIONS = ("resolution=", "working_resolution=")
 
-_prepared: set[int] = set()  # processes that have loaded the plugins
+_prepared: set[int] = set()  # ids of processes that have loaded the plugins
 _start = [time.monotonic()]  # of the program
 
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
 def job(cfg: DictConfig) -> dict[str, object] | float:
-    """Run the task of a config and return its numbers, or its objective; processes of a parallel sweep begin here."""
+    """Run the task of a config and return its metrics or objective; processes of a parallel sweep start here."""
     if os.getpid() not in _prepared:
         prepare(Path(), warns=False)
         _prepared.add(os.getpid())
@@ -51,17 +51,17 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 
 
 def run(start: float) -> None:
-    """Run the program with the words of its command line; ``start`` is `time.monotonic` when it began."""
+    """Run the program with the words of its command line; ``start`` is `time.monotonic` at its start."""
     _start[0] = start
     typed_words = sys.argv[1:]
     words = ["--help" if word.startswith("--help=") else word for word in typed_words]
     with reporting_errors(words):
         topic = topic_of(typed_words)
-        prepare(Path(), words)  # before Hydra, which reads the choices when it composes
+        prepare(Path(), words)  # before Hydra composes, which reads the choices
         _prepared.add(os.getpid())
         words, folders = settings_first(expand_arguments(words)), folders_of(Path(), words)
         typed = parse_arguments(words)[0]
-        if typed.help:  # Hydra's own takes seconds to list groups of configs
+        if typed.help:  # Hydra's own help takes seconds to list the config groups
             settings = [word for word in typed.overrides if not word.endswith("=")]  # renderer= asks for its members
             heartbeat.end()
             print(help_text(composed(settings, folders), typed.overrides, folders, topic))
@@ -72,15 +72,15 @@ def run(start: float) -> None:
 
 
 def settings_first(words: Sequence[str]) -> list[str]:
-    """Put flags behind all settings, which Hydra takes in one place only."""
+    """Move flags behind all settings, because Hydra takes settings in one place only."""
     typed, after_flags = parse_arguments(words)
     return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
-    """Expand the short forms of a command line (`brushexp.config.words`); several pictures are a sweep.
+    """Expand the short forms of a command line (`brushexp.config.words`); several pictures become a sweep.
 
-    A UserError says which word is no ``key=value``, or has an impossible value.
+    A UserError names the word that is not ``key=value`` or has an impossible value.
     """
     arguments = spell_out([at_home(word) for word in arguments])
     typed, after_flags = parse_arguments(arguments)
@@ -102,17 +102,17 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
 
 def refuse_flags(words: Sequence[str]) -> None:
-    """Refuse (UserError) flags that are none of Hydra: keys have no dashes."""
+    """Refuse (UserError) flags that Hydra does not have, because keys have no dashes."""
     for word in words:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
             cure = f"type {name}={value or '...'}, without dashes" if equal or type_of_key(name)[0] else ""
-            cure = f"type ./{word} for the file of this name" if is_path(word) else cure
-            raise UserError(f"{word} is no flag; {cure or '--help lists the keys, which have no dashes'}")
+            cure = f"type ./{word} for the file of that name" if is_path(word) else cure
+            raise UserError(f"{word} is not a flag; {cure or '--help lists the keys, which have no dashes'}")
 
 
 def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Refuse (UserError) a word alone beside another value of its key: finer and bolder, ink and look=oil."""
+    """Refuse (UserError) two values for one key, such as finer with bolder, or ink with look=oil."""
     alone: dict[str, tuple[str, str]] = {}
     pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
     for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
@@ -120,24 +120,24 @@ def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
         other, first = alone.setdefault(key, (word, value)) if is_alone else alone.get(key, (word, value))
         if first != value:
             cure = f"type one of them, or both as a sweep: -m {key}={first},{value}"
-            raise UserError(f"{other} and {word} are both {key}=; {cure}")
+            raise UserError(f"{other} and {word} both set {key}; {cure}")
 
 
 def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
-    """Join the paths alone of a task that takes a list; of one that takes a single path, several are a UserError."""
+    """Join paths typed alone for a task that takes a list; refuse (UserError) several for a task that takes one."""
     begin = f"{schema.alone}="
     several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
     if schema.alone in ("", "image") or len(several) < 2:
         return [*words]
     if keys_of(schema)[schema.alone].annotation != list[str]:
-        raise UserError(f"{begin} takes one path, not {len(several)}: {', '.join(several)}; type one, or run each")
+        raise UserError(f"{begin} takes one path, not {len(several)}: {', '.join(several)}; type one of them")
     first = next(k for k, word in enumerate(words) if word.startswith(begin))
     others = [word for word in words[first:] if not word.startswith(begin)]
     return [*words[:first], begin + ",".join(several), *others]
 
 
 def in_place(words: Sequence[str]) -> list[str]:
-    """Let a run that is continued go on in its own folder, unless another one is typed."""
+    """Continue a resumed run in its own folder unless another one is typed."""
     resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
     if not resumed or any(word.startswith("output=") for word in words):
         return [*words]
@@ -146,18 +146,18 @@ def in_place(words: Sequence[str]) -> list[str]:
 
 @contextmanager
 def reporting_errors(words: Sequence[str]) -> Iterator[None]:
-    """Turn errors that a user can mend into one line on stderr and an exit code; bugs keep their traceback."""
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # else Hydra handles exceptions
+    """Turn errors that a user can fix into one line on stderr and an exit code; bugs keep their traceback."""
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # otherwise Hydra handles exceptions
     warnings.filterwarnings("ignore", REMARKS)
-    logging.raiseExceptions = False  # a full disk gives no tracebacks of the log
+    logging.raiseExceptions = False  # no tracebacks from the log on a full disk
     end_on_signals()
     try:
         yield
     except KeyboardInterrupt:
         heartbeat.end()
         sys.exit(interrupted_code())
-    except BrokenPipeError:  # the reader has ended: --help | head
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports it again at its end
+    except BrokenPipeError:  # the reader is gone, as in --help | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python reports it again at exit
         sys.exit(1)
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
         if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):

@@ -1,1 +1,1 @@
-"""Code that uses private parts of other libraries; each module names the version that it was tried with."""
+"""Use private parts of other libraries; each module names the version it was tested with."""

@@ -1,15 +1,15 @@
-"""Compile functions with Numba at their first call, so that nothing else waits a second for its import.
+"""Compile functions with Numba at their first call, so that nothing else waits for its import (a second).
 
-A compiled function may have **parts**: functions that it calls by name and that are chosen for it (`Compiled.having`),
-so that one loop serves many formulas. A part is typed once for all functions that have it. Machine code is stored under
-a name made from the code of the function and of everything that it calls, so a change in any file is noticed. Columns
-of an array may be named by an `IntEnum`, whose members stand for their numbers.
+A compiled function may have **parts**: functions that it calls by name and that can be exchanged (`Compiled.having`),
+so that one loop serves many formulas. Numba types a part once for all functions that use it. Machine code is stored
+under a name derived from the code of the function and of everything it calls, so a change in any file is noticed.
+Columns of an array may be named by an `IntEnum`, whose members stand for their numbers.
 
-Code uses one thread and does not hold Python's lock: a loop whose rounds do not meet takes its first round and the one
-after the last as arguments, and `system.runtime.share` deals it out to threads. Numba's own parallel loops would take
-three times as long to compile, since it optimises them twice, and their threads do not survive a fork.
+Code uses one thread and releases Python's lock: a loop with independent rounds takes its first round and the one
+after its last as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take
+three times as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
 
-Arrays that one function is given must not share numbers that it writes: the compiler relies on it.
+The arrays passed to a function must not share memory that it writes: the compiler relies on it.
 """
 
 from collections import namedtuple
@@ -30,13 +30,13 @@ def first_of(values: Any, n: int) -> tuple[Any, ...]:
     return tuple(values[:n])
 
 
-# The compiler may rewrite all but NaN and infinity. A check for a division by zero would prevent SIMD code.
+# The compiler may reorder arithmetic, except for NaN and infinity. Checks for division by zero would prevent SIMD code.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 _inlined: dict[str, Any] = {}  # Numba's versions of functions marked by `inline`, by the digest of their code
 
 
 class Compiled:
-    """A Python function that is compiled at its first call, for the types of that call.
+    """A Python function that is compiled at its first call, for the types of its arguments.
 
     It may call functions marked by `inline` and other compiled ones; ``parts`` replace those of their names.
     """
@@ -49,7 +49,7 @@ class Compiled:
         return self.dispatcher(*args)
 
     def having(self, **parts: Any) -> "Compiled":
-        """Return the same function with these parts."""
+        """Return the function with these parts exchanged."""
         return Compiled(self.function, {**self.parts, **parts})
 
     @cached_property
@@ -57,13 +57,13 @@ class Compiled:
         import numba  # noqa: PLC0415  (it takes a second)
 
         function, digest = self._linked(self.function)
-        function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # names the file of machine code
+        function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # name of the file of machine code
         compiled = numba.njit(pipeline_class=_compiler(), **OPTIONS)(function)
         keep_compiled(compiled)
         return compiled
 
     def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
-        """Return a copy that calls Numba's versions of what it calls, and a digest of all code in it."""
+        """Return a copy that calls Numba's versions of its callees, and a digest of all its code."""
         import numba  # noqa: PLC0415
 
         scope, code, callees = dict(function.__globals__), function.__code__, []
@@ -91,7 +91,7 @@ class Compiled:
 
 
 def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
-    """Return an enumeration as a named tuple of numbers: Numba before 0.62 takes no member of it as an index."""
+    """Convert an enumeration to a named tuple of numbers, because Numba before 0.62 cannot index with its members."""
     names = [column.name for column in columns]
     tuple_of: Any = namedtuple(columns.__name__, names)  # type: ignore[misc]
     numbers: tuple[int, ...] = tuple_of(*map(int, columns))
@@ -100,7 +100,7 @@ def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
 
 @cache
 def _compiler() -> Any:
-    """Make Numba's compiler take the arrays of a function for different memory (tried with Numba 0.68)."""
+    """Make Numba's compiler assume that the arrays of a function do not overlap (tested with Numba 0.68)."""
     from numba.core.compiler import Compiler  # noqa: PLC0415
 
     class Apart(Compiler):
@@ -113,7 +113,7 @@ def _compiler() -> Any:
 
 @cache
 def _first_of() -> Any:
-    """Make `first_of` for Numba: its own `to_fixed_tuple` leaves a loop through memory, number by number."""
+    """Implement `first_of` for Numba, whose own `to_fixed_tuple` copies number by number through memory."""
     import operator  # noqa: PLC0415
 
     from numba import types  # noqa: PLC0415
@@ -135,7 +135,7 @@ def _first_of() -> Any:
 
 
 def _names(code: CodeType) -> Iterator[str]:
-    """Yield names of globals and attributes in a function and in those inside it."""
+    """Yield the names of globals and attributes in a function and its nested functions."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -143,13 +143,13 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _parts(code: CodeType) -> tuple[Any, ...]:
-    """Return what code is made of, the same in every process: the name of code inside it is a place in memory."""
+    """List the parts of code in a form that is equal in every process, leaving out addresses of nested code."""
     constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return code.co_code, code.co_names, code.co_varnames, constants
 
 
 def inline(function: Any) -> Any:
-    """Mark a function whose code is put where it is called."""
+    """Mark a function that is inlined where it is called."""
     function.is_inline = True
     return function
 

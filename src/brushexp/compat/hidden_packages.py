@@ -1,4 +1,4 @@
-"""Hide what Lightning 2.6 says that no user can act on, and packages that lightning_utilities loads for nothing."""
+"""Hide warnings of Lightning 2.6 that users cannot act on, and packages that lightning_utilities loads needlessly."""
 
 import sys
 from collections.abc import Iterator
@@ -7,16 +7,16 @@ from importlib.machinery import ModuleSpec
 from importlib.metadata import PackageNotFoundError
 from unittest.mock import patch
 
-# Patterns of warnings: a name that torch deprecates, and networks that are frozen on purpose.
+# Patterns of warnings about a name that torch deprecates and about networks that are frozen on purpose.
 REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
 
 
 @contextmanager
 def hidden(*packages: str) -> Iterator[None]:
-    """Let packages that are not loaded yet look to lightning_utilities as if they were not installed.
+    """Make packages that are not loaded yet look uninstalled to lightning_utilities.
 
-    torchmetrics, and so Lightning, loads SciPy's signal processing and matplotlib wherever it finds them, which takes
-    two fifths of the time to import Lightning. Whoever imports them by name gets them.
+    torchmetrics, and so Lightning, loads SciPy's signal processing and matplotlib if they are installed, which takes
+    two fifths of the time to import Lightning. Explicit imports still work.
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 

@@ -1,4 +1,4 @@
-"""Private parts of Hydra that the command line and Python need; tried with Hydra 1.3.8 and 1.4.0rc3."""
+"""Use private parts of Hydra for the command line and the Python API; tested with Hydra 1.3.8 and 1.4.0rc3."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 
-_lock = Lock()  # Hydra is one for the whole process
+_lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does: its flags and overrides, and words behind flags that it does not know.
+    """Parse a command line as Hydra does into flags, overrides, and words after flags that Hydra does not know.
 
-    A UserError says what is wrong with a flag, such as ``-help`` or ``-o x``.
+    A UserError explains a wrong flag, such as ``-help`` or ``-o x``.
     """
 
     def refuse(message: str) -> NoReturn:
@@ -38,9 +38,9 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
 
 
 class NodeWhenRead(ConfigNode):
-    """A choice of a group whose config is made when Hydra reads it.
+    """A choice of a config group whose config is built when Hydra reads it.
 
-    To copy the store makes none. To pickle it makes all: a process of a sweep composes before it knows any plugin.
+    Copying the store builds no config. Pickling builds all: a process of a sweep composes before it loads plugins.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class NodeWhenRead(ConfigNode):
     def __reduce__(self) -> tuple[Any, ...]:
         try:
             config = self.node
-        except UserError:  # a file of the user is wrong, and where it is not chosen nobody minds
+        except UserError:  # a file of the user is wrong, which does not matter until it is chosen
             config = OmegaConf.create()
         return ConfigNode, (self.name, config, self.group, self.package, self.provider)
 
@@ -88,13 +88,13 @@ def store_when_read(
     provider: str,
     package: str | None = "_global_",
 ) -> None:
-    """Publish a choice of a group (``loss``, ``look_options/init``) whose config ``make`` makes when it is read."""
+    """Publish a choice of a group (``loss``, ``look_options/init``) whose config ``make`` builds when it is read."""
     file = f"{name}.yaml"
     _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a published choice to another group, where it has no package; False if ``by`` has published it."""
+    """Move a published choice to another group, without its package; False if ``by`` published it."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
@@ -104,7 +104,7 @@ def move_choice(group: str, name: str, to: str, by: str) -> bool:
 
 
 def remove_choice(group: str, name: str) -> None:
-    """Take back a choice of a group, if there is one."""
+    """Remove a choice of a group if it exists."""
     _group(group).pop(f"{name}.yaml", None)
 
 
@@ -118,7 +118,7 @@ def _group(path: str) -> dict[str, Any]:
 
 @contextmanager
 def composing_once(words: Sequence[str]) -> Iterator[None]:
-    """Spare Hydra the composition by which it finds out whether a config asks for a sweep, as only studies do."""
+    """Skip the extra composition by which Hydra finds out whether a config asks for a sweep, as only studies do."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
         return
@@ -128,7 +128,7 @@ def composing_once(words: Sequence[str]) -> Iterator[None]:
 
 @contextmanager
 def isolated() -> Iterator[None]:
-    """Leave Hydra unused within the block; another program's Hydra is as it was afterwards."""
+    """Give the block a fresh Hydra, and restore another program's Hydra afterwards."""
     singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
     with _lock, one_store():
@@ -143,9 +143,9 @@ def isolated() -> Iterator[None]:
 
 @contextmanager
 def one_store() -> Iterator[None]:
-    """Let all that composes within the block share the store of configs.
+    """Share one config store among all compositions in the block.
 
-    Nothing changes it, and to copy it takes a third of the time of a composition.
+    Nothing changes it, and copying it takes a third of the time of a composition.
     """
     is_first = "__deepcopy__" not in vars(ConfigStore)
     ConfigStore.__deepcopy__ = _itself  # type: ignore[attr-defined]

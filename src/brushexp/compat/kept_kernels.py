@@ -1,4 +1,4 @@
-"""Keep what Numba has compiled, or go without: no folder, a full disk or a damaged file ends no run (Numba 0.68)."""
+"""Store what Numba compiles, and carry on without a folder, on a full disk or with a damaged file (Numba 0.68)."""
 
 import logging
 from contextlib import suppress
@@ -12,7 +12,7 @@ _unkept: set[str] = set()  # functions that could not be stored
 
 
 def keep_compiled(function: Any) -> None:
-    """Let a compiled function, `numba.njit`'s, load and store its machine code where a folder can be found for that."""
+    """Let a function of `numba.njit` load and store its machine code if there is a folder for it."""
     try:
         function._cache = _forgiving_cache()(function.py_func)
     except RuntimeError:  # Numba has found no folder
@@ -20,12 +20,12 @@ def keep_compiled(function: Any) -> None:
 
 
 def is_kept() -> bool:
-    """Tell whether all that was compiled so far could be stored."""
+    """Tell whether all code compiled so far could be stored."""
     return not _unkept
 
 
 def _tell_of(name: str) -> None:
-    """Log once that functions cannot be stored."""
+    """Log once that compiled functions cannot be stored."""
     if not _unkept:
         log.warning(
             "what is compiled cannot be kept, so each run compiles anew; "
@@ -36,14 +36,14 @@ def _tell_of(name: str) -> None:
 
 @cache
 def _forgiving_cache() -> Any:
-    """Make Numba's cache of a function one that compiles again what it cannot load, and goes on if it cannot store."""
+    """Make a cache for Numba that recompiles what it cannot load and ignores failures to store."""
     from numba.core.caching import FunctionCache  # noqa: PLC0415  (a second)
 
     class ForgivingCache(FunctionCache):
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             try:
                 return super().load_overload(sig, target_context)
-            except Exception:  # a damaged file raises nearly anything
+            except Exception:  # a damaged file may raise nearly any error
                 with suppress(OSError):
                     self.flush()
                 return None

@@ -1,4 +1,4 @@
-"""Whether a function of torch.func (vmap, grad) is at work; tried with PyTorch 2.13, which has no public way."""
+"""Detect transforms of torch.func (vmap, grad); tested with PyTorch 2.13, which has no public way."""
 
 import torch
 

@@ -1,1 +1,1 @@
-"""Configs that ship; a task's keys are in `brushexp.config.schema`, and those of users in ``conf`` of their folder."""
+"""Configs that ship; `brushexp.config.schema` has the keys of tasks, and users' configs go in their own ``conf``."""

@@ -1,4 +1,4 @@
-"""Expand words that stand for options of changes: ``guides=lines.png`` chooses a change and sets its option.
+"""Expand words for options of changes: ``guides=lines.png`` chooses a change and sets its option.
 
 guides=lines.png                +change=[guides] change.guides.lines=lines.png
 guides=lines.png change=[wet]   change=[wet,guides] change.guides.lines=lines.png
@@ -22,13 +22,13 @@ from brushexp.system.words import table_of_words
 
 GROUP = "change"
 LIST = re.compile(r"\[?([\w\s,]*)\]?")  # of names
-NONE = ("", "null", "none")  # values by which a word does not choose its change
+NONE = ("", "null", "none")  # values with which a word does not choose its change
 
 
 def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
-    """Expand the words of a command line that stand for options of changes; ``beside`` are others that hold, too.
+    """Expand the words of a command line that stand for options of changes; ``beside`` are other words in effect.
 
-    A UserError tells of a word that sets an option of a change that is not chosen, and of one of earlier versions.
+    A UserError names a word whose change is not chosen, or a word of an earlier version.
     """
     refuse_earlier(words)
     schema = TASKS.get(value_of("task", [*beside, *words]), PaintTask)
@@ -64,9 +64,9 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 
 
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
-    """Write out the changes that a look chooses, where the words name one look and no study, and add to no list.
+    """Write out the changes that a look chooses if the words name one look and no study, and add to no list.
 
-    Hydra composes what ``+change`` adds before it knows the look, on which the options of some members depend.
+    Hydra composes members added by ``+change`` before it knows the look, on which options of some members depend.
     """
     every = [*beside, *words]
     look = value_of("look", every) or PaintTask.presets["look"]
@@ -76,7 +76,7 @@ def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
 
 
 def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -> list[str]:
-    """Add members to the family: to the list that is typed, or else to that of the look."""
+    """Add members to the typed list of changes, or to the look's list if none is typed."""
     if not names:
         return [*words]
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
@@ -85,13 +85,13 @@ def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -
     key, _, value = typed[-1].partition("=")
     if not LIST.fullmatch(value) or (sweep and "," in value and not value.startswith("[")):
         cure = f"add {' and '.join(names)} to each of its lists"
-        raise UserError(f"{typed[-1]} is a sweep, to which {' and '.join(names)} cannot be added; {cure}")
+        raise UserError(f"cannot add {' and '.join(names)} to the sweep {typed[-1]}; {cure}")
     whole = f"{key}=[{','.join(dict.fromkeys([*names_in(typed[-1]), *names]))}]"
     return [whole if word == typed[-1] else word for word in words]
 
 
 def merge(words: Iterable[str]) -> list[str]:
-    """Make one list of all words that choose changes, as those of a sweep and of its settings."""
+    """Merge all words that choose changes, such as those of a sweep and of its settings, into one list."""
     words = [*words]
     lists = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     if len(lists) < 2:
@@ -102,49 +102,49 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Let a list among the words of a setting have what words ``beside`` them add, which it would replace."""
+    """Add to a list of a setting what the words ``beside`` it add, because the list would replace that."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]
 
 
 def names_in(word: str) -> list[str]:
-    """List the names that a word chooses; none if it is a sweep."""
+    """List the changes that a word names; none if it is a sweep."""
     found = LIST.fullmatch(word.partition("=")[2])
     return re.findall(r"\w+", found[1]) if found else []
 
 
 def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
-    """List the changes that words choose by themselves, and those of each look that they name."""
+    """List the changes that words choose directly and through each look that they name."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     return {name for word in typed for name in names_in(word)}, [{*changes_of(look)} for look in looks]
 
 
 def changes_of(look: str) -> list[str]:
-    """List the changes that a look chooses, or else the task."""
+    """List the changes that a look, or otherwise the task, chooses."""
     stored = ConfigStore.instance().repo.get("look", {}).get(f"{look}.yaml")
     look_node: Any = {} if stored is None else stored.node
     return [*choices_of(look_node, PaintTask.groups)[GROUP]]
 
 
 def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
-    """List the words that are brought, but for keys that are typed."""
+    """List the implied words whose keys are not typed."""
     typed = {key.lstrip("+~") for key, _ in pairs_in(words)}
     return [word for word in brought if word.partition("=")[0].lstrip("+") not in typed]
 
 
 def refuse_earlier(words: Sequence[str]) -> None:
-    """Refuse (UserError) callbacks and tasks of earlier versions that are changes now."""
+    """Refuse (UserError) callbacks and tasks of earlier versions that have become changes."""
     for key, value in pairs_in(words):
         for name in re.findall(r"\w+", value) if key in ("task", "callbacks", "+callbacks") else ():
             if cure := table_of_words("earlier").get(f"{key.lstrip('+')}={name}"):
                 is_resumed = key == "task" and value_of("resume", words)
-                raise UserError(f"{key}={name} is a change now; {'drop it' if is_resumed else f'type {cure}'}")
+                raise UserError(f"{key}={name} has become a change; {'drop it' if is_resumed else f'type {cure}'}")
 
 
 def needs(word: str) -> str:
-    """Say which words choose the changes whose option a word sets."""
+    """Say which words choose the change whose option a word sets."""
     names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
     choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
     other = spellings("keys").get(word)
@@ -153,23 +153,23 @@ def needs(word: str) -> str:
 
 
 def pairs_in(words: Iterable[str]) -> list[tuple[str, str]]:
-    """List key and value of those words that have both."""
+    """List the key and value of each word that has both."""
     return [(key, value) for key, equal, value in (word.partition("=") for word in words) if equal]
 
 
 def value_of(key: str, words: Iterable[str]) -> str:
-    """Return the last value of a key; "" if there is none."""
+    """Return the last value of a key, or "" if it has none."""
     return next((value for name, value in reversed(pairs_in(words)) if name == key), "")
 
 
 def path_of(option: str) -> tuple[str, str]:
-    """Split the path of an option into the names of the change and of the option."""
+    """Split the path of an option into the names of its change and of the option."""
     _, name, option = option.split(".")
     return name, option
 
 
 def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
-    """Write a chosen change as the word for it: ``wet=0.5``, or ``change=random_ground`` where there is none."""
+    """Write a chosen change as its word, ``wet=0.5``, or as ``change=random_ground`` if it has no word."""
     for word, path in table_of_words("change_words").items():
         change, option = path_of(path)
         if change == name and node.get(option) is not None:
@@ -178,7 +178,7 @@ def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
 
 
 def shortened(words: Iterable[str]) -> list[str]:
-    """Write expanded words as those that stand for them, for a line that can be typed.
+    """Write expanded words in their short form, for a line that can be typed.
 
     >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
     ['image=a.png', 'guides=b.png']

@@ -19,8 +19,8 @@ from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 from brushexp.system.words import table_of_words
 
-SUGGESTIONS = 3  # names that a message lists
-SCALED_BY = {  # keys that looks let other keys scale: the other key, and its power
+SUGGESTIONS = 3  # most names that a message lists
+SCALED_BY = {  # keys whose look values are scaled by another key: that key and its power
     "steps": ("effort", 1),
     "pixels_per_stroke": ("detail", -1),
     "max_strokes": ("detail", 1),
@@ -30,23 +30,23 @@ COLLECTIONS: dict[Any, tuple[type, str, str]] = {
     dict: (DictConfig, "mapping", "{a:b}"),
 }
 ELEMENTS = {str: "a text", int: "a whole number", float: "a number"}
-NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
-STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
+NOT_KEYS = {"task", "hydra", "experiment"}  # names at the top of a config that are neither keys nor groups
+STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses and the keys that add them
 
 
 def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
-    """Refuse (UserError) values of keys for which another task takes the place of a task."""
+    """Refuse (UserError) values for which another task stands in for this one."""
     if (other := task_for(name, values)) != name:
-        raise UserError(f"task={name} leaves this to task={other}; type brushexp task={other} and the same words")
+        raise UserError(f"task={other} handles this, not task={name}; repeat the command with task={other}")
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config; a UserError says which override mends it. Plugins are built and kept for the run."""
+    """Check a composed config; a UserError says which override fixes it. Plugins are built and kept for the run."""
     schema = TASKS[cfg.task]
     leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:
         if {f"+{family}", family} <= {override.partition("=")[0] for override in overrides}:
-            raise UserError(f"+{family}=... is ignored by Hydra beside {family}=; name them all: '{family}=[a,b]'")
+            raise UserError(f"Hydra ignores +{family}=... beside {family}=; type one list: '{family}=[a,b]'")
     check_names(cfg)
     check_chosen(cfg)
     for name, key in keys_of(schema).items():
@@ -66,12 +66,12 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
             check_plugin(path, node, is_used)
         except UserError as error:
             raise UserError(with_words_of_changes(str(error))) from error
-    if cfg.get("resume") is None:  # else the settings are those of the run that is continued
+    if cfg.get("resume") is None:  # otherwise the settings are those of the continued run
         schema.check(cfg, overrides)
 
 
 def name_scaling_key(cfg: DictConfig, key: Key) -> str:
-    """Say which key scales the value of another one beyond its bounds, and how far it may; "" where none does."""
+    """Say which key scales the value of another key beyond its bounds, and its limit; "" if none does."""
     scaling, power = SCALED_BY.get(key.name, ("", 0))
     if not power or not OmegaConf.is_interpolation(cfg, key.name) or not isinstance(key.bounds, Bounds):
         return ""
@@ -85,9 +85,9 @@ def name_scaling_key(cfg: DictConfig, key: Key) -> str:
 
 
 def check_collection(name: str, annotation: Any, value: Any) -> None:
-    """Refuse (UserError) what is no list or mapping of the annotated type.
+    """Refuse (UserError) a value that is not a list or mapping of the annotated type.
 
-    OmegaConf checks what is typed, but not the value that an interpolation, ``${seed}``, stands for.
+    OmegaConf checks typed values, but not the values of interpolations such as ``${seed}``.
     """
     kind = without_null(annotation)
     if get_origin(kind) not in COLLECTIONS or (value is None and kind != annotation):
@@ -95,7 +95,7 @@ def check_collection(name: str, annotation: Any, value: Any) -> None:
     collection, noun, example = COLLECTIONS[get_origin(kind)]
     element = without_null(get_args(kind)[-1])
     if not isinstance(value, collection):
-        raise UserError(f"{name} stands for {as_typed(value)}, which is no {noun}; type '{name}={example}'")
+        raise UserError(f"{name} stands for {as_typed(value)}, which is not a {noun}; type '{name}={example}'")
     elements: Any = value.values() if isinstance(value, DictConfig) else value
     accepted = (int, float) if element is float else element
     wrong = [one for one in elements if element in ELEMENTS and not isinstance(one, accepted)]
@@ -104,7 +104,7 @@ def check_collection(name: str, annotation: Any, value: Any) -> None:
 
 
 def check_names(cfg: DictConfig) -> None:
-    """Refuse keys that the task does not have, at the top or below another key."""
+    """Refuse keys that the task does not have, at any level."""
     schema = TASKS[cfg.task]
     names = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
     parents = {name.rpartition(".")[0] for name in names}
@@ -122,12 +122,12 @@ def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
         if is_used:
             keep_built(node)
     except UserError as error:
-        subject = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
+        subject = re.split(r"\W", str(error), maxsplit=1)[0]  # some options cannot check the values typed before them
         raise UserError(f"{path}.{error}" if subject in options else str(error)) from error
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """List all values of nested settings with their full keys."""
+    """List all values of nested settings by their full keys."""
     settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
     if not isinstance(settings, dict):
         yield above, settings
@@ -137,7 +137,7 @@ def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def check_chosen(cfg: DictConfig) -> None:
-    """Refuse a family without a member, and options of a plugin that is not chosen."""
+    """Refuse a family without a chosen member, and options of a plugin that is not chosen."""
     for family, default in TASKS[cfg.task].groups.items():
         if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
             raise UserError(f"{family} is not chosen; choose one of {members_of(family)}")
@@ -148,7 +148,7 @@ def check_chosen(cfg: DictConfig) -> None:
                 cure += f" (there are: {members_of(family)})"
                 if options := [", ".join(one.meanings) for one in plugins(family) if one.name == name]:
                     cure = f"type {family}.{name}.<option>={node}, one of {options[0]}"
-                raise UserError(f"{family}.{name}={node} is an option of no {family}; {cure}")
+                raise UserError(f"{family}.{name}={node} is not an option of any {family}; {cure}")
         chosen = [name for name, node in cfg[family].items() if "_target_" in node]
         tuned = [name for name in cfg[family] if name not in chosen]
         if tuned:
@@ -157,7 +157,7 @@ def check_chosen(cfg: DictConfig) -> None:
             raise UserError(f"{wrong}; add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}")
         if family == "loss" and not chosen:
             cure = f"try loss=mse (there are: {members_of(family)})"
-            raise UserError(f"no loss is chosen, so there is nothing to optimise; {cure}")
+            raise UserError(f"no loss is chosen, so nothing can be optimised; {cure}")
         if family == "to" and not chosen:
             raise UserError(f"to=[] writes nothing; choose one or more of {members_of(family)}")
 
@@ -178,16 +178,16 @@ def members_of(family: str) -> str:
 
 
 def nearest_first(word: str, names: Sequence[str]) -> str:
-    """List the three names for a message that are most like the word, the one that others call so first."""
+    """List the three names most similar to a word for a message, with known synonyms first."""
     plain = plain_name(word)
     ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
     return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, SUGGESTIONS, 0)])][:SUGGESTIONS])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """Explain that a plugin lacks an option; of the plugins that have it, typed ones come first."""
+    """Explain that a plugin lacks an option; plugins that have it are named, typed ones first."""
     family, names = plugin.family, list(plugin.meanings)
-    text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
+    text = f"{plugin.path}.{option} is not an option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
     owners = [other.name for other in plugins(family) if option in other.meanings]
     typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
@@ -202,35 +202,35 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 
 
 def change_words_of(schema: type[Task]) -> dict[str, str]:
-    """Map the words for options of changes that a task takes to these options."""
+    """Map the words for options of changes that a task accepts to these options."""
     taken = table_of_words("change_words") if "change" in schema.groups else {}
     return {word: option for word, option in taken.items() if word not in keys_of(schema)}
 
 
 def meaning_of_option(option: str) -> str:
-    """Return the meaning of an option of a plugin, ``change.wet.amount``; "" if there is none."""
+    """Return the meaning of a plugin's option such as ``change.wet.amount``, or "" if there is none."""
     above, _, name = option.rpartition(".")
     return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
 
 
 def known_elsewhere(typed: str, task: str) -> str:
-    """Explain a key that a task lacks by what it is called here; "" if it has no other name."""
+    """Explain a missing key by its name here, or "" if it has none."""
     schema, plain = TASKS[task], plain_name(typed)
     keys, words = keys_of(schema), change_words_of(schema)
     if typed in words:
-        return f"{typed} is a word of the command line, which a file writes in full; set {words[typed]}"
+        return f"{typed} works on the command line only; in a file, set {words[typed]}"
     if (meant := spellings("keys").get(plain, "")) in {*keys, *words}:
         meaning = keys[meant].meaning if meant in keys else meaning_of_option(words[meant])
-        return f"{typed} is no key of task={task}; type {meant}=... ({meaning})"
+        return f"{typed} is not a key of task={task}; type {meant}=... ({meaning})"
     names = [*keys, *groups_of(schema), *words]
     cure = spellings("instead").get(plain, "")
     if cure.split("=")[0].lstrip("+") in names or cure.startswith(("brushexp ", "task=")):
-        return f"{typed} is no key of task={task}; type {cure}"
+        return f"{typed} is not a key of task={task}; type {cure}"
     return ""
 
 
 def unknown_key(typed: str, task: str) -> str:
-    """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
+    """Explain that a task lacks a key or that the plugin with this option is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]
@@ -240,15 +240,15 @@ def unknown_key(typed: str, task: str) -> str:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
         if name not in members and owners:
-            return f"{typed} is no key: it is an option of one {family}; type {' or '.join(owners[:SUGGESTIONS])}"
+            return f"{typed} is not a key but an option of one {family}; type {' or '.join(owners[:SUGGESTIONS])}"
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         if name not in members:
-            mend = f"there are: {nearest_first(name, members)}; options stand below one, {family}.<name>.{name}=..."
+            mend = f"there are: {nearest_first(name, members)}; options go below a member, {family}.<name>.{name}=..."
         return f"{family}.{name} is tuned but not chosen; {mend}"
     for plugin in plugins():
         for option in plugin.meanings:
             if typed.startswith(f"{plugin.path}.{option}."):
-                return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
+                return f"{typed} does not exist yet; to add it to {plugin.path}.{option}, type a plus: '+{typed}=...'"
     above = typed.rpartition(".")[0]
     beside = [name for name in names if name.rpartition(".")[0] == above] or names
     near = f"nearest first: {nearest_first(typed, beside)} (all: --help)"
@@ -256,7 +256,7 @@ def unknown_key(typed: str, task: str) -> str:
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
         near = f"type {' or '.join([*dict.fromkeys(map(with_words_of_changes, owners))][:SUGGESTIONS])}"
-    text = f"{typed} is no key of task={task}; {near}"
+    text = f"{typed} is not a key of task={task}; {near}"
     others = [
         f"task={name}"
         for name, schema in TASKS.items()

@@ -1,4 +1,4 @@
-"""Find the folders of configs, and compose a config with Hydra."""
+"""Find the folders of configs and compose a config with Hydra."""
 
 import re
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from brushexp.system.reading import decode_text
 from brushexp.system.words import conf_folders
 
 CHOSEN_GROUPS = {*FAMILIES, "look", "quality", "trainer", "task", "experiment"}  # chosen as ``group=name``
-SOURCE = "text"  # scheme of a folder of configs; `hydra_plugins.brushexp_text` reads it
+SOURCE = "text"  # URL scheme of folders of configs that `hydra_plugins.brushexp_text` reads
 GLOBAL = "# @package _global_\n"  # first line of such a file
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """List the folders of configs: those that ship, and that of the user, ``--config-dir`` or else ``root/conf``.
+    """List the folders of configs: the shipped ones and the user's, which is ``--config-dir`` or ``root/conf``.
 
-    A UserError if the folder that is typed is not there.
+    A UserError names a typed folder that does not exist.
     """
     typed = parse_arguments(words)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
@@ -35,12 +35,12 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """List those of some folders of configs that do not ship."""
+    """List those folders of configs that do not ship."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """List the folders of which Hydra has composed a config, those that ship first."""
+    """List the folders from which Hydra composed a config, shipped ones first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == SOURCE]
     return list(dict.fromkeys([*conf_folders(), *(Path(source.path).resolve() for source in sources)]))
 
@@ -51,7 +51,7 @@ def files_of(folder: Path, group: str) -> dict[str, Path]:
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Map the presets in a folder to their first comment lines, after the one that Hydra reads."""
+    """Map the presets in a folder to their first comment lines, not counting the one that Hydra reads."""
     texts = {path.stem: decode_text(path.read_bytes()) for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
@@ -62,7 +62,7 @@ def load_config(path: Path) -> Any:
 
 
 def search_path(folders: Sequence[Path]) -> list[str]:
-    """Write the word by which Hydra finds configs of packages and the user; ``--config-dir`` would put them first."""
+    """Write the override that adds the configs of packages and the user; ``--config-dir`` would put them first."""
     places = [quote(f"{SOURCE}://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
 
@@ -78,15 +78,15 @@ def without_folder(words: Sequence[str]) -> list[str]:
 
 
 def quote(text: str) -> str:
-    """Put a text in quotes so that Hydra and OmegaConf read any letters in it as they are."""
+    """Quote a text so that Hydra and OmegaConf read every character literally."""
     escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), literal(text))
     return '"' + escaped + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
-    """Compose the config for words of a command line, of configs in folders, by default those that ship.
+    """Compose the config for the words of a command line from folders of configs, by default the shipped ones.
 
-    Any thread may call it, and another user of Hydra in this process is not disturbed.
+    It is thread-safe and does not disturb other users of Hydra in this process.
     """
     with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders or conf_folders())])

@@ -1,4 +1,4 @@
-"""Find the types of keys and of options of plugins by their names, importing no more plugins than needed."""
+"""Find the types of keys and of plugin options by name, importing as few plugins as possible."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -14,16 +14,16 @@ from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, member, plugins
 
 
 def is_key(name: str) -> bool:
-    """Whether a name is a key of a task, an option of a plugin, or a group of which a run chooses."""
+    """Tell whether a name is a key of a task, an option of a plugin, or a config group."""
     return name in CHOSEN_GROUPS or type_of_key(name)[0] is not None
 
 
 @cache
 def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
-    """Return the type of a key, and whether it may be null; (None, False) if there is no such key.
+    """Return the type of a key and whether it may be null, or (None, False) if there is no such key.
 
-    ``task`` is the one that is asked first: tasks may have keys of one name and different types. An option that plugins
-    of a family have with different types is a text if it is one anywhere, else an ``object``.
+    ``task`` is asked first, because keys of one name may differ in type between tasks. If plugins of a family have an
+    option with different types, it is a text if any of them is, otherwise an ``object``.
 
     >>> type_of_key("strokes"), type_of_key("strokes", "score"), type_of_key("nothing")
     ((<class 'int'>, True), (<class 'str'>, False), (None, False))
@@ -43,7 +43,7 @@ def without_null(annotation: Any) -> Any:
 
 
 def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
-    """List the annotations of a name, one group of owners after another: the task, plugins, all other tasks.
+    """List the annotations of a name: those of the task, then of plugins, then of all other tasks.
 
     A word that stands for an option of a change has the type of that option.
     """
@@ -60,7 +60,7 @@ def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
 
 
 def _owners(family: str, option: str) -> list[tuple[Plugin, str]]:
-    """List the plugins that may have an option, and its name there."""
+    """List the plugins that may have an option, each with the option's name there."""
     if family in MULTI_SELECT:
         name, _, own = option.partition(".")
         plugin = member(family, name)

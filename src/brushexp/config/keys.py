@@ -1,4 +1,4 @@
-"""Declare the keys of a task, and list them for Hydra, `--help`, messages and documentation."""
+"""Declare the keys of a task and list them for Hydra, `--help`, messages and documentation."""
 
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -10,7 +10,7 @@ from brushexp.bounds import ANY, Bounds, Rule
 
 
 def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
-    """Declare a key; ``MISSING`` as its default makes it one that must be given."""
+    """Declare a key; a default of ``MISSING`` makes it mandatory."""
     metadata = {"meaning": meaning, "bounds": bounds}
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata=metadata)
@@ -29,7 +29,7 @@ class Key:
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """List all keys of a task by their full names; those that every task has come last."""
+    """List all keys of a task by their full names, keys of every task last."""
     hints = get_type_hints(schema)
     keys: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
@@ -49,12 +49,12 @@ def groups_of(schema: type[Any]) -> list[str]:
 
 
 def with_types(schema: type[Any], values: DictConfig) -> DictConfig:
-    """Give the values of a task's keys the types of its schema; an error of OmegaConf if one does not fit."""
+    """Convert the values of a task's keys to the types of its schema; OmegaConf raises an error if one does not fit."""
     return OmegaConf.merge(without_class(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
 
 
 def without_class(node: DictConfig) -> DictConfig:
-    """Copy typed values into a mapping of no class, so that groups can stand beside them."""
+    """Copy typed values into a plain mapping, so that groups can be added."""
     children = ((name, node._get_node(name)) for name in node)
     return DictConfig(
         {name: without_class(child) if isinstance(child, DictConfig) else child for name, child in children}

@@ -1,8 +1,8 @@
-"""Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
+"""Publish looks: files of overrides ``conf/look/<name>.yaml`` that define a medium or style, chosen by ``look=oil``.
 
-A look also sets options of plugins, which must give way where another plugin is typed. So these options are published
-one by one, as ``look_options/<family>/<look>_<member>``: the defaults lists of tasks, and of members of families of
-which several are chosen, load those of the members that a run chooses. A typed ``renderer=analytic`` keeps the rest.
+A look also sets options of plugins, which must give way if another plugin is typed. So these options are published
+one by one, as ``look_options/<family>/<look>_<member>``; the defaults lists of tasks, and of members of families that
+allow several, load the options of the chosen members only. A typed ``renderer=analytic`` keeps the rest.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -27,16 +27,16 @@ from brushexp.system.reading import read_text, yaml_of
 from brushexp.system.words import table_of_words
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<member>
-UNTUNED = "untuned"  # group of members of such families as they are without a look
-FAST_STARTS = "fast_start"  # group of files, one for an ``init``: what a draft has in its place
+UNTUNED = "untuned"  # group of members of families that allow several, as they are without a look
+FAST_STARTS = "fast_start"  # group of files, one per ``init``: its replacement in a draft
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
-KEEPS_SIZE = "keep_stroke_size"  # key by which looks say what quality means
-CLOSER = 50  # times as much weight of the focus with abstraction=1
-LAYERS = 3  # more with abstraction=1, so that the smallest strokes are as small as before
+KEEPS_SIZE = "keep_stroke_size"  # key by which looks choose what quality means
+CLOSER = 50  # factor on the weight of the focus with abstraction=1
+LAYERS = 3  # layers added with abstraction=1, so that the smallest strokes stay as small
 
 
 def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
-    """Adapt the value of a look for a key to ``detail``, ``effort`` and ``abstraction``; whole numbers stay whole."""
+    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; whole numbers stay whole."""
     fewer = FEWER**_root_.abstraction
     scaled: dict[str, int | float] = {
         "steps": round(value * _root_.effort),
@@ -49,9 +49,9 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
 
 
 def fast_start(look: str, family: str) -> str:
-    """Choose a member for a draft: of ``init`` what lays strokes at once in place of the look's own, if there is one.
+    """Choose a member for a draft: for ``init``, one that lays strokes in one pass, if there is one for the look's own.
 
-    Of other families, what suits those strokes. A look that imitates brushwork, or tunes the optimizer, keeps its own.
+    Members of other families suit those strokes. A look that imitates brushwork or tunes the optimizer keeps its own.
     """
     store = ConfigStore.instance()
     node = store.load(f"look/{look}.yaml").node
@@ -66,19 +66,19 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own where its strokes keep their size, else a fast start."""
+    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise a fast start."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 
 
 def density_of_quality(look: str, density: str) -> str:
-    """Choose the density policy of a quality: the look's own where its strokes keep their size, else this one."""
+    """Choose the density policy of a quality: the look's own if its strokes keep their size, otherwise ``density``."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)["density"]) if node.get(KEEPS_SIZE) else density
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Choose what a quality means: ``finished`` where a look's strokes keep their size, else ``nearer``."""
+    """Choose what a quality means: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 
@@ -90,7 +90,7 @@ OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 
 
 def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collection[Path] = ()) -> set[str]:
-    """Publish the looks in folders of configs for a task, and list the families of one member whose options they set.
+    """Publish the looks in folders of configs for a task, and list the one-member families whose options they set.
 
     Files are parsed now, and checked when they are chosen.
     """
@@ -113,13 +113,13 @@ def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collecti
 
 
 def look_names() -> list[str]:
-    """List the published looks of ``task=paint`` in alphabetical order; some ask for other tasks."""
+    """List the published looks of ``task=paint`` in alphabetical order; some choose other tasks."""
     names = sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
     return [name for name in names if task_for("paint", {"look": name}) == "paint"]
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    """Parse the file of a look into plain values; an empty mapping where it is none, of which `_read` tells."""
+    """Parse the file of a look into plain values, or an empty mapping if it is invalid, which `_read` reports."""
     try:
         return _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     except UserError:
@@ -127,9 +127,9 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Write words for options of changes, ``wet: 0.5``, as those options, and choose the changes.
+    """Expand words for options of changes, ``wet: 0.5``, into those options, and choose the changes.
 
-    Looks of version 0.1 have such keys, and they are what a painter types.
+    Looks of version 0.1 have such keys, and painters type them.
     """
     words = {word: option for word, option in table_of_words("change_words").items() if word in look}
     if not words or not isinstance(look.get("change") or {}, dict):
@@ -147,19 +147,19 @@ def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Read the file of a look; a UserError if plugins, or their options, do not stand where Hydra looks for them."""
+    """Read the file of a look; refuse (UserError) plugins or options in places where Hydra does not look."""
     look = _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     if not look:
         raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
     for part in look.get("defaults") or []:
         if part != "_self_" and not (isinstance(part, dict) and all(str(key).startswith("override /") for key in part)):
             cure = "write '- override /init: slic'; one look upon another is a study with '- override /look: oil'"
-            raise UserError(f"{path}: {part} in its defaults chooses no plugin; {cure}")
+            raise UserError(f"{path}: {part} in its defaults does not choose a plugin; {cure}")
     chosen = {family: look[family] for family in FAMILIES if family in look}
     several = [(family, one) for family in MULTI_SELECT for one in _values(chosen.get(family))]
     for family, options in [*chosen.items(), *several]:
         if not isinstance(options, dict):
-            cure = f"options stand below '{family}:', and '- override /{family}: ...' in the defaults chooses it"
+            cure = f"put options below '{family}:', and choose it by '- override /{family}: ...' in the defaults"
             raise UserError(f"{path}: {family} is {options}; {cure}")
     return look
 
@@ -169,10 +169,10 @@ def _values(options: Any) -> list[Any]:
 
 
 def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
-    """Make the config of a look without the options of plugins; ``detail`` and others scale its numbers."""
+    """Build the config of a look without options of plugins; ``detail`` and similar keys scale its numbers."""
     look = _read(path)
     for family, chosen in _tuned_by(look, schema.groups):
-        _options_of(path, family, chosen, schema.groups)  # a UserError if it has no such options
+        _options_of(path, family, chosen, schema.groups)  # raises a UserError if it has no such options
     values = {key: value for key, value in look.items() if key not in FAMILIES}
     for key in SCALED:
         values[key] = _as_scaled(key, values.get(key, getattr(schema, key)))
@@ -181,25 +181,25 @@ def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
 
 
 def _as_scaled(key: str, value: object) -> object:
-    """Let `scale` adapt a number of a look."""
+    """Wrap a number of a look so that `scale` adapts it."""
     return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
 
 
 def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """List family and name of the members of which a look sets options."""
+    """List the family and name of each member whose options a look sets."""
     chosen = choices_of(look, groups)
     for family in FAMILIES:
         if family not in look:
             continue
         if family in MULTI_SELECT:
-            if isinstance(look[family], dict):  # `_read` tells of others
+            if isinstance(look[family], dict):  # `_read` reports others
                 yield from ((family, str(name)) for name in look[family])
         elif isinstance(chosen.get(family), str):
             yield family, chosen[family]
 
 
 def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any]) -> DictConfig:
-    """Make the config of what a look says of a member; a UserError if the plugin does not have such options."""
+    """Build the config of a look's options for a member; refuse (UserError) options that the plugin lacks."""
     look = _read(path)
     options: DictConfig = OmegaConf.create(look[family][chosen] if family in MULTI_SELECT else look[family])
     check_options(path, family, chosen, options)
@@ -209,7 +209,7 @@ def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any])
 
 
 def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Map the families of a task to what a look, or else the task, chooses."""
+    """Map the families of a task to the members that the look, or otherwise the task, chooses."""
     chosen = dict(groups)
     for entry in look.get("defaults") or []:
         if isinstance(entry, Mapping | DictConfig):
@@ -218,9 +218,9 @@ def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) 
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
-    """Stop with a UserError when a plugin does not have options that a file sets of it."""
+    """Refuse (UserError) a file that sets options which the plugin does not have."""
     if (plugin := member(family, name)) is None:
-        return  # a preset, of which Hydra tells
+        return  # a preset, which Hydra reports
     try:
         OmegaConf.merge(OmegaConf.structured(plugin.config), options)
     except OmegaConfBaseException as error:
@@ -230,13 +230,13 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
 
 
 def is_tuned(family: str, name: str) -> bool:
-    """Whether a published look sets options of a member of a family of which several are chosen."""
+    """Tell whether a published look sets options of a member of a family that allows several."""
     stored = ConfigStore.instance().get_type(f"{UNTUNED}/{family}/{name}.yaml")
     return stored is ObjectType.CONFIG
 
 
 def _make_tunable(family: str, name: str) -> None:
-    """Publish a member anew, so that ``look=`` sets its options wherever it is chosen."""
+    """Republish a member so that ``look=`` sets its options wherever it is chosen."""
     parts = [
         "_self_",
         f"/{UNTUNED}/{family}/{name}@_here_",

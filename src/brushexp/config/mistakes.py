@@ -1,4 +1,4 @@
-"""Explain errors of Hydra and OmegaConf: what is wrong, and what to type instead."""
+"""Explain errors of Hydra and OmegaConf: what is wrong and what to type instead."""
 
 import math
 import os
@@ -23,12 +23,12 @@ from brushexp.config.words import as_typed
 from brushexp.registry import MULTI_SELECT, loaded_plugins, plugins
 from brushexp.registry.loading import missing_because
 
-LIGHTNINGS = "; a file of plugins wraps any other one of Lightning: docs/tutorial.md"
-EXAMPLES = {int: "100", float: "10"}  # messages propose these where the default is null
-NONE = ("none", "no", "off", "false")  # what others type for an empty list
-DECIMAL_COMMA = re.compile(r"([+-]?(?:\d+|\d{1,3}(?:\.\d{3})+))(,\d+(?:e[+-]?\d+)?)?")  # a number of half of Europe
-UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # and for null
-SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # what stands behind a number
+LIGHTNINGS = "; a plugin can wrap any other callback of Lightning, see docs/tutorial.md"
+EXAMPLES = {int: "100", float: "10"}  # values that messages propose if the default is null
+NONE = ("none", "no", "off", "false")  # spellings of an empty list
+DECIMAL_COMMA = re.compile(r"([+-]?(?:\d+|\d{1,3}(?:\.\d{3})+))(,\d+(?:e[+-]?\d+)?)?")  # a number with a decimal comma
+UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # spellings of null
+SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # units after a number
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
@@ -40,10 +40,10 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
     if match := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
-        return f"{match[1]} is not chosen; choose one of {', '.join(choices(match[1], folders))}"
+        return f"no {match[1]} is chosen; choose one of {', '.join(choices(match[1], folders))}"
     if match := re.search(r"interpolation '\$\{look\}_(\w+)'", text):
         family = next((word.partition("=")[0].lstrip("+") for word in arguments if word.startswith("+")), "loss")
-        return f"+{family}={match[1]} adds to no list; type all of them: {family}=[...,{match[1]}]"
+        return f"+{family}={match[1]} has no list to add to; type the whole list, {family}=[...,{match[1]}]"
     return translate(text, task_of(arguments, folders), folders, arguments) or unreadable(error) or text
 
 
@@ -73,38 +73,38 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
 
 
 def of_grammar(text: str) -> str | None:
-    """Translate what Hydra and OmegaConf say of a word that they cannot read; None for another message."""
+    """Translate a message of Hydra or OmegaConf about a word they cannot read; None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         return quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
         return several(match[1])
     if match := re.search(r"Could not delete (from config\. )?'([\w./@]+)'", text):
         empty = f"{match[2]}=[]" if match[2] in MULTI_SELECT else f"another {match[2]}=..."
-        return f"~{match[2]} deletes nothing; {'no key has this name: drop it' if match[1] else f'type {empty}'}"
+        return f"~{match[2]} deletes nothing; {'there is no such key, so drop it' if match[1] else f'type {empty}'}"
     if "${" in os.getcwd() and re.search(r"Interpolation key|'\$\{'|<EOF>", text):
-        return f"{os.getcwd()} has ${{ in its name, where nothing can be written; go to another folder"
+        return f"Hydra cannot write into {os.getcwd()}, because its name contains ${{; change to another folder"
     if match := re.search(r"Interpolation key '(\w+)' not found", text):
         cure = f"${{hydra:runtime.choices.{match[1]}}}" if match[1] in CHOSEN_GROUPS else "the name of a key"
-        return f"${{{match[1]}}} is the value of no key; type {cure} in its place"
+        return f"${{{match[1]}}} does not name a key; type {cure} instead"
     return None
 
 
 def unreadable(error: BaseException) -> str | None:
-    """Say what Hydra's parser does not say of a word that it cannot read; None for another error."""
+    """Explain a word that Hydra's parser rejects without explanation; None for other errors."""
     word = getattr(error, "override", None)
     if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
-        return f"{word} has a sign too many; type {twice[1]}={twice[2]}"
-    return f"{word} cannot be read; a list is key=[a,b], and a text with such letters key='\"...\"'" if word else None
+        return f"{word} has one sign too many; type {twice[1]}={twice[2]}"
+    return f"{word} cannot be parsed; a list is key=[a,b], a text with such characters key='\"...\"'" if word else None
 
 
 def quoting(word: str) -> str:
-    """Say how a word with letters of Hydra's grammar is typed."""
+    """Say how to type a word with characters of Hydra's grammar."""
     key = word.partition("=")[0]
-    return f"{word} has letters that must stand in quotes; type both kinds: '{key}=\"...\"'"
+    return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
 
 
 def several(word: str) -> str:
-    """Say how a word of several values, or a number with a decimal comma or its thousands apart, is typed."""
+    """Say how to type several values, or a number with a decimal comma or thousands separators."""
     key, _, value = word.partition("=")
     if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
         thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
@@ -120,7 +120,7 @@ def several(word: str) -> str:
 
 
 def takes_fractions(key: str) -> bool:
-    """Test whether a key, or an option of a plugin or preset, is a number that may have a fraction.
+    """Tell whether a key, or an option of a plugin or preset, accepts fractions.
 
     >>> [takes_fractions(key) for key in ("psnr", "+loss.mine.weight", "optimizer.units.width", "strokes", "image")]
     [True, True, True, False, False]
@@ -133,7 +133,7 @@ def takes_fractions(key: str) -> bool:
 
 
 def with_points(value: str) -> str | None:
-    """Write numbers with a decimal comma, one or two sides such as 29,7x21, with a point; None for other values.
+    """Replace decimal commas by points in a number or a size such as 29,7x21; None for other values.
 
     >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
     ('30.5', '1000.5', '-1.5e-3', '29.7x21')
@@ -148,7 +148,7 @@ def with_points(value: str) -> str | None:
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
-    """Find the task of a command line, or of the experiment that it names."""
+    """Find the task of a command line or of the experiment it names."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     if not any(word.startswith("experiment=") for word in words):
         typed = [word.removeprefix("task=") for word in words]
@@ -167,7 +167,7 @@ def choices(group: str, folders: Sequence[Path]) -> list[str]:
 
 
 def wrong_type(text: str, task: str) -> str | None:
-    """Explain that a key or option does not take a value; None for other errors."""
+    """Explain that a value does not fit a key or option; None for other errors."""
     typed = re.search(r"full_key: ([^\s\[]+)", text)
     if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
@@ -182,12 +182,12 @@ def wrong_type(text: str, task: str) -> str | None:
         example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
         example = meant_by(given, strip_null(annotation), meaning) or example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
-            wrong, example = f"{wrong}: several are not taken", first[1]
+            wrong, example = f"{wrong}: only one value is allowed", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
 
 
 def meant_by(value: str, kind: Any, meaning: str) -> str | None:
-    """Find what somebody meant who typed a unit, several sides, a word for none, or a text for a list; None if unknown.
+    """Guess the value meant by a unit, a size, a word for none, or a text in place of a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
     ('512', '1920', '120')
@@ -215,7 +215,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Find type, default and meaning of a key, or of an option of a plugin; None if there is none."""
+    """Find the type, default and meaning of a key or of a plugin's option; None if there is none."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")
@@ -229,14 +229,14 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
 
 
 def strip_null(annotation: Any) -> Any:
-    """Return the type of a value that is not null."""
+    """Return a type without null."""
     if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
         return next(part for part in get_args(annotation) if part is not NoneType)
     return annotation
 
 
 def in_words(annotation: Any) -> str:
-    """Describe the values of a type."""
+    """Describe the values of a type in words."""
     parts = get_args(annotation)
     if (plain := strip_null(annotation)) is not annotation:
         return in_words(plain)

@@ -1,4 +1,4 @@
-"""The folder of a run for which no ``output`` is typed."""
+"""Choose the folder of a run if no ``output`` is typed."""
 
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,14 @@ BESIDE_PAINTING = "${beside_painting:}/" + MOMENT
 def beside_painting(*, _root_: DictConfig) -> str:
     """Return the folder for the records of an export: ``exports`` in the run of ``catalogue``, or ``outputs``.
 
-    It is ``outputs`` for a catalogue outside a run, in a sweep, and if the run's folder is read-only.
+    It is ``outputs`` for a catalogue outside a run, in a sweep, or if the run's folder is read-only.
     """
     run = run_beside(_root_)
     return "outputs" if run is None else str(run / FOLDER)
 
 
 def run_beside(cfg: DictConfig) -> Path | None:
-    """Return the folder of the run beside whose painting the files of an export belong; None where there is none."""
+    """Return the folder of the run whose painting an export goes beside, or None if there is none."""
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
     catalogue, hydra = plain.get("catalogue"), plain.get("hydra") or {}
     is_job = getattr(hydra.get("mode"), "name", None) == "MULTIRUN"

@@ -1,4 +1,4 @@
-"""Check the user's own files of configs: a wrong one is told, and refused where it is chosen."""
+"""Check the user's own config files: report wrong ones, and refuse them if they are chosen."""
 
 import logging
 import re
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: bool = True) -> set[Path]:
-    """Return the user's files that are no configs; a UserError if the words choose one, else it may warn of it."""
+    """List the user's invalid config files; refuse (UserError) a chosen one, and warn of others if asked."""
     wrong = {path: message for folder in own_folders(folders) for path, message in problems_in(folder)}
     for path, message in wrong.items():
         if _is_chosen(path, words):
@@ -29,33 +29,33 @@ def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: boo
 
 
 def _is_chosen(path: Path, words: Sequence[str]) -> bool:
-    """Whether words of a command line choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
+    """Tell whether words of a command line choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
     group, name = path.parent.name, path.stem
     chosen = rf"\+*{re.escape(group)}=(.*\W)?{re.escape(name)}(\W.*)?"
     return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)
 
 
 def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
-    """List the wrong files of a folder of configs, each with what is wrong, and what to do."""
+    """Map each invalid file of a folder of configs to what is wrong and what to do."""
     for path in sorted(folder.glob("*/*.yaml")):
         if any((shipped / path.relative_to(folder)).exists() for shipped in conf_folders()):
-            yield path, f"{path} has the name of a preset that ships; give the file another name"
+            yield path, f"{path} has the name of a shipped preset; give the file another name"
         elif path.parent.name in CHOSEN_GROUPS | {"pictures"} and (problem := _problem_of(path)):
             yield path, problem
 
 
 def _problem_of(path: Path) -> str:
-    """Say what is wrong with a file: Hydra would show a traceback, or take a word for a key of its own."""
+    """Explain what is wrong with a file on which Hydra would show a traceback or misread a word as a key."""
     if not path.is_file():
-        return f"{path} is a folder, a device or a pipe, not a file; take it away"
+        return f"{path} is a folder, a device or a pipe, not a file; remove it"
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
     try:
-        text = read_text(path, "take it away")
+        text = read_text(path, "remove it")
         content: Any = yaml_of(text, kind)
     except UserError as error:
-        return f"{path} is no config ({shorten(str(error), 150)}); its lines are like '{example}': correct it"
+        return f"{path} is not a config ({shorten(str(error), 150)}); write lines like '{example}'"
     if isinstance(content, dict) and not isinstance(content.get("defaults") or [], list):
-        return f"{path} has defaults that are no list; write each in a line, '- override /look: oil'"
+        return f"{path} has defaults that are not a list; write one per line, '- override /look: oil'"
     if path.parent.name in GLOBAL_GROUPS and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
         return f"{path} would set nothing; its first line must be: # @package _global_"
     return ""

@@ -1,4 +1,4 @@
-"""Load all plugins, and publish tasks, looks and presets to Hydra."""
+"""Load all plugins and publish tasks, looks and presets to Hydra."""
 
 import atexit
 import shutil
@@ -28,22 +28,22 @@ from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
 @cache
 def scratch_folder() -> str:
-    """Make a folder that is removed when the program ends, for a task that leaves nothing."""
+    """Make a folder that is removed when the program ends, for tasks that leave no files."""
     folder = mkdtemp(prefix="brushexp-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
 OmegaConf.register_new_resolver("scratch", scratch_folder, replace=True)
-MEMBERS = "members"  # group of the families of each task: they are chosen before options of looks are
+MEMBERS = "members"  # group of the families of each task, which are chosen before options of looks
 SWEEPERS = "brushexp.sweepers"  # entry-point group: name -> function that returns the config of a sweeper, or None
 PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 
 def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
-    """Announce all plugins, import those of ``root/plugins``, and publish tasks and presets to Hydra.
+    """Announce all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
 
-    It ``warns`` of files that are left out; a process of a sweep does not, because the one that began it has.
+    It ``warns`` of files that are left out; processes of a sweep do not, because their parent has.
     """
     load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)
@@ -51,7 +51,7 @@ def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> Non
 
 
 def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
-    """Publish the tasks, the looks, and the presets in folders of configs for families with several members."""
+    """Publish tasks, looks, and the presets of families that allow several members."""
     for folder in folders:
         for family in MULTI_SELECT:
             files = files_of(folder, family)
@@ -61,9 +61,9 @@ def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
 
 
 def offer_tasks(tuned: Collection[str]) -> None:
-    """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families.
+    """Publish every task as a choice of Hydra's group ``task``; looks set options of ``tuned`` families.
 
-    A run reads one of them.
+    A run reads only one of them.
     """
     for name in TASKS:
         store_when_read(MEMBERS, name, partial(members_of_task, name), PUBLISHER, package=None)
@@ -71,12 +71,12 @@ def offer_tasks(tuned: Collection[str]) -> None:
 
 
 def members_of_task(name: str) -> Any:
-    """Make the defaults list of the families of a task."""
+    """Build the defaults list of the families of a task."""
     return OmegaConf.create({"defaults": [{f"/{group}": chosen} for group, chosen in TASKS[name].groups.items()]})
 
 
 def config_of_task(name: str, tuned: Collection[str]) -> Any:
-    """Make the config of a task."""
+    """Build the config of a task."""
     schema = TASKS[name]
     options = []
     if "look" in schema.presets:
@@ -88,11 +88,11 @@ def config_of_task(name: str, tuned: Collection[str]) -> Any:
 
 
 def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
-    """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
+    """Publish YAML files as members of a family that allows several: ``loss=name``.
 
-    Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
-    A file that lists several members, or names its package, is left to Hydra; one that has the name of a plugin, or an
-    option that its plugin does not have, is a UserError.
+    By itself, Hydra would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
+    A file that lists several members or names its package is left to Hydra. A file with the name of a plugin, or with
+    an option that its plugin does not have, is refused (UserError).
     """
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
@@ -107,11 +107,11 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Replace Hydra's sweeper by ours, under the same name, and offer those of packages.
+    """Replace Hydra's sweeper by ours under the same name, and offer the sweepers of packages.
 
-    A default in config.yaml would win over a study that chooses another one.
+    A default in config.yaml would override a study that chooses another sweeper.
     """
-    Plugins.instance()  # publishes Hydra's own sweepers, at first use
+    Plugins.instance()  # publishes Hydra's own sweepers at first use
     ConfigStore.instance().store(group="hydra/sweeper", name="basic", node=SettingsSweeperConf, provider=PUBLISHER)
     for name, point in published(SWEEPERS).items():
         if sweeper := point.load()():
@@ -121,7 +121,7 @@ def offer_sweepers() -> None:
 
 
 class PinnedGroup(dict[str, Any]):
-    """A group in which Hydra, which publishes its configs again in each worker process, replaces none of ours."""
+    """A group whose configs Hydra cannot replace when it republishes its own in each worker process."""
 
     def __setitem__(self, name: str, node: Any) -> None:
         if name not in self or self[name].provider != PUBLISHER:

@@ -1,4 +1,4 @@
-"""Check, before anything starts, that the files of a config exist and that its keys fit together."""
+"""Check before a run starts that the files of a config exist and that its keys fit together."""
 
 import logging
 import re
@@ -21,25 +21,25 @@ from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
 
-STEP_KEYS = {  # keys of task=paint that only gradient steps use
+STEP_KEYS = {  # keys of task=paint used by gradient steps only
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "catalogue"),
     *("focus", "focus_strength", "faces"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
 }
-INSTEAD = {  # keys of task=paint that say what others say, too, which then have no effect
+INSTEAD = {  # keys of task=paint that override other keys, which then have no effect
     "strokes": ("detail", "pixels_per_stroke", "max_strokes"),
     "seconds": ("steps", "steps_per_stroke", "effort"),
     "steps_per_stroke": ("steps", "effort"),
     "steps": ("effort",),
 }
-NEEDS = {  # keys of task=paint without which others have no effect
+NEEDS = {  # keys of task=paint that other keys need to have an effect
     "focus": ("focus_strength",),
     "style.image": ("style.content", "style.colors"),
     "frames": ("frame_side", "timelapse", "timelapse_seconds"),
     "light.depth": ("light.azimuth", "light.elevation", "light.gloss"),
 }
-LARGEST_RESOLUTION = 16384  # pixels of the longer side of a picture that is painted
-EFFORT = (  # numbers of metrics.json that say what a painting has cost
+LARGEST_RESOLUTION = 16384  # pixels on the longer side of the target picture
+EFFORT = (  # numbers of metrics.json about the cost of a painting
     "seconds",
     "seconds_total",
     "seconds_per_step",
@@ -48,11 +48,11 @@ EFFORT = (  # numbers of metrics.json that say what a painting has cost
     "n_strokes",
     "steps",
 )
-BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
-BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
-AUTO = "auto"  # focus by saliency, faces that are found, and the warm-up renderer that the chosen one names
-OFF = "off"  # faces that are not looked for
-PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # how the names of the curves begin that a callback may watch
+BYTES_PER_STROKE = 500  # minimum memory of an export per stroke; a million strokes took 850 bytes each
+BYTES_PER_WINDOW_PIXEL = 16  # bytes per pixel: RGBA in 32 bits
+AUTO = "auto"  # focus by saliency, detected faces, warm-up with the renderer that the chosen one names
+OFF = "off"  # no search for faces
+PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # prefixes of the names of curves that callbacks may watch
 
 
 def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
@@ -61,13 +61,13 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
 
     if path.lower().endswith(tuple(picture_suffixes())):
         cure = f"paint it first, brushexp {path} output=outputs/x, and give {option}=outputs/x"
-        raise UserError(f"{option}={path} is a picture, not a painting with its strokes; {cure}")
+        raise UserError(f"{option}={path} is a picture without strokes, not a painting; {cure}")
     saved = load_catalogue(Path(path), option)
     return len(saved.strokes), saved.size
 
 
 def working_side(text: str, option: str) -> int:
-    """Read the longer side of a working picture in pixels; a UserError if it is none."""
+    """Read the longer side of a working picture in pixels, or refuse (UserError) the text."""
     if not re.fullmatch(r"\d{1,9}", text) or not 1 <= int(text) <= LARGEST_RESOLUTION:
         raise UserError(f"{option}={text} is not {AUTO}, null or 1 to {LARGEST_RESOLUTION}; try {option}={AUTO}")
     return int(text)
@@ -82,7 +82,7 @@ FACES = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, {OFF}, "), be
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check a painting of one picture, and tell of typed keys that its changes set themselves."""
+    """Check a painting of one picture, and warn of typed keys that its changes override."""
     from brushexp.painting.changes import build_changes  # noqa: PLC0415
     from brushexp.painting.working_size import sizes_of  # noqa: PLC0415
 
@@ -92,7 +92,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         before, settings = settings, change.settings(settings)
         own = set() if settings is before else {str(key) for key in settings if settings[key] != before.get(key)}
         if unused := sorted(own & {top_of(word) for word in overrides}):
-            log.warning("change=%s sets %s itself, and what is typed has no effect", name, " and ".join(unused))
+            log.warning("change=%s sets %s itself, so the typed value has no effect", name, " and ".join(unused))
         overrides = [word for word in overrides if top_of(word) not in own]
     sizes = sizes_of(settings)
     for change in changes.values():
@@ -101,12 +101,12 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def top_of(word: str) -> str:
-    """Return the first part of the key of a word of the command line."""
+    """Return the first part of the key in a word of the command line."""
     return word.lstrip("+~").partition("=")[0].partition(".")[0]
 
 
 def check_objective(cfg: DictConfig) -> None:
-    """Refuse (UserError) an ``objective`` that is no number of the painting's metrics.json."""
+    """Refuse (UserError) an ``objective`` that is not a number in the painting's metrics.json."""
     metrics = [keep_built(node).label or name for name, node in cfg.metric.items()]
     lit = ["psnr_lit"] if cfg.light.depth else []
     names = [*dict.fromkeys(["psnr", *metrics, *lit, *EFFORT])]
@@ -115,15 +115,15 @@ def check_objective(cfg: DictConfig) -> None:
         return
     others = [plugin.name for plugin in plugins("metric") if plugin.name == cfg.objective]
     cure = f"add metric=[{','.join([*cfg.metric, *others])}]" if others else f"choose one of {', '.join(names)}"
-    raise UserError(f"objective={cfg.objective} is no number of this painting; {cure}")
+    raise UserError(f"objective={cfg.objective} is not a metric of this painting; {cure}")
 
 
 def check_painting(
     cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
 ) -> None:
-    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory.
+    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W) or the memory.
 
-    ``painted`` is the size of the painting where strokes are optimised on a smaller picture.
+    ``painted`` is the size of the painting if strokes are optimised on a smaller picture.
     """
     from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
@@ -158,25 +158,25 @@ def check_painting(
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Log the typed keys that do not do beside the other ones what they say; in a sweep they may be for other jobs."""
+    """Warn of typed keys that have no effect beside the others; in a sweep they may be meant for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS or key.startswith("change.variety.")})
     if unused and isinstance(keep_built(cfg.painter), Painter):
-        log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
+        log.warning("painter=%s ignores %s", plugin_of(cfg.painter).name, ", ".join(unused))
     elif cfg.catalogue is not None and "order" not in keys and plugin_of(cfg.order).name != "fixed":
-        log.warning("strokes of catalogue=%s are laid in a new order; order=fixed keeps theirs", cfg.catalogue)
+        log.warning("the strokes of catalogue=%s get a new order; order=fixed keeps their own", cfg.catalogue)
     if cfg.catalogue is not None and (init := sorted({key for key in keys if key.partition(".")[0] == "init"})):
-        log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
+        log.warning("strokes start from catalogue=%s, so %s has no effect", cfg.catalogue, ", ".join(init))
     for key, others in INSTEAD.items():
         if key in keys and (idle := [other for other in others if other in keys]):
-            log.warning("%s= says it already: %s has no effect; type one of them", key, ", ".join(idle))
+            log.warning("%s overrides %s; type only one of them", key, ", ".join(idle))
     for key, others in NEEDS.items():
         if not OmegaConf.select(cfg, key) and (idle := [other for other in others if other in keys]):
             log.warning("%s has no effect without %s=", ", ".join(idle), key)
 
 
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that the renderer can be built, and that the painting fits into memory and its formats."""
+    """Check that the renderer can be built and that the painting fits into memory and the formats."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
     from brushexp.painting.reopen import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
@@ -196,11 +196,11 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
-    """Stop with a UserError if a callback watches none of the ``curves`` of the task, or has none to choose by."""
+    """Refuse (UserError) a callback that watches a curve the task does not have, or that needs one and names none."""
     for name, node in cfg.callbacks.items():
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"
-            raise UserError(f"{option}={node.monitor} is no curve of task={cfg.task}; try {option}={curves[0]}")
+            raise UserError(f"{option}={node.monitor} is not a curve of task={cfg.task}; try {option}={curves[0]}")
         if node.get("save_top_k", 1) > 1 and node.monitor is None:
             some = f"callbacks.{name}.save_top_k={node.save_top_k}"
-            raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
+            raise UserError(f"{some} needs a curve to watch; try callbacks.{name}.monitor={curves[0]}")

@@ -1,4 +1,4 @@
-"""The tasks: type, default, bounds and meaning of each key in one line, and the plugins that the task needs."""
+"""Declare the keys of the core tasks, each in a line with type, default, bounds and meaning, and their plugins."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,18 +17,18 @@ from brushexp.plugins.metric.base import STANDARD
 from brushexp.shading.light import BOUNDS, Light
 
 PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
-LARGEST_SEED = 2**32 - 1  # NumPy's generator takes no larger seed
-RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
+LARGEST_SEED = 2**32 - 1  # the largest seed of NumPy's generator
+RESUME = "folder of an interrupted run to continue exactly, with its own settings"
 
 
 @dataclass
 class StyleTransfer:
     """Keys below ``style`` of ``task=paint``; style=painting.jpg is short for style.image=painting.jpg."""
 
-    image: str | None = key(None, "a painting whose style is transferred, a file or sample; null = none", PICTURE)
-    brushwork: str | None = key(None, "catalogue.h5 of a painting whose strokes are imitated; null = none", CATALOGUE)
-    content: float = key(0.5, "multiplies the weights of loss= while style.image is set", at_least(0))
-    colors: str = key("style", "colours of the painting: of the style, or of the content", one_of("style", "content"))
+    image: str | None = key(None, "painting whose style to transfer, a file or sample; null = none", PICTURE)
+    brushwork: str | None = key(None, "catalogue.h5 of a painting whose brushwork to imitate; null = none", CATALOGUE)
+    content: float = key(0.5, "factor on the weights of loss= when style.image is set", at_least(0))
+    colors: str = key("style", "source of the colours: style or content", one_of("style", "content"))
 
 
 @dataclass
@@ -53,70 +53,70 @@ class OtherLamp:
 
 @dataclass
 class TrainerOptions:
-    """Keys below ``trainer``: options of Lightning's Trainer, as its manual has them; what is null is left to it."""
+    """Keys below ``trainer``: options of Lightning's Trainer as in its manual; null leaves an option to Lightning."""
 
     profiler: str | None = key(
-        None, "write where the time was spent into profile.txt; null = no", one_of("simple", "advanced")
+        None, "profiler that writes profile.txt, such as simple; null = none", one_of("simple", "advanced")
     )
-    precision: str = key("32-true", "precision; bf16-mixed = networks compute in 16 bits", one_of(*PRECISIONS))
-    max_steps: int = key(-1, "gradient steps at most; -1 = no limit", at_least(-1))
-    max_time: str | None = key(None, "limit of wall time, days:hours:minutes:seconds", DURATION)
-    log_every_n_steps: int = key(1, "steps between logged values; in painting, at least 0.25 s", at_least(1))
-    gradient_clip_val: float | None = key(None, "clip gradients at this value; null = no clipping", above(0))
-    gradient_clip_algorithm: str | None = key(None, "clip the norm of gradients, or values", one_of("norm", "value"))
-    detect_anomaly: bool | None = key(None, "find the operation that produced a NaN; slow")
-    deterministic: bool | None = key(None, "use deterministic operations only")
-    benchmark: bool | None = key(None, "let cuDNN choose the fastest convolutions")
-    enable_progress_bar: bool = key(False, "show Lightning's progress bar beside that of the program")
-    enable_model_summary: bool = key(False, "print the layers and numbers of parameters at the start")
+    precision: str = key("32-true", "numerical precision; bf16-mixed = networks use 16 bits", one_of(*PRECISIONS))
+    max_steps: int = key(-1, "maximum number of gradient steps; -1 = no limit", at_least(-1))
+    max_time: str | None = key(None, "maximum wall time, as days:hours:minutes:seconds", DURATION)
+    log_every_n_steps: int = key(1, "steps between logged values; in a painting at least 0.25 s apart", at_least(1))
+    gradient_clip_val: float | None = key(None, "size at which gradients are clipped; null = no clipping", above(0))
+    gradient_clip_algorithm: str | None = key(None, "quantity to clip: norm or value", one_of("norm", "value"))
+    detect_anomaly: bool | None = key(None, "whether to find the operation that produced a NaN; slow")
+    deterministic: bool | None = key(None, "whether to use deterministic operations only")
+    benchmark: bool | None = key(None, "whether cuDNN searches for the fastest convolutions")
+    enable_progress_bar: bool = key(False, "whether to show Lightning's progress bar beside the program's own")
+    enable_model_summary: bool = key(False, "whether to print layers and parameter counts at the start")
 
 
 @dataclass
 class Task:
     """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
 
-    # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
-    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
+    # Config groups, most of them families of plugins, and the chosen member of each; ``loss@style.loss`` is a loss with
+    # options below ``style.loss``. Presets override the values here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
-    settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
-    is_research: ClassVar[bool] = False  # whether it is listed by --help=research, not by --help=tasks
-    module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
-    alone: ClassVar[str] = ""  # the key that a path without one is: brushexp export outputs/x
-    painted: ClassVar[str] = ""  # what of its results ``task=export`` can take
-    results: ClassVar[tuple[str, ...]] = ()  # names of files that it writes over, without their endings
-    writes_metrics: ClassVar[bool] = False  # whether the module writes metrics.json itself, with its provenance
+    settings: ClassVar[dict[str, Any]] = {}  # values of plugin options that differ from the plugins' defaults
+    is_research: ClassVar[bool] = False  # whether --help=research lists it instead of --help=tasks
+    module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries out the task and returns its metrics
+    alone: ClassVar[str] = ""  # key that a path typed alone sets: brushexp export outputs/x
+    painted: ClassVar[str] = ""  # names of its results that ``task=export`` can read
+    results: ClassVar[tuple[str, ...]] = ()  # names of files that it overwrites, without extensions
+    writes_metrics: ClassVar[bool] = False  # whether the module writes metrics.json and its provenance itself
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        """Whether values of keys, typed or of a config, ask for this task where it may stand in for another one."""
+        """Tell whether typed or configured values ask for this task in place of the one it may stand in for."""
         return False
 
     @staticmethod
     def grows(cfg: DictConfig, folder: Path) -> bool:
-        """Whether this run adds to results that are in its folder already."""
+        """Tell whether this run adds to results already in its folder."""
         return False
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Stop with a UserError at what is wrong beyond types and bounds, before anything runs."""
+        """Refuse (UserError) mistakes beyond types and bounds before anything runs."""
 
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:
-        """Describe, by ``key=value``, what beside files a continued run must find as it was: ``33 strokes``."""
+        """Describe inputs other than files that a resumed run must find unchanged: ``key=value`` -> ``33 strokes``."""
         return {}
 
     seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED))
-    device: str = key("auto", "device to compute on: auto, cpu, cuda, cuda:1, ...", DEVICE)
-    threads: int | None = key(None, "processor cores to use; null = all, shared by the jobs of a sweep", at_least(1))
-    output: str = key(BY_TIME, "folder of the run, or of all runs of a sweep")
-    overwrite: bool = key(False, "delete the files of the run or sweep in output, and replace it")
-    objective: str | None = key(None, "the metric of metrics.json that Optuna optimises, such as psnr; null = none")
+    device: str = key("auto", "device for computing: auto, cpu, cuda, cuda:1, ...", DEVICE)
+    threads: int | None = key(None, "number of processor cores; null = all, shared by the jobs of a sweep", at_least(1))
+    output: str = key(BY_TIME, "folder for the run, or for all runs of a sweep")
+    overwrite: bool = key(False, "whether to replace a run or sweep in the output folder")
+    objective: str | None = key(None, "metric in metrics.json for Optuna to optimise, such as psnr; null = none")
 
 
 @dataclass
 class PaintTask(Task):
-    """Optimise a catalogue of strokes until it looks like the picture."""
+    """Paint a picture: optimise strokes until they look like it."""
 
     module = "brushexp.tasks.paint"
     alone = "image"
@@ -132,7 +132,7 @@ class PaintTask(Task):
         "catalogue",
         "strokes",
     )
-    common: ClassVar[tuple[str, ...]] = (  # keys of the first page of the help
+    common: ClassVar[tuple[str, ...]] = (  # keys on the first page of the help
         *("image", "resolution", "strokes", "detail", "abstraction", "steps", "seconds", "psnr", "background"),
         *("focus", "faces", "style.image", "light.depth", "frames", "report", "resume"),
         *("seed", "device", "threads", "output", "overwrite"),
@@ -148,54 +148,58 @@ class PaintTask(Task):
     presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", "quality": "normal"}
     settings: ClassVar[dict[str, Any]] = {
         "style": {
-            "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
-            "strokes": {"catalogue": "${style.brushwork}"},  # added to loss= with style.brushwork
+            "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # loss that style.image adds
+            "strokes": {"catalogue": "${style.brushwork}"},  # loss that style.brushwork adds
         }
     }
 
-    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
-    resolution: int | None = key(None, "resample to this longer side in pixels; null = as it is", between(1, 16384))
+    image: str = key("astronaut", "picture file, or the name of a sample of scikit-image", PICTURE)
+    resolution: int | None = key(None, "longer side of the picture in pixels; null = its own", between(1, 16384))
     working_resolution: str | None = key(
-        "auto", "longer side at which strokes are optimised: auto = what their number needs; null = all pixels", WORKING
+        "auto", "longer side at which strokes are optimised; auto = by their number; null = all pixels", WORKING
     )
     strokes: int | None = key(
-        None, "number of strokes; auto = as the scene needs; null = by pixels_per_stroke", at_least(1)
+        None, "number of strokes; auto = as many as the picture needs; null = by pixels_per_stroke", at_least(1)
     )
-    detail: float = key(1, "multiplies the look's number of strokes (set by quality=)", above(0))
+    detail: float = key(1, "factor on the look's number of strokes (set by quality=)", above(0))
     abstraction: float = key(
-        0, "0 to 1: fewer, larger strokes and flatter forms, while faces keep what the focus keeps", between(0, 1)
+        0, "abstraction, 0 to 1: fewer, larger strokes and flatter forms; faces keep their detail", between(0, 1)
     )
-    pixels_per_stroke: float = key(100, "area of the picture for each stroke, in pixels", at_least(1))
-    max_strokes: int | None = key(None, "limit of the strokes by pixels_per_stroke; null = no limit", at_least(1))
-    effort: float = key(1, "multiplies the look's number of steps (set by quality=)", at_least(0))
-    keep_stroke_size: bool = key(False, "quality= takes more steps instead of smaller strokes (set by look=)")
-    steps: int = key(500, "gradient steps; 0 = paint the initialisation", at_least(0))
-    steps_per_stroke: float | None = key(None, "average updates per stroke; overrides steps; null = none", at_least(0))
-    coarse: float = key(0, "fraction of the steps, the first ones, at half the resolution", between(0, 0.99))
-    warm_up: str | None = key("auto", "fast renderer of the first steps; auto = the chosen one's; null = none")
+    pixels_per_stroke: float = key(100, "area of the picture per stroke, in pixels", at_least(1))
+    max_strokes: int | None = key(None, "maximum number of strokes by pixels_per_stroke; null = none", at_least(1))
+    effort: float = key(1, "factor on the look's number of steps (set by quality=)", at_least(0))
+    keep_stroke_size: bool = key(False, "whether quality= adds steps instead of strokes (set by look=)")
+    steps: int = key(500, "number of gradient steps; 0 = paint the initial strokes", at_least(0))
+    steps_per_stroke: float | None = key(None, "mean updates per stroke; overrides steps; null = none", at_least(0))
+    coarse: float = key(0, "share of the steps, from the first on, at half the resolution", between(0, 0.99))
+    warm_up: str | None = key("auto", "fast renderer for the first steps; auto = suggested by renderer=; null = none")
     finish_steps: int = key(40, "updates per stroke with the chosen renderer after the warm-up", at_least(0))
     background: str = key(
-        "mean", "colour of the bare canvas: mean (of the picture), transparent (as it), ivory, '#rrggbb'", COLOR
+        "mean", "colour of the bare canvas: mean, ivory, '#rrggbb', ... or transparent (keep the alpha)", COLOR
     )
-    catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
+    catalogue: str | None = key(None, "catalogue.h5 whose strokes to start from instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     seconds: float | None = key(None, "seconds of optimisation; overrides steps; null = none", above(0))
     psnr: float | None = key(
-        None, "stop at this PSNR, in dB; with strokes=auto, the PSNR to reach; null = none", at_least(0)
+        None, "PSNR in dB at which to stop; with strokes=auto, the PSNR to reach; null = none", at_least(0)
     )
-    early_stop: float | None = key(None, "stop when 100 evaluations gain less, in dB; null = never", at_least(0))
+    early_stop: float | None = key(
+        None, "PSNR gain in dB per 100 evaluations below which to stop; null = none", at_least(0)
+    )
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    frames: int = key(60, "frames of the timelapse; 0 = no timelapse", between(0, 2000))
-    frame_side: int = key(720, "longer side of these frames in pixels", between(2, 4096))
+    frames: int = key(60, "number of frames of the timelapse; 0 = no timelapse", between(0, 2000))
+    frame_side: int = key(720, "longer side of the timelapse in pixels", between(2, 4096))
     timelapse: str = key("mp4", "format of the timelapse: mp4 or gif", one_of("mp4", "gif"))
-    timelapse_seconds: float | None = key(None, "length of the timelapse in seconds; null = 15 frames/s", above(0))
-    report: bool = key(True, "write report.html: the run on one page, with a replay of the painting")
-    focus: str | None = key(None, "weights of errors: auto (saliency) or a mask, bright = important; null = 1", FOCUS)
-    focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
+    timelapse_seconds: float | None = key(None, "duration of the timelapse in seconds; null = 15 frames/s", above(0))
+    report: bool = key(True, "whether to write report.html, one page about the run with a replay of the painting")
+    focus: str | None = key(
+        None, "important regions: auto (saliency) or a mask, bright = important; null = none", FOCUS
+    )
+    focus_strength: float = key(8, "weight of errors in the focus relative to errors elsewhere", between(1, 1000))
     faces: str = key(
         "auto",
-        "auto = find faces, weigh them most in focus=auto, and paint eyes and mouths with small strokes; a mask, "
-        "bright = also a face; off",
+        "faces: auto = detect them, weigh them most in focus=auto, paint eyes and mouths in small strokes; a mask = mark "
+        "missed ones, too; off",
         FACES,
     )
     light: Lamp = field(default_factory=Lamp)
@@ -205,14 +209,14 @@ class PaintTask(Task):
 
 @dataclass
 class ExportTask(Task):
-    """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
+    """Export a finished painting to pictures of any size, vector files, tables and more: to=png,svg,json,csv."""
 
     module = "brushexp.tasks.export"
     alone = "catalogue"
     check = staticmethod(rules.check_export)
     groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json of to=json", CATALOGUE)
-    resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
-    output: str = key(BESIDE_PAINTING, "folder of the files (beside their painting), or of all exports of a sweep")
+    catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json from to=json", CATALOGUE)
+    resolution: int | None = key(None, "longer side in pixels; null = as painted", between(1, 65536))
+    output: str = key(BESIDE_PAINTING, "folder for the files (default: beside the painting), or for all exports")
     light: OtherLamp = field(default_factory=OtherLamp)

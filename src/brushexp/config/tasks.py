@@ -1,4 +1,4 @@
-"""The tasks by name: those of the program, and those that installed packages publish."""
+"""Look up tasks by name: those of the core and those of installed packages."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -11,7 +11,7 @@ from brushexp.system.published import published
 
 
 class Tasks(Mapping[str, type[Task]]):
-    """Map names to tasks; one of a package is imported when it is first asked for."""
+    """Map names to tasks; a package's task is imported when it is first used."""
 
     def __init__(self, own: Mapping[str, type[Task]]) -> None:
         self._loaded = dict(own)
@@ -26,7 +26,7 @@ class Tasks(Mapping[str, type[Task]]):
         return name in self._loaded or name in published(TASK_POINTS)
 
     def __getitem__(self, name: str) -> type[Task]:
-        """Return a task; a UserError says why its module cannot be imported."""
+        """Return a task; a UserError explains why its module cannot be imported."""
         if name not in self._loaded:
             point = published(TASK_POINTS)[name]
             self._loaded[name] = import_or_explain(point.load, f"entry point {name} ({point.value})")
@@ -37,13 +37,13 @@ TASKS = Tasks({"paint": PaintTask, "export": ExportTask})
 
 
 def stand_ins_of(name: str) -> list[str]:
-    """List the tasks that take the place of a task where their `Task.suits` says so."""
+    """List the tasks that may stand in for a task if their `Task.suits` says so."""
     points = (point.partition(".") for point in published(STAND_INS))
     return [other for of, _, other in points if of == name]
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
-    """Find the task that takes the place of a task for such values; mostly it is the task itself.
+    """Find the task that stands in for a task given these values; usually it is the task itself.
 
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
@@ -53,15 +53,15 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
 
 
 def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
-    """Count the keys among ``values`` that a task has: of several that suit, the one that knows most is meant."""
+    """Count the keys among ``values`` that a task has; of several suitable tasks, the one with most keys is meant."""
     return len({field.name for field in fields(task)} & values.keys())
 
 
 def add_task(words: Sequence[str]) -> list[str]:
-    """Add ``task=`` of the task that suits the words of a command line, if it is not named."""
+    """Add ``task=`` for the task that suits the words of a command line, unless they name one."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
-        typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures are joined, as in a sweep
+        typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures, as in a sweep
     named = typed.get("task", "paint")
     other = task_for(named, typed)
     if other == named:

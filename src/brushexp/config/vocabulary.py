@@ -1,4 +1,4 @@
-"""The words that a painter types beside keys, and other spellings of ours; nothing here is slow to import."""
+"""Look up painters' words and alternative spellings; nothing here is slow to import."""
 
 import os
 import re
@@ -11,19 +11,19 @@ from brushexp.system.words import conf_folders, table_of_words
 
 PACKAGE = Path(__file__).parents[1]
 TASK_POINTS = "brushexp.tasks"  # entry-point group: name of a task -> its class
-STAND_INS = "brushexp.stand_ins"  # entry-point group: "task.other" -> the class of the other one, which may replace it
-PARTS = re.compile(r"""[^][{},:'"]+""")  # of a list or mapping of Hydra
-ALONE = ("look", "quality")  # groups whose members may stand alone: watercolour is look=watercolour
+STAND_INS = "brushexp.stand_ins"  # entry-point group: "task.other" -> class of the other task, which may replace it
+PARTS = re.compile(r"""[^][{},:'"]+""")  # parts of Hydra's lists and mappings
+ALONE = ("look", "quality")  # groups whose members may be typed alone: watercolour is look=watercolour
 
 
 @cache
 def spellings(table: str) -> dict[str, str]:
-    """Map what others say for ``keys``, for ``members``, or for what is typed ``instead``, to what we say."""
+    """Map other names for ``keys`` or ``members``, or words to be replaced (``instead``), to ours."""
     return {theirs: ours for ours, others in table_of_words(table).items() for theirs in others}
 
 
 def options_of_word(word: str) -> list[str]:
-    """List the options of changes that a word stands for; none for other words.
+    """List the options of changes that a word stands for, if any.
 
     >>> options_of_word("variety"), options_of_word("steps")
     (['change.variety.amount'], [])
@@ -33,7 +33,7 @@ def options_of_word(word: str) -> list[str]:
 
 
 def with_words_of_changes(message: str) -> str:
-    """Replace options of changes in a message by the words that stand for them.
+    """Replace options of changes in a message by their short words.
 
     >>> with_words_of_changes("change.variety.amount=2 is above 1")
     'variety=2 is above 1'
@@ -46,12 +46,12 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map each look and each quality, those that ship and those of ``conf/``, to what it means as a word alone."""
+    """Map each look and quality, shipped or in ``conf/``, to its meaning as a word alone."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
 def meaning_of(word: str) -> str | None:
-    """Return what a painter's word means, as key=value; None for other words.
+    """Return the meaning of a painter's word as key=value; None for other words.
 
     >>> meaning_of("finer"), meaning_of("watercolor"), meaning_of("photo.jpg")
     ('detail=2', 'look=watercolour', None)
@@ -61,12 +61,12 @@ def meaning_of(word: str) -> str | None:
 
 
 def members_of_group(group: str) -> set[str]:
-    """List the presets of a group, those that ship and those of ``conf/``."""
+    """List the presets of a group, shipped or in ``conf/``."""
     return {path.stem for root in (*conf_folders(), Path("conf")) for path in (root / group).glob("*.yaml")}
 
 
 def respelt(text: str) -> str:
-    """Spell colour, grey, optimiser and analyse the other way, British or American.
+    """Switch colour, grey, optimiser and analyse between British and American spelling.
 
     >>> respelt("watercolor"), respelt("style.colours"), respelt("grey")
     ('watercolour', 'style.colors', 'gray')
@@ -79,7 +79,7 @@ def respelt(text: str) -> str:
 
 
 def as_task(word: str) -> str:
-    """Spell a word of a command line as we do if it then is a task.
+    """Respell a word of a command line if that makes it the name of a task.
 
     >>> as_task("analyze"), as_task("task=analyze"), as_task("optimiser")
     ('analyse', 'task=analyse', 'optimiser')
@@ -89,20 +89,20 @@ def as_task(word: str) -> str:
 
 
 def task_names() -> set[str]:
-    """List the tasks by their names, without their classes."""
+    """List the names of the tasks without importing them."""
     own = {path.stem for path in (PACKAGE / "tasks").glob("[a-z]*.py")}
     return own | set(published(TASK_POINTS))
 
 
 def is_path(text: str) -> bool:
-    """Whether a text is the path of a file or folder that exists."""
+    """Tell whether a text is the path of an existing file or folder."""
     return bool(text) and os.path.exists(os.path.expanduser(text))
 
 
 def as_found(word: str) -> str:
-    """Spell the paths of a word of a command line as the files and folders that exist are (`find_spelling`).
+    """Spell the paths in a word of a command line like the existing files and folders (`find_spelling`).
 
-    Of a list, ``image=a.png,b.png``, each part may be a path; only a folder to write into need not exist.
+    In a list, ``image=a.png,b.png``, each part may be a path. Only an output folder need not exist.
     """
     if word.isascii() or is_path(word):
         return word
@@ -117,14 +117,14 @@ def as_found(word: str) -> str:
 
 
 def _found(path: str) -> str:
-    """Spell a path as it is found, with the home in full; one in which nothing is spelt otherwise stays."""
+    """Spell a path as it exists, with the home folder in full; a path spelled right stays as it is."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)
     return path if found == whole else found
 
 
 def plain_name(name: str) -> str:
-    """Write a name as the tables here have it.
+    """Normalise a name for lookup in the tables.
 
     >>> plain_name("Brush-Size"), plain_name("colours")
     ('brush_size', 'colors')

@@ -1,14 +1,14 @@
-"""Expand the short forms of a command line to the grammar of Hydra; an existing path means itself.
+"""Expand the short forms of a command line into Hydra's grammar; an existing path means itself.
 
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
-export outputs/x      task=export catalogue=outputs/x, and so for the key that a path alone is in a task
-analyse photo.jpg     task=measure image=photo.jpg: the key of the task that takes the place of one for this picture
+export outputs/x      task=export catalogue=outputs/x, and so for the path that each task takes
+analyse photo.jpg     task=measure image=photo.jpg: the task that stands in for another one for this picture
 watercolour, finer    look=watercolour, detail=2
 look=watercolor       look=watercolour
 style=painting.jpg    style.image=painting.jpg
 light=315,45          light={azimuth:315,elevation:45}
-to=svg,json           to=[svg,json], and so for every key and family that takes several values but ``loss``
+to=svg,json           to=[svg,json], and so for every key and family with several values except ``loss``
 resume=sweep          hydra.sweeper.resume=true
 """
 
@@ -45,17 +45,17 @@ from brushexp.system.caches import has_home
 from brushexp.system.published import catalogue_suffixes
 from brushexp.system.words import table_of_words
 
-ALL_PIXELS = "working_resolution=null"  # of sweeps, unless another is typed: their jobs compare with earlier ones
+ALL_PIXELS = "working_resolution=null"  # in sweeps by default, to stay comparable with earlier ones
 RESUME_SWEEP = "resume=sweep"
-RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of them
-NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # what a script writes that has no name
-OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
+RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of these files
+NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # written by scripts for a missing name
+OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as a text
 
 
 def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
-    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task begins with.
+    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task takes.
 
-    ``beside`` are the keys that are typed with it, by which a path may belong to another task.
+    ``beside`` are the keys typed with it, which may make a path belong to another task.
     """
     path = Path(word)
     if is_setting(word):
@@ -69,17 +69,17 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
         return meant
     is_picture = path.suffix or is_path(word) or word in samples()
     if path.suffix.lower() in catalogue_suffixes() or any((path / name).exists() for name in RESULTS):
-        cure = f"brushexp view or export {word}, or go on with its strokes: PICTURE catalogue={word} in place of {word}"
-        raise UserError(f"{word} is a painting, a run or a sweep, and no picture; type {cure}")
+        cure = f"brushexp view {word}, brushexp export {word}, or PICTURE catalogue={word} to continue from its strokes"
+        raise UserError(f"{word} is a painting, a run or a sweep, not a picture; type {cure}")
     if is_picture and alone:
         return f"image={word}"
     if is_path(word) or word in samples():
-        raise UserError(f"task={task} takes no picture, file or folder alone; type its key before it, KEY={word}")
+        raise UserError(f"task={task} takes no path alone; type a key before it, KEY={word}")
     raise UserError(unknown_word(word))
 
 
 def is_setting(word: str) -> bool:
-    """Whether a word is ``key=value`` or ``~key``; a picture or folder may have such a name, steps=3/x.jpg."""
+    """Tell whether a word is ``key=value`` or ``~key`` and not a path with such a name, like steps=3/x.jpg."""
     key, equal, value = word.partition("=")
     if not equal and (not word.startswith("~") or os.sep in word):
         return False
@@ -89,34 +89,34 @@ def is_setting(word: str) -> bool:
 
 
 def unknown_word(word: str) -> str:
-    """Explain that a word alone means nothing here; the nearest words that do are named."""
+    """Explain that a word alone means nothing, and name the most similar words that do."""
     group = word.removesuffix("s")
     if group in CHOSEN_GROUPS:
         own = TASKS if group == "task" else members_of_group(group)
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *own}))
-        return f"{word} stands for nothing alone; type {group}= and one of {names}"
+        return f"{word} has no meaning alone; type {group}= and one of {names}"
     if is_key(word):
         return f"{word} is a key; type {word}=..., without spaces"
     if word in ("-v", "-V"):
-        return f"{word} is no flag; type brushexp --version"
+        return f"{word} is not a flag; type brushexp --version"
     if re.match("-.", word):
-        return f"{word} is no flag; --help lists the keys, which have no dashes"
+        return f"{word} is not a flag; --help lists the keys, which have no dashes"
     if meant := setting_in(word):
-        return f"{word} is no file, no task and no key=value; type {meant}"
+        return f"{word} is not a file, a task or key=value; type {meant}"
     known = [*TASKS, *members_alone(), *table_of_words("alone"), *samples()]
     ours = spellings("members").get(plain_name(word), "")
     near = [ours] if ours in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
-    if os.sep not in word:  # else a path, which no word of ours is like
+    if os.sep not in word:  # otherwise a path, which resembles none of our words
         near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
     near += nearest_folders(word)
     meant = f"did you mean {' or '.join(dict.fromkeys(near))}? " if near else ""
     meant += "correct the path" if os.sep in word else "--help lists the keys"
-    return f"{word} is no file, no task and no key=value; {meant}"
+    return f"{word} is not a file, a task or key=value; {meant}"
 
 
 def nearest_folders(word: str) -> list[str]:
-    """List the two folders whose paths are most like a word; none if no one is."""
+    """List up to two folders with paths similar to a word."""
     parent, name = os.path.split(word.rstrip(os.sep))
     with suppress(OSError):
         beside = [entry.name for entry in os.scandir(os.path.expanduser(parent) or ".") if entry.is_dir()]
@@ -125,7 +125,7 @@ def nearest_folders(word: str) -> list[str]:
 
 
 def setting_in(word: str) -> str | None:
-    """Find what a number or a size alone, or a key with another sign than ``=``, should be typed as; None for others.
+    """Guess the setting meant by a number or size alone, or by a key with another sign than ``=``; None if unknown.
 
     >>> setting_in("1920x1080"), setting_in("30s"), setting_in("look:oil"), setting_in("version"), setting_in("moo")
     ('resolution=1920', 'seconds=30', 'look=oil', 'brushexp --version', None)
@@ -147,7 +147,7 @@ def setting_in(word: str) -> str | None:
 
 
 def at_home(word: str) -> str:
-    """Write the home folder of ``output=~/x`` in full, as not every shell does; readers of pictures do it."""
+    """Write out the home folder in ``output=~/x``, since not every shell does; readers of pictures do their own."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
@@ -158,9 +158,9 @@ def at_home(word: str) -> str:
 
 
 def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
-    """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs.
+    """Write one word in Hydra's grammar; in a ``sweep`` commas separate the values of jobs.
 
-    ``task`` is the one that the word is for, "" if that is not known yet.
+    ``task`` is the task of the word, or "" if it is not known yet.
     """
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
@@ -180,30 +180,30 @@ def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
     if key in CHOSEN_GROUPS:
         check_choice(key, value)
     if key == "resume" and not value:
-        raise UserError("resume= names no folder; give the folder of an interrupted run")
+        raise UserError("resume= is empty; give the folder of an interrupted run")
     return name + equal + (output_folder(value) if key == "output" else spell_value(key, value, sweep, task))
 
 
 def output_folder(value: str) -> str:
-    """Write the value of ``output`` so that Hydra reads it; a UserError if nothing can be written there."""
+    """Write the value of ``output`` for Hydra; refuse (UserError) a folder that cannot be written."""
     if not value:
-        raise UserError("output= names no folder; type output=FOLDER, or output=. for the one where you are")
+        raise UserError("output= is empty; type output=FOLDER, or output=. for the current folder")
     if value.strip().lstrip("+-").lower() in NO_FOLDERS and not os.path.lexists(value):
-        raise UserError(f"output={value} names no folder; type output=FOLDER, or output=./{value} if that is its name")
+        raise UserError(f"output={value} is not a folder; type output=FOLDER, or output=./{value} if that is its name")
     if "${" in value and is_path(value):
-        raise UserError(f"output={value} cannot be written into, for its name has ${{; choose another folder")
+        raise UserError(f"Hydra cannot write into output={value}, because its name contains ${{; choose another folder")
     if OF_HYDRA.match(value) or "${" in value:
         return quote_text("output", value)
-    return verbatim(value)  # a folder, also in a sweep: its comma is a comma
+    return verbatim(value)  # a folder, even in a sweep: a comma is part of its name
 
 
 def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
-    """Write the value of a key in the grammar of Hydra, by the type of the key."""
+    """Write the value of a key in Hydra's grammar, according to the type of the key."""
     kind, optional = type_of_key(key, task)
     if kind is str:
         return quote_text(key, value, sweep, optional)
     if kind in (int, float) and not value.startswith(("[", "=", ":")) and not is_readable(value):
-        return quote(value)  # so that it is told what kind of number is wanted
+        return quote(value)  # so that the message says which kind of number is needed
     if get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")
         parts = [quote_text(key, part) for part in parts] if get_args(kind) == (str,) else parts
@@ -214,14 +214,14 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
 
 
 def refuse_deletion(name: str) -> None:
-    """Refuse (UserError) ``~strokes``: every run has its keys; groups of plugins can be deleted."""
+    """Refuse (UserError) to delete a key, ``~strokes``; only groups of plugins can be deleted."""
     key = name.removeprefix("~")
     if key != name and key not in CHOSEN_GROUPS and is_key(key):
-        raise UserError(f"{name} deletes a key that every run has; drop it, or type {key}=...")
+        raise UserError(f"{name} would delete a key that every run needs; drop it, or type {key}=...")
 
 
 def respell(key: str, value: str) -> tuple[str, str]:
-    """Spell a key and the member of a group as we do: look=watercolor, style.colours=content."""
+    """Spell a key and the member of a group our way: look=watercolor, style.colours=content."""
     plain = key.lstrip("+~")
     if respelt(plain) != plain and not is_key(plain) and is_key(respelt(plain)):
         key = key.removesuffix(plain) + respelt(plain)
@@ -233,12 +233,12 @@ def respell(key: str, value: str) -> tuple[str, str]:
 
 
 def parse_value(value: str) -> Any:
-    """Read a text as Hydra does; a `HydraException` if its grammar does not allow it."""
+    """Parse a text as Hydra does; raise a `HydraException` if its grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
 
 
 def is_readable(value: str) -> bool:
-    """Whether the grammar of Hydra allows a text as a value."""
+    """Tell whether Hydra's grammar allows a text as a value."""
     try:
         parse_value(value)
     except HydraException:
@@ -247,7 +247,7 @@ def is_readable(value: str) -> bool:
 
 
 def verbatim(text: str) -> str:
-    """Write a text so that Hydra reads it as it is, in quotes if it needs them."""
+    """Write a text so that Hydra reads it literally, quoted if necessary."""
     try:
         return text if parse_value(text) == text and "${" not in text else quote(text)
     except HydraException:
@@ -255,13 +255,13 @@ def verbatim(text: str) -> str:
 
 
 def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
-    """Put the text of a key in quotes where Hydra would read a number or null, or where a file has this name.
+    """Quote the text of a key if Hydra would read a number or null, or if a file has this name.
 
-    A value that may mean a file or null is a UserError.
+    A value that may mean either a file or null is refused (UserError).
     """
     if is_path(value):
         if value == "null" and optional:
-            raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
+            raise UserError(f"{key}=null is ambiguous: a file has that name; type {key}=./null, or drop the word")
         return verbatim(value)
     parts = value.split(",")
     if sweep and len(parts) > 1 and (any(map(is_path, parts)) or not re.search(r"['\"\[({]", value)):
@@ -275,23 +275,23 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
 
 
 def check_choice(group: str, value: str) -> None:
-    """Refuse what cannot be a name of a plugin or preset, or a list of names; the UserError names the plugins."""
+    """Refuse (UserError) a value that cannot be a plugin, a preset or a list of them; the message lists the plugins."""
     try:
         choice = parse_value(value)
     except HydraException:
-        return  # the grammar says what is wrong
+        return  # Hydra's grammar will say what is wrong
     choices = choice.list if isinstance(choice, ChoiceSweep) else [choice]
     if group in MULTI_SELECT:
         choices = [name for one in choices for name in (one if isinstance(one, list) else [one])]
     if not all(isinstance(name, str | dict | Sweep | Glob) for name in choices) or value == "''":
         names = ", ".join(plugin.name for plugin in plugins(group)) or "those that --help lists"
-        raise UserError(f"{group}={value} is no name; choose one of {names}")
+        raise UserError(f"{group}={value} is not a name; choose one of {names}")
 
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
-    """Write a value as it is typed; texts in a list or mapping are in quotes if they need them."""
+    """Write a value as a user would type it, with quotes around texts in lists or mappings that need them."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
-    plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and torch become Python's
+    plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and PyTorch become Python's
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
     if isinstance(plain, Mapping):

@@ -1,22 +1,22 @@
-"""What plugins, packages and your own programs may build on.
+"""The public interface for plugins, packages and your own programs.
 
-Everything here keeps its name and meaning within a major version; the rest of ``brushexp`` may change. This module has
-what every plugin needs: registration, bounds of options, and the error that users see. Its modules have the rest:
+Everything here keeps its name and meaning within a major version; the rest of ``brushexp`` may change. This module
+provides what every plugin needs: registration, bounds of options, and the error that users see. The others provide:
 
 - `families`: the contract of each family of plugins.
-- `members`: shipped plugins that others are made of.
+- `members`: shipped plugins that others extend.
 - `strokes`: what a stroke is: curves, catalogues, the prior, measures.
-- `pictures`: pictures from files and to files, colour, structure, feature networks.
-- `layers`: strokes composited as layers, and the light on them.
-- `networks`: layers of networks that draw strokes.
-- `kernels`: compiled code, and what a rasteriser for other hardware needs.
+- `pictures`: reading and writing pictures, colour, structure, feature networks.
+- `layers`: compositing of strokes, and the light on them.
+- `networks`: layers for networks that draw strokes.
+- `kernels`: compiled code, and the interface of rasterisers for other hardware.
 - `painting`: the parts of a painting, its optimisation and its result.
 - `tasks`: keys and rules of a task.
 - `runs`: output folders, the Trainer, resuming, sweeps, and the functions of ``brushexp``.
 - `machine`: threads, memory and devices.
 - `results`: finished runs as tables, and measures of their strokes.
 - `pages`: HTML pages of runs and sweeps.
-- `files`: files read and written safely, progress, text for terminals.
+- `files`: safe reading and writing of files, progress, text for terminals.
 """
 
 from brushexp.bounds import (

@@ -1,4 +1,4 @@
-"""Strokes composited as layers, tile by tile, and the light on their relief."""
+"""Composite strokes as layers, tile by tile, and light their relief."""
 
 from brushexp.compositing.bands import Drawer, cuts
 from brushexp.compositing.eager import padded_lists, paint_tiles

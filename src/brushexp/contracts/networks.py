@@ -1,4 +1,4 @@
-"""Layers that networks which draw strokes are made of."""
+"""Layers for networks that draw strokes."""
 
 from brushexp.plugins.renderer._layers import CoordConv, Noise, add_noise, fixed_grain, window_planes
 

@@ -1,4 +1,4 @@
-"""Pictures read from files and compared: colour spaces, structure, regions, feature networks, video."""
+"""Read and compare pictures: colour spaces, structure, regions, feature networks, video."""
 
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import Backbone, packaged_file, read_tensors

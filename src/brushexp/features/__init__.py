@@ -1,4 +1,4 @@
-"""Feature networks for losses and metrics: from pictures to named activations, without internet access."""
+"""Feature networks for losses and metrics: pictures -> named activations, without internet access."""
 
 from pathlib import Path
 
@@ -7,14 +7,14 @@ from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 from brushexp.system.published import published
 
-PUBLISHED = published("brushexp.networks")  # functions: name, tensors -> it
-NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` takes
+PUBLISHED = published("brushexp.networks")  # functions that make a network from its name and tensors
+NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` accepts
 
 
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
-    """Open a feature network with weights from a file or, if there is one, from its pip package.
+    """Open a feature network with weights from a file or from its pip package, if it has one.
 
-    A UserError names what to install or to set if there is none; ``option`` is the key of the file.
+    If there are no weights, the UserError says what to install or set; ``option`` is the key of the file.
     """
     if name == "effl0":
         return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged_file(PACKAGE, FILE), option))

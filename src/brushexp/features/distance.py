@@ -9,20 +9,20 @@ from torch import Tensor, nn
 from brushexp.features import open_backbone
 from brushexp.features.base import OPTION, Backbone, mean_squares
 
-# Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures; no people judged it.
+# Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures, without human judgements.
 WEIGHTS = {"stem": 0.42, "b8.expand": 1.13}
 # Added to the squared length of a feature vector: a position without any activation is the zero vector.
 LEAST_SQUARED_LENGTH = 1e-8
 
 
 class Distance(nn.Module):
-    """Perceptual distance between two pictures: 0 if they are equal, about 1 if they are unlike.
+    """Perceptual distance between two pictures: 0 if they are equal, about 1 if they have nothing in common.
 
     Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the difference of feature vectors scaled to
-    length 1, averages over positions and weighs the channels of several taps. With the network ``effl0`` there is one
-    weight per tap instead of one per channel; so it is called effl0, never LPIPS, and the numbers do not compare.
+    length 1, averages over positions and weighs the channels of several taps. The network ``effl0`` has one
+    weight per tap instead of one per channel, so it is called effl0, never LPIPS, and its numbers are not comparable.
 
-    The ``weights`` of each tap are (C,), or (1,) for all of its channels; ``label`` is what logs and metrics call it.
+    The ``weights`` of each tap are (C,), or (1,) for all channels; ``label`` is its name in logs and metrics.
     """
 
     def __init__(self, network: Backbone, weights: Mapping[str, Tensor], label: str) -> None:
@@ -49,14 +49,14 @@ class Distance(nn.Module):
 
 
 def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distance:
-    """Open the distance in the network that comes with the program; a file may have other ``weights`` of it."""
+    """Open the distance in the bundled network, or with other ``weights`` from a file."""
     network = open_backbone("effl0", weights, option)
     return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, "effl0")
 
 
 @torch.no_grad()
 def perceptual_distance(image: Tensor, target: Tensor) -> float:
-    """Measure the distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
+    """Measure the distance of two pictures (3, H, W), sRGB in [0, 1], with the bundled network."""
     return float(_bundled().to(image.device)(image, target))
 
 

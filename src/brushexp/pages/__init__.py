@@ -1,1 +1,1 @@
-"""Pages that people look at: one HTML file each, which holds all it needs and asks nothing of any network."""
+"""HTML pages of runs and sweeps, each a single self-contained file that loads nothing from a network."""

@@ -1,6 +1,6 @@
-"""Compute the drawings of a run's page as plain data: charts for ``run_charts.js``, colours, errors and heights.
+"""Compute the figures of a run's page as plain data: charts for ``run_charts.js``, colours, errors and heights.
 
-A chart has a ``kind``, a ``title``, a ``summary`` for readers without scripts, and what the kind needs.
+A chart has a ``kind``, a ``title``, a ``summary`` for readers without scripts, and the data of its kind.
 """
 
 from collections.abc import Sequence
@@ -16,26 +16,26 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 
-MAX_POINTS = 400  # a line has no more
+MAX_POINTS = 400  # most points of a line
 BINS = 28
-TAIL_QUANTILE = 0.99  # values beyond it share the last bar
+TAIL_QUANTILE = 0.99  # quantile beyond which values share the last bar
 SWATCHES = 12
-SMALLEST_SHARE = 0.002  # rarer colours have no swatch
-COARSE_LEVELS = 31  # swatches are clustered in so many levels of a channel
-SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels: where the scale of an error map may end
-SHARE_ON_SCALE = 0.995  # so large a share of the pixels lies on the scale, at least
-# Magma by Smith and van der Walt (2015), at equal steps: perceptually even, also in grey and for the colour-blind.
+SMALLEST_SHARE = 0.002  # smallest share of a colour with a swatch
+COARSE_LEVELS = 31  # levels per channel in which swatches are clustered
+SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels at which the scale of an error map may end
+SHARE_ON_SCALE = 0.995  # least share of the pixels that lie on the scale
+# Magma by Smith and van der Walt (2015) in equal steps: perceptually uniform, also in grey and for the colour-blind.
 MAGMA = (
     "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
 )  # fmt: skip
-MAP_SIDE = 512  # pixels: longer side of the map of heights
+MAP_SIDE = 512  # pixels on the longer side of the height map
 
 
 def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
-    """Draw a curve over rising ``x``; None if it has no two points that can be drawn."""
-    if len(x) != len(y):  # somebody else has written this table
+    """Chart a curve over increasing ``x``; None if it has fewer than two finite points."""
+    if len(x) != len(y):  # the table may have been edited by others
         return None
     points = np.array([x, y], float)
     points = points[:, np.isfinite(points).all(0)]
@@ -55,7 +55,7 @@ def line_chart(
 
 
 def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None:
-    """Count the strokes by value (N,), >= 0, and mark the median; None without values."""
+    """Chart a histogram of values (N,) >= 0 of the strokes with their median; None without values."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None
@@ -70,7 +70,7 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Draw shares of the strokes' length (N,) by direction (N,) in radians, NaN for none; None without directions."""
+    """Chart the share of stroke length (N,) by direction (N,) in radians, NaN for none; None without directions."""
     directed = np.isfinite(angles) & (lengths > 0)
     if not directed.any():
         return None
@@ -81,7 +81,7 @@ def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | No
         "title": title,
         "summary": f"Directions: most of the length lies near {peak:.0f} degrees",
         "shares": _rounded(shares),
-        "note": "Share of the strokes' length by direction, clockwise from level: 45° falls to the right.",
+        "note": "Share of the strokes' length by direction, clockwise from horizontal: 45° falls to the right.",
     }
 
 
@@ -90,7 +90,7 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
-    """Cluster sRGB colours (N, 3) in CIELAB into at most ``SWATCHES``, dark ones first: ``color``, ``share``."""
+    """Cluster sRGB colours (N, 3) in CIELAB into at most ``SWATCHES``, darkest first: ``color``, ``share``."""
     colors, weights = colors[weights > 0], weights[weights > 0]
     if not len(weights):
         return []
@@ -104,9 +104,9 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]
 
 
 def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-    """Map the mean |difference| of the channels of two pictures (H, W, 3) uint8, in levels of 255.
+    """Map the mean absolute difference over the channels of two pictures (H, W, 3) uint8, in levels of 255.
 
-    ``pixels`` (H, W, 3) uint8 are in the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
+    ``pixels`` (H, W, 3) uint8 use the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
     pixels beyond it, and ``below`` pairs shares of the pixels, in words, with their highest level.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
@@ -127,10 +127,10 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 
 
 def height_map(job: ExportJob) -> dict[str, Any]:
-    """Encode heights for ``light.js``: in pixels of the map they are ``top`` * (256 red + green) / 65535.
+    """Encode heights for ``light.js``: ``top`` * (256 red + green) / 65535, in pixels of the map.
 
     ``light`` is the lamp of the painting, or that of a relief if it has none; ``drawn_as`` names the renderer that
-    stands in for one that is slow to draw.
+    replaces a slow one.
     """
     drawn_as = job.renderer.warm_up
     renderer = job.renderer if drawn_as is None else build_named("renderer", drawn_as, {})

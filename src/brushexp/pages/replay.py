@@ -1,4 +1,4 @@
-"""Pack strokes into few bytes each, from which the canvas of a page draws them again."""
+"""Pack strokes into a few bytes each, so that the canvas of a page can redraw them."""
 
 import base64
 from collections.abc import Mapping
@@ -17,17 +17,17 @@ from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import LATER_FIELDS
 
-MAX_STROKES = 200_000  # browsers can still draw a page of so many
-LEVELS = 65_535  # levels of 16 bits above 0
-FARTHEST_CANVAS_SIDES = 4.0  # canvas sides: farther control points are moved there
-CANVAS_RENDERER = "analytic"  # a canvas can draw its strokes
-Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values, and the range in which they lie
+MAX_STROKES = 200_000  # most strokes that browsers draw smoothly
+LEVELS = 65_535  # largest number of 16 bits
+FARTHEST_CANVAS_SIDES = 4.0  # canvas sides, beyond which control points are clamped
+CANVAS_RENDERER = "analytic"  # the renderer whose strokes a canvas can draw
+Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values and their range
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
-    """Pack strokes, see `pack_strokes`, with their measures and textures; None for more than ``MAX_STROKES``.
+    """Pack strokes (`pack_strokes`) with their measures and textures; None for more than ``MAX_STROKES``.
 
-    ``direction`` is -1 for none, ``layer`` the third of the strokes by area.
+    ``direction`` is -1 for strokes without one, ``layer`` the third of the strokes by area.
     """
     if len(job.strokes) > MAX_STROKES:
         return None
@@ -46,14 +46,14 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 
 
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
-    """Pack what ``strokes.js`` needs of a painting, but for the textures, with columns of what else is known ``about``.
+    """Pack a painting for ``strokes.js``, without textures, with extra columns ``about`` the strokes.
 
-    ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
-    number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
-    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width. Strokes that are drawn
-    as a `Profile` also have ``softness``, in pixels, ``widening`` and ``drift``, each unless all are 0; textured ones
-    half width (``thick``) and opacity (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of
-    its loop, and whether it is flipped; textures are counted as in ``looks``, sorted, None for all of them.
+    ``data`` holds arrays over the strokes, bottom to top, one after another, little-endian, in base64: the number in
+    the catalogue (uint32), then each of ``columns`` (name, values per stroke, lowest and highest value) as fractions of
+    its range (uint16). ``points`` are the control points, ``half`` is half the width. Strokes drawn as a `Profile` also
+    have ``softness`` in pixels, ``widening`` and ``drift``, unless all are 0. Textured strokes have the half width
+    (``thick``) and opacity (``strength``) of their renderer and, in ``texture_of``, the texture, the repeats of its
+    loop, and whether it is flipped; textures are numbered by their place in the sorted ``looks``, None for all of them.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -102,10 +102,10 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 
 
 def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
-    """Pack textures ``looks`` (M,) for a page.
+    """Pack the textures ``looks`` (M,) for a page.
 
-    Texels are in base64, a byte of opacity and one of tone each; ``sheets`` are the first texel, rows, columns, begin
-    and length of the loop in columns, and the half widths beyond which a texture is empty.
+    Texels are in base64, one byte of opacity and one of tone each; ``sheets`` hold the first texel, rows, columns,
+    start and length of the loop in columns, and the half widths beyond which a texture is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
@@ -126,11 +126,11 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def textured_of(job: ExportJob) -> TexturedProfile | None:
-    """Find the places of textures along the strokes, if their renderer has textures."""
+    """Compute how textures lie along the strokes, if their renderer has textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
     """Round numbers in [0, 1] to whole numbers from 0 to ``steps``."""
-    return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves upwards, as in files.to_bytes
+    return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves round up, as in files.to_bytes

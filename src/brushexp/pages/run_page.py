@@ -1,4 +1,4 @@
-"""Write the page of a painting: everything about it in one file."""
+"""Write the page of a painting, with everything about it in one file."""
 
 import json
 import math
@@ -28,43 +28,43 @@ from brushexp.system.status import Status
 from brushexp.system.words import table_of_words
 
 PAGE_NAME = "report.html"
-FILES = {  # the page lists the files of a run in this order
+FILES = {  # files of a run in the order in which the page lists them
     "painting.png": "the painting",
-    "flat.png": "its colours, without the light",
-    "strokes.svg": "its strokes, for Inkscape and the web",
-    "catalogue.h5": "its strokes, to export and to paint on",
+    "flat.png": "the colours without the light",
+    "strokes.svg": "the strokes, for Inkscape and the web",
+    "catalogue.h5": "the strokes, for exports and further painting",
     "timelapse.mp4": "how the strokes moved",
     "timelapse.gif": "how the strokes moved",
     "target.png": "the picture that was painted",
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-OTHERS = {  # pictures beside the painting
-    "style": "the painting whose style this one has",
-    "focus": "where the painting is most like the picture: the brighter, the more",
+OTHERS = {  # pictures shown beside the painting
+    "style": "the painting whose style was transferred",
+    "focus": "the focus: the brighter, the more an error counts",
 }
 NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
-NULL_COUNTS = ("working_resolution",)  # keys whose null is not their default
-LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
-LOSSLESS = 2**18  # pixels of the largest picture that is a PNG; larger ones are JPEGs
+NULL_COUNTS = ("working_resolution",)  # keys whose null differs from their default
+LARGEST_SIDE = 1600  # pixels on the longer side of a picture in a page
+LOSSLESS = 2**18  # pixels of the largest PNG; larger pictures become JPEGs
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
-WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # the picture of the light is encoded so
-FIRST_NUMBERS = (  # they come before the metrics: key in metrics.json, name, unit, digits, meaning
+WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # encoding of the picture of the light
+FIRST_NUMBERS = (  # shown before the metrics: key in metrics.json, name, unit, digits, meaning
     ("n_strokes", "strokes", "", 0, "in the catalogue"),
     ("steps", "steps", "", 0, "of gradient descent"),
     ("seconds", "optimisation", "s", 1, "wall time of the steps"),
-    ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
+    ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, although the target has no lamp"),
 )
 
 
 def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path; wait for a ``film`` at the end."""
+    """Write ``report.html`` into the folder of a run and return its path, waiting for a ``film`` at the end."""
     write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
 
 def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
-    """Make the page of a painting with the curves, the command and the files in the folder of its run."""
+    """Build the page of a painting with the curves, command and files from the folder of its run."""
     image = config_of(finished.job.saved).get("image")
     return run_page(
         finished,
@@ -78,9 +78,9 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
 
 
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
-    """Yield the files of a run without its page: names, addresses from the page, and what they are.
+    """Yield the files of a run except its page: names, addresses relative to the page, and descriptions.
 
-    The first file waits for a ``film`` that is being written.
+    Yielding the first one waits for a ``film`` that is being written.
     """
     wait([] if film is None else [film])
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_LISTED)))
@@ -99,10 +99,10 @@ def run_page(
     files: Iterable[Mapping[str, str]] = (),
     beside: bool = False,
 ) -> str:
-    """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
+    """Build the page of a painting as self-contained HTML, leaving out parts without data.
 
-    ``look`` is the name of one. Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of
-    `files_in`, and ``beside`` says that painting.png lies beside the page.
+    ``look`` is a name. ``curves`` are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` come from
+    `files_in`, and ``beside`` tells whether painting.png lies beside the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -136,14 +136,14 @@ def run_page(
 
 
 def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
-    """Embed a picture (H, W, 3) for the template, with its size before it is shrunk."""
+    """Embed a picture (H, W, 3) for the template, with its size before shrinking."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
     return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
 
 
 def _lead(saved: Saved, look: str) -> str:
-    """Say in words what a painting is: its medium, its strokes and its size."""
+    """Describe a painting in words: its medium, strokes and size."""
     (height, width), count = saved.size, len(saved.strokes)
     medium = table_of_words("look_in_words").get(look, "")
     brush = table_of_words("renderer_in_words").get(saved.renderer, f"drawn by renderer={saved.renderer}")
@@ -154,7 +154,7 @@ def _lead(saved: Saved, look: str) -> str:
 
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     if metrics.get("psnr") is None and metrics.get("l1") == 0:
-        metrics = {**metrics, "psnr": math.inf}  # JSON knows no infinity
+        metrics = {**metrics, "psnr": math.inf}  # JSON has no infinity
     measured = [(key, one.title, one.unit, one.digits, one.about) for key, one in quantities().items() if one.about]
     return [
         {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
@@ -164,7 +164,7 @@ def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
-    """Draw the error map and its legend; None without two pictures of one size."""
+    """Draw the error map and its legend; None unless both pictures have the same size."""
     if painting is None or target is None or painting.shape != target.shape:
         return None
     error = drawings.error_map(painting, target)
@@ -172,10 +172,10 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 
 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Draw PSNR against steps, seconds and strokes, and each loss against steps.
+    """Plot PSNR against steps, seconds and strokes, and each loss against steps.
 
-    The curve by strokes is of a density policy that chooses their number: without the least important ones, which the
-    others do not make up for, and with a hundred more, before steps improve them.
+    The curve by strokes exists if a density policy chose their number. It shows the PSNR without the least important
+    strokes, before others make up for them, and with a hundred more, before steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
@@ -193,7 +193,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """Draw the measures and the colours of the strokes."""
+    """Chart the measures and the colours of the strokes."""
     histograms = [
         ("Length", measures.length, "pixels"),
         ("Width", measures.width, "pixels"),
@@ -205,13 +205,13 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     if setter := sizes_set_by(saved):
         for chart in charts:
             if chart and chart["title"].lower() in SIZE_MEASURES:
-                chart["note"] = f"Set by {setter}: no measure of the picture's own brushwork."
+                chart["note"] = f"Set by {setter}, so it says nothing about the brushwork of the picture."
     charts.append(drawings.rose_chart("Direction", measures.orientation, measures.length))
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())
     lead = (
         f"Half of the {len(measures):,} strokes are longer than {np.median(measures.length):.1f} px and wider than "
-        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % are hidden by later ones."
+        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % of them are hidden by later strokes."
         if len(measures) > 1
         else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
     )
@@ -220,7 +220,7 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
-    """Draw the light on a painting, to lay over its colours; None without a lamp."""
+    """Draw the light on a painting as an overlay for its colours; None without a lamp."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
@@ -228,19 +228,19 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
+    """List dotted keys, their values as a user types them (plugins by name), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
 
 
 def _as_name(key: str, value: str) -> str:
-    """Write the value of a setting: a plugin by its name."""
+    """Write the value of a setting, a plugin by its name."""
     return name_of_target(value, family_of_key(key)) if key.endswith("._target_") else value
 
 
 def line_of(config: Mapping[str, Any]) -> str:
-    """Write all settings as one line that can be typed: plugins by their names, then every key that has a value."""
+    """Write all settings as one command line: plugins by name, then every key that has a value."""
     chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
     words, keys = [], []
     for key, value in config.items():
@@ -256,7 +256,7 @@ def line_of(config: Mapping[str, Any]) -> str:
             or key in ("task", "output", "overwrite", "resume")
         ):
             continue
-        below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a table has the user's keys
+        below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a mapping has keys of the user
         keys.append(f"{'++' * (below in chosen)}{key}={text}")
     return shlex.join(["brushexp", "look=even", *words, *keys])
 

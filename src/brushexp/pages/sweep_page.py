@@ -1,4 +1,4 @@
-"""Write ``report.html`` of a sweep, or of any runs: a table to sort and filter, pictures, and plots."""
+"""Write ``report.html`` for a sweep or any runs: a table to sort and filter, pictures, and plots."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 COST = "seconds"  # metric against which quality is plotted
-MOST_COLUMNS = 4  # settings with a column each; more share one
-CURVE_DIGITS = 4  # after the point
-AREA = 16_000_000  # pixels: of all pictures of a page together
-SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before
-MOST_THUMBNAILS = 4096  # in memory: more than a page holds at its smallest side
+MOST_COLUMNS = 4  # most settings with a column of their own; more share one
+CURVE_DIGITS = 4  # decimals
+AREA = 16_000_000  # pixels of all pictures of a page together
+SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels, each with half the area of the one before
+MOST_THUMBNAILS = 4096  # pictures in memory: more than a page holds at the smallest side
 
 
 def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
-    """Write ``report.html`` of some runs, see `brushexp.results.runs`."""
+    """Write ``report.html`` for a frame of runs (`brushexp.results.runs`)."""
     write_text(folder / "report.html", sweep_page(folder, frame))
     return folder / "report.html"
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """Make the page of at least one run, with pictures in it; names of runs are folders as seen from ``folder``."""
+    """Build the page of at least one run with embedded pictures; runs are named by folder relative to ``folder``."""
     data = _page_data(frame)
     return page(
         "sweep.html.j2",
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Count the paintings of a folder of pictures, or else the runs, and those that failed, in words."""
+    """Count in words the paintings of a folder of pictures, or the runs, and the failed ones."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -65,7 +65,7 @@ def _summary(frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """Collect what the page shows; ``axes`` are settings that vary: key -> value as typed -> value as shown."""
+    """Collect the data of the page; ``axes`` are the varying settings: key -> value as typed -> value as shown."""
     typed = tables.varying_settings(frame)
     axes = {key: {v: name or "not set" for v, name in shorten(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -99,7 +99,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
 
 
 def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], int], side: int) -> list[dict[str, Any]]:
-    """List the runs; ``target`` and ``group`` are their numbers on the page, ``curve`` pairs of seconds and PSNR."""
+    """List the runs; ``target`` and ``group`` are numbers on the page, ``curve`` has pairs of seconds and PSNR."""
     settings, values = frame["setting"].fillna(""), tables.numbers(frame)
     texts = as_text(tables.shown_metrics(frame), digits())
     paths = [PurePath(name).as_posix() for name in frame.index]
@@ -120,10 +120,10 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 
 
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
-    """List the settings that are compared, and the names of what was painted.
+    """List the compared settings and the names of the painted pictures.
 
-    ``picture`` is the number of what was painted, and ``ahead_from`` the second from which on a setting was ahead for
-    the last time, None if it never was.
+    ``picture`` is the number of the painted picture, and ``ahead_from`` the second at which a setting took the lead for
+    the last time, None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds; many settings share one column."""
+    """Tabulate means over seeds, with many settings in one column."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Write the best number of each metric; none where several pictures were painted."""
+    """Write the best value of each metric, or nothing if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -162,7 +162,7 @@ def _best(data: dict[str, Any]) -> dict[str, str]:
 
 
 def _plotted(data: dict[str, Any]) -> dict[str, Any]:
-    """Choose the first plot: ``x`` (a metric, or a setting as ``axis:steps``) and ``y`` (a metric), "" for none.
+    """Choose the initial plot: ``x`` (a metric, or a setting as ``axis:steps``) and ``y`` (a metric), "" for none.
 
     ``xs`` are the choices for ``x``, with names.
     """
@@ -186,7 +186,7 @@ def _plotted(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _script_data(data: dict[str, Any]) -> dict[str, Any]:
-    """Select what the scripts of the page need beside the page, with the number of each value chosen."""
+    """Select the data for the scripts of the page, with the number of each value."""
     filters = data["filters"]
     keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
@@ -201,12 +201,12 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Choose the longer side in pixels of so many pictures: the largest with which all of them keep to ``AREA``."""
+    """Choose the longer side in pixels of ``count`` pictures: the largest that fits all of them into ``AREA``."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 
 def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
-    """Embed a picture at no more than this side, encoded once in a process; None if it cannot be read."""
+    """Embed a picture shrunk to this side, encoded once per process; None if it cannot be read."""
     try:
         state = path.stat()
         return _thumbnail(path.resolve(), state.st_mtime_ns, state.st_size, side)
@@ -216,5 +216,5 @@ def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
 
 @lru_cache(MOST_THUMBNAILS)
 def _thumbnail(path: Path, changed: int, size: int, side: int) -> dict[str, Any]:
-    with open_picture(path) as picture:  # WebP of method 2: half the time of 4, a twentieth more bytes
+    with open_picture(path) as picture:  # WebP method 2 takes half the time of method 4 for a twentieth more bytes
         return embed(picture.convert("RGB"), side, format="WEBP", quality=80, method=2)

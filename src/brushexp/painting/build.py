@@ -1,4 +1,4 @@
-"""Build a painter before its first step from the config of a painting."""
+"""Build a painter from the config of a painting."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -31,9 +31,9 @@ log = logging.getLogger(__name__)
 
 
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
-    """Build the painter of a checked config of ``task=paint``, on the CPU; seed PyTorch's generators before.
+    """Build the painter of a checked config of ``task=paint`` on the CPU, after seeding PyTorch's generators.
 
-    ``target`` (3, H, W) in [0, 1] replaces the picture that ``image`` names, at its own size and in its own colours.
+    ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, keeping its own size and colours.
     """
     sizes = sizes_of(cfg) if target is None else None
     picture = _load(cfg, resolution_of(cfg)) if target is None else target
@@ -51,7 +51,7 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
 
 def target_of(cfg: DictConfig) -> Tensor:
-    """Load the picture (3, H, W) that is painted, in its palette, at the size at which strokes are optimised."""
+    """Load the picture (3, H, W) to paint, in its palette, at the size at which strokes are optimised."""
     return _in_palette(cfg, _load(cfg, resolution_of(cfg)))
 
 
@@ -61,10 +61,10 @@ def _in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
 
 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
-    """Find the faces of a picture (3, H, W) where a painting asks for them: to look at them first, or to lay strokes.
+    """Find the faces of a picture (3, H, W) if the painting uses them for its focus or for strokes.
 
-    A mask adds the faces that it marks. With ``faces=off``, or where all strokes are given and no focus is found, there
-    are none, and no network is loaded.
+    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and no focus is sought, it
+    loads no network and returns none.
     """
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return []
@@ -79,9 +79,9 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
-    """Find what may be eyes of animals in a target (3, H, W), where the found focus is.
+    """Find possible eyes of animals in a target (3, H, W) where its detected focus lies.
 
-    A typed number of strokes is left to the picture: a spot is less sure than a face.
+    A typed number of strokes is reserved for the picture, because spots are less certain than faces.
     """
     if cfg.faces == OFF or cfg.focus != AUTO or cfg.strokes is not None or cfg.catalogue is not None:
         return []
@@ -93,7 +93,9 @@ def _load(cfg: DictConfig, resolution: int | None) -> Tensor:
     if cfg.background == TRANSPARENT:
         target, alpha = load_cutout(cfg.image, resolution)
         if bool((alpha == 1).all()):
-            log.warning("image=%s has no transparent pixels: background=transparent is as mean", cfg.image)
+            log.warning(
+                "image=%s has no transparent pixels, so background=transparent means background=mean", cfg.image
+            )
         return target
     return load_picture(cfg.image, resolution)
 
@@ -146,13 +148,13 @@ def _stroke_optimizer(
 
 
 def clip_of(cfg: DictConfig) -> GradientClip | None:
-    """Read from the options of the Trainer how gradients are clipped; None if they are not."""
+    """Read how gradients are clipped from the options of the Trainer; None if they are not."""
     most, algorithm = cfg.trainer.gradient_clip_val, cfg.trainer.gradient_clip_algorithm
     return None if most is None else GradientClip(most, algorithm or "norm")
 
 
 def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the weights (H, W) of pixels, of mean 1, if ``focus`` is set, and the map that they are made from."""
+    """Compute the weights (H, W) of the pixels, of mean 1, and the map behind them if ``focus`` is set."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target, faces)
@@ -160,7 +162,7 @@ def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
-    """Give the target the colours of the style picture, unless the style takes its own; return both."""
+    """Match the colours of target and style picture as the style loss asks; return both."""
     style = parts.losses[STYLE]
     assert isinstance(style, StyleLoss)
     picture = style.picture(target)

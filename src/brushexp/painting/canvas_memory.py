@@ -1,4 +1,4 @@
-"""Paint a part of the canvas, with the rest as it was last painted."""
+"""Paint a part of the canvas and keep the rest as it was last painted."""
 
 from dataclasses import dataclass
 
@@ -15,19 +15,19 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
-COMPARED_ROWS = 256  # pixel rows of two pictures that are compared at once, to save memory
-MAX_CACHE_BYTES = 2**29  # memory of cached pictures: 16,384 of 64 x 64 pixels
+COMPARED_ROWS = 256  # pixel rows of two pictures compared at a time, to save memory
+MAX_CACHE_BYTES = 2**29  # memory for cached pictures: 16,384 of 64 x 64 pixels
 
 
 @dataclass(eq=False)
 class CanvasMemory:
-    """Paints what a step looks at, and keeps the whole picture up to date with it.
+    """Paints the region that a step looks at, and keeps the whole picture up to date.
 
-    Pixels of the region under strokes that a view neither moves nor draws are those of the whole picture as it was
-    last painted. Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
+    Pixels of the region under strokes that a view neither moves nor draws come from the whole picture as last painted.
+    Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
     """
 
-    picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of a `Picture`
+    picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are as in `Picture`
     target: Tensor
     focus: Tensor | None
     background: Tensor
@@ -37,20 +37,20 @@ class CanvasMemory:
     def __post_init__(self) -> None:
         self.cache = PatchCache(self.renderer)
         self._squares = float(sum_of_squares(self.picture, self.target))
-        self._region: Region | None = None  # the present steps look here
-        self._numbers = torch.empty(0)  # strokes that are drawn in the region
-        self._fixed = torch.empty(0)  # (h, w), bool: pixels of the region that stay
-        self._surroundings: Surroundings | None = None  # they surround the region; None if that is the canvas
+        self._region: Region | None = None  # region of the current steps
+        self._numbers = torch.empty(0)  # numbers of the strokes drawn in the region
+        self._fixed = torch.empty(0)  # (h, w) bool: pixels of the region that do not change
+        self._surroundings: Surroundings | None = None  # surroundings of the region; None if it is the whole canvas
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as it was last painted."""
+        """Mean squared error of the whole picture as last painted."""
         return max(self._squares, 0.0) / self.target.numel()
 
     def paint(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint the region of a view, differentiable in its active strokes; see `Picture.see`."""
+        """Paint the region of a view, differentiably in its active strokes; see `Picture.see`."""
         region, active, ring = view.region, view.active, view.ring
         assert active is not None
         numbers = active if ring is None else torch.cat([active, ring])
@@ -71,7 +71,7 @@ class CanvasMemory:
         return Canvas(image, measures), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
 
     def _turn_to(self, region: Region, numbers: Tensor, strokes: Strokes) -> None:
-        """Look at another region, or at other strokes; the same region keeps the same objects."""
+        """Switch to another region or other strokes; the same region keeps the same objects."""
         is_new = region != self._region
         if is_new:
             whole = region == Region.whole(self.target)
@@ -90,24 +90,24 @@ class CanvasMemory:
 
 
 class PatchCache:
-    """The render image catalogue (thesis 2020, 6.3): caches what a network has drawn of strokes that surround others.
+    """The render image catalogue (thesis 2020, 6.3): caches a network's pictures of surrounding strokes.
 
-    It holds ``most_bytes`` of pictures in 16-bit floats (an error of 1/4096 at most) and drops the oldest first.
-    Renderers of profiles need no cache. The thesis keeps all pictures and replaces them at every step.
+    It holds up to ``most_bytes`` of pictures in 16-bit floats (errors of 1/4096 at most) and drops the oldest first.
+    Renderers of profiles need no cache. The thesis keeps all pictures and updates them at every step.
     """
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
         self.renderer, self.most_bytes = renderer, most_bytes
-        self._pictures: dict[int, Tensor] = {}  # number of a stroke -> (4, side, side), the oldest first
+        self._pictures: dict[int, Tensor] = {}  # number of a stroke -> picture (4, side, side), oldest first
 
     def forget(self, number: Tensor) -> None:
-        """Drop the pictures of strokes number (K,), which have changed."""
+        """Drop the pictures of changed strokes ``number`` (K,)."""
         for key in number.tolist() if self._pictures else ():
             self._pictures.pop(key, None)
 
     @torch.no_grad()
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
-        """Draw K strokes, number (K,) of the painting, without gradient."""
+        """Draw K strokes, ``number`` (K,) of the painting, without gradient."""
         if not isinstance(self.renderer, PatchRenderer):
             return self.renderer(strokes)
         keys = number.tolist()
@@ -132,14 +132,14 @@ def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Compute the corners (N, 2) of a box around all that each stroke may cover; ``edge`` is that of its renderer."""
+    """Compute corners (N, 2) of a box around all pixels that each stroke may cover; ``edge`` is the renderer's."""
     curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 
 @torch.no_grad()
 def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Mark the pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
+    """Mark the pixels (h, w), bool, of a region that lie in the box (`boxes_of`) of any of N strokes."""
     left_top, right_bottom = boxes_of(strokes, edge)
     device = left_top.device
     size = torch.tensor([region.width, region.height], device=device)
@@ -148,7 +148,7 @@ def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
     high = torch.minimum((right_bottom - shift).ceil().long(), size)
     inside = (low < high).all(1)
     low, high = low[inside], high[inside]
-    # Each box adds 1 at two of its corners and -1 at the others; sums over rows and columns count the boxes of a pixel.
+    # Each box adds 1 at two corners and -1 at the others; cumulative sums over rows and columns count boxes per pixel.
     steps = torch.zeros(region.height + 1, region.width + 1, dtype=torch.int32, device=device)
     for x, y, sign in ((low, low, 1), (high, low, -1), (low, high, -1), (high, high, 1)):
         steps.index_put_((y[:, 1], x[:, 0]), steps.new_tensor(sign), accumulate=True)

@@ -1,4 +1,4 @@
-"""Build the parts of a painting: a member of each family that gradient steps need, and the first strokes."""
+"""Build the parts of a painting: a member of each family that gradient steps need, and the initial strokes."""
 
 import logging
 import math
@@ -39,18 +39,18 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
-BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
-BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
-STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
+BYTES_PER_PIXEL = 500  # minimum memory of a painting; blend=tiled takes up to 800
+BYTES_PER_WINDOW_PIXEL = 32  # bytes per pixel: RGBA in 32 bits and its gradient
+STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses added by keys of ``style``
 LONG_MINUTES = 2  # steps that take longer are announced
-MANY_DRAWINGS = 10_000  # drawings of a stroke below which their time is not measured
-PIXELS_OF_A_STROKE = 16  # for each stroke at least, where a density policy chooses their number
-AUTO = "auto"  # value of warm_up that leaves it to the renderer
+MANY_DRAWINGS = 10_000  # number of drawings of a stroke below which their time is not measured
+PIXELS_OF_A_STROKE = 16  # minimum pixels per stroke if a density policy chooses their number
+AUTO = "auto"  # value of warm_up that leaves the choice to the renderer
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A number of gradient steps with one renderer, by its name in messages."""
+    """A number of gradient steps with one renderer, and the renderer's name for messages."""
 
     name: str
     renderer: Renderer
@@ -59,7 +59,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Components:
-    """The parts of a painting: one member of each family, but one renderer for each stage."""
+    """The parts of a painting: one member of each family, and one renderer per stage."""
 
     stages: Sequence[Stage]
     blend: Compositor
@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the defaults of ``task=paint`` from Python, but for the ``chosen`` components."""
+    """Build the default components of ``task=paint`` from Python, except the ``chosen`` ones."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -83,7 +83,7 @@ def standard_components(
 
 
 def build_components(cfg: DictConfig) -> Components:
-    """Build the components that a config names."""
+    """Build the components of a config."""
     others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
     try:
         check_units(others["optimizer"].units)
@@ -94,7 +94,7 @@ def build_components(cfg: DictConfig) -> Components:
 
 
 def build_losses(cfg: DictConfig) -> dict[str, Loss]:
-    """Build the chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    """Build the chosen losses and those that ``style.image`` and ``style.brushwork`` add."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
     losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
     for loss in losses.values():
@@ -107,16 +107,16 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses of one name, and a loss without a reference."""
+    """Refuse (UserError) two losses with one name, and a loss without its reference."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
-            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
+            raise UserError(f"style.{key}={cfg.style[key]} adds the loss {name} itself; drop {name} from loss=...")
     if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
-        raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
+        raise UserError("loss=brushwork needs a painting to compare with; set loss.brushwork.catalogue=catalogue.h5")
 
 
 def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
-    """Build the stages: that of the chosen renderer, after the one that ``warm_up`` asks for, if any."""
+    """Build the stages: a warm-up if ``warm_up`` asks for one, then the chosen renderer."""
     name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
@@ -127,10 +127,10 @@ def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_
 def plan_steps(
     parts: Components, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]
 ) -> Components:
-    """Plan the steps of partial updates of ``strokes`` on a canvas of ``size`` (H, W).
+    """Plan the steps for partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
-    Each stroke moves ``steps_per_stroke`` times in the first stage (None leaves its steps as they are), and as many
-    times as there are steps in a last one, which is that of a slow renderer.
+    Each stroke moves ``steps_per_stroke`` times in the first stage (None keeps the stage's steps), and as many times as
+    a second stage, with a slow renderer, has steps.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -142,7 +142,7 @@ def plan_steps(
 
 
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
-    """Refuse (UserError) a canvas of ``size`` (H, W) or windows of strokes that memory cannot hold."""
+    """Refuse (UserError) a canvas of ``size`` (H, W) or windows of strokes too large for memory."""
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
@@ -153,7 +153,7 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
 
 
 def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
-    """Log beforehand how long the steps of a network that draws each stroke take here, if it is minutes."""
+    """Warn if the steps of a network that draws each stroke will take minutes on this machine."""
     for stage in stages:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
@@ -173,17 +173,17 @@ def first_strokes(
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget.
+    """Load the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; also return the budget.
 
-    Small strokes of the ``features`` come last. They, and those that abstraction leaves the ``faces``, are beside the
-    strokes of the look, but among those of a typed ``strokes``. ``painted`` is the size (H, W) of the painting where
-    the target is a smaller picture of it.
+    Small strokes for ``features`` come last. They, and the strokes that abstraction leaves to ``faces``, are added to
+    the look's own number of strokes, but count towards a typed ``strokes``. ``painted`` is the size (H, W) of the
+    painting if the target is a smaller version of it.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
     if cfg.catalogue is not None:
         if cfg.style.brushwork is not None:
-            log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
+            log.info("the strokes of %s are kept; style.brushwork only acts as a loss on them", cfg.catalogue)
         strokes = load_strokes(Path(cfg.catalogue), (height, width))
         return strokes, stroke_budget(cfg, painted, density, len(strokes))
     n = stroke_budget(cfg, painted, density)
@@ -210,14 +210,14 @@ def first_strokes(
 
 
 def planned_steps(cfg: DictConfig) -> int:
-    """Return the least number of steps of a painting."""
+    """Return the minimum number of steps of a painting."""
     return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
 
 
 def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
-    """Return how many strokes a picture of ``size`` (H, W) may have in the end, of which ``catalogue`` has ``count``.
+    """Return the final number of strokes for a picture of ``size`` (H, W); ``catalogue`` already has ``count`` of them.
 
-    A UserError if the picture is too small for them, or nothing adds the missing ones.
+    A UserError is raised if the picture is too small for them, or if nothing adds the missing ones.
     """
     n = count if cfg.strokes is None else cfg.strokes
     if n is None:
@@ -225,8 +225,8 @@ def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, coun
         n = n if cfg.max_strokes is None else min(n, cfg.max_strokes)
     if count is not None and (n < count or (n > count and density.first(n, planned_steps(cfg)) == n)):
         raise UserError(
-            f"strokes={n}, but {cfg.catalogue} has {count}; drop strokes or catalogue, or let a policy that "
-            "adds strokes come to a larger number: density=adaptive, with enough steps for it"
+            f"strokes={n}, but {cfg.catalogue} has {count}; drop strokes or catalogue, or choose a policy that "
+            "adds strokes, density=adaptive, and enough steps"
         )
     if count is None and n > math.prod(size):
         cure = f"set strokes to {math.prod(size)} at most, or enlarge the picture with resolution"
@@ -235,7 +235,7 @@ def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, coun
 
 
 def load_strokes(path: Path, size: tuple[int, int]) -> Strokes:
-    """Load the strokes of a catalogue, bottom first, scaled to a canvas of ``size`` (H, W)."""
+    """Load the strokes of a catalogue, bottom stroke first, scaled to a canvas of ``size`` (H, W)."""
     saved = load_catalogue(path)
     check_ratio(str(path), saved.size, size, "catalogue")
     return saved.strokes[saved.depth.argsort()].moved(zoom=max(size) / max(saved.size))

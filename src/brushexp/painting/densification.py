@@ -1,4 +1,4 @@
-"""Measure how much each stroke of a painting matters, for the policies that add and remove strokes."""
+"""Measure the importance of each stroke for policies that add and remove strokes."""
 
 from dataclasses import replace
 
@@ -9,17 +9,17 @@ from brushexp.compositing.bands import cuts
 from brushexp.painting.picture import Picture
 from brushexp.strokes.catalogue import Strokes
 
-PROBE_COUNT = 8  # random pictures that estimate a sum of squares, with relative deviation sqrt(2 / PROBE_COUNT)
+PROBE_COUNT = 8  # random pictures to estimate a sum of squares, with a relative deviation of sqrt(2 / PROBE_COUNT)
 
 
 @torch.no_grad()
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
-    """Measure by how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
+    """Measure how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
 
-    The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces), so without one it
-    changes by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). A blend may know both
-    sums (`Blend.importance`). If not, the second is one backward pass for all strokes, and the first is estimated
-    without bias by the square of sum(s * d) for random signs s (Hutchinson, 1990), so the numbers (N,) scatter.
+    The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces). Removing a stroke
+    changes it by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). Some blends compute
+    both sums (`Blend.importance`). Otherwise the second takes one backward pass for all strokes, and the square of
+    sum(s * d) with random signs s is an unbiased estimate of the first (Hutchinson, 1990), so the result (N,) is noisy.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
     place = front_to_back.argsort()

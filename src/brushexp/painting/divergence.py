@@ -1,4 +1,4 @@
-"""Find the plugin that produced the first NaN or Inf, after a step without a finite result."""
+"""Find the plugin that produced the first NaN or Inf after a step without a finite result."""
 
 from typing import Any
 
@@ -13,16 +13,16 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Name what is not finite, and the plugin that made it, by taking the last step again with its ``strokes`` (N,).
+    """Repeat the last step with its N ``strokes``, and name the first non-finite result and the plugin that made it.
 
-    The loss ``wrong``, if any, was not finite in that step.
+    ``wrong`` names the loss that was not finite in that step, if any.
     """
     picture, losses = painter.picture, painter.components.losses
     renderer, blend = name_member("renderer", picture.renderer), name_member("blend", picture.blend.blend)
     moving = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = picture.renderer(moving)
     if (number := broken_layer(layers, len(strokes))) is not None:
-        return f"{renderer} makes stroke {number} of numbers that are not finite"
+        return f"{renderer} draws stroke {number} with numbers that are not finite"
     above = torch.arange(len(strokes), device=strokes.width.device).flip(0)
     image = picture.blend(layers, above, picture.size, picture.background).image
     if not image.isfinite().all():
@@ -40,7 +40,7 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
 
 
 def broken_layer(layers: Layers, count: int) -> int | None:
-    """Find the first of N strokes that is not finite in its tensors, or in what it shows along its curve."""
+    """Find the first of N strokes with a non-finite tensor or a non-finite sample along its curve."""
     index = torch.arange(count, device=layers.curve.device)
     samples = layers.sample(index[:, None], layers.curve) if layers.curve.isfinite().all() else ()
     fields = [value for value in tensors_of(layers) if len(value) == count]
@@ -52,12 +52,12 @@ def broken_layer(layers: Layers, count: int) -> int | None:
 
 
 def tensors_of(layers: Layers) -> list[Tensor]:
-    """List the tensors of real numbers that layers are made of."""
+    """List the floating-point tensors of layers."""
     return [value for value in vars(layers).values() if isinstance(value, Tensor) and value.is_floating_point()]
 
 
 def has_finite_gradient(value: Tensor, inputs: list[Tensor]) -> bool:
-    """Tell whether the gradient of a value is finite in those inputs on which it depends."""
+    """Tell whether a value's gradient is finite in all inputs on which it depends."""
     inputs = [one for one in inputs if one.requires_grad]
     slopes = torch.autograd.grad(value, inputs, allow_unused=True, retain_graph=True) if value.requires_grad else ()
     return all(slope is None or bool(slope.isfinite().all()) for slope in slopes)

@@ -1,4 +1,4 @@
-"""Faces get strokes of their own: small ones for eyes and mouth, and those that abstraction takes elsewhere."""
+"""Lay strokes for faces: small ones for eyes and mouths, and those that abstraction removes elsewhere."""
 
 import math
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ from brushexp.strokes.catalogue import Strokes
 
 EYE_RADIUS = 0.17  # sides of a face
 MOUTH_RADIUS = 0.22  # sides of a face
-UNKNOWN_RADIUS = 0.6  # sides of a face whose eyes and mouth are not known: all of it is drawn
-FLOOR = 120  # small strokes that draw an eye or a mouth
-FLOOR_OF_FACE = 6 * FLOOR  # small strokes that draw a face whose eyes and mouth are not known
-FLOOR_OF_SPOT = 60  # small strokes that draw a spot, which may be the eye of an animal
-RADII_PER_WIDTH = 6.0  # radii of a feature over the width of the broadest stroke that draws it
-THINNEST_STROKE = 1.5  # pixels, width of the smallest strokes that a feature is given
-TYPED_SHARE = 0.5  # of a typed number of strokes, the most that draw features
-MOST_ON_A_FACE = 400  # strokes at most that a face keeps where abstraction takes them elsewhere
-FACE_REACH = 0.85  # sides of a face: how far from its middle they lie
+UNKNOWN_RADIUS = 0.6  # sides of a face whose eyes and mouth are unknown: all of it is drawn
+FLOOR = 120  # small strokes for an eye or a mouth
+FLOOR_OF_FACE = 6 * FLOOR  # small strokes for a face whose eyes and mouth are unknown
+FLOOR_OF_SPOT = 60  # small strokes for a spot, which may be the eye of an animal
+RADII_PER_WIDTH = 6.0  # radius of a feature over the width of the broadest stroke for it
+THINNEST_STROKE = 1.5  # width in pixels of the smallest strokes for a feature
+TYPED_SHARE = 0.5  # largest share of a typed number of strokes for features
+MOST_ON_A_FACE = 400  # most strokes that a face keeps while abstraction removes them elsewhere
+FACE_REACH = 0.85  # sides of a face, largest distance of these strokes from its middle
 IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edges=0.08, shadows=1.0, opacity=1.0)
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A round place, in pixels, that is drawn by ``floor`` small strokes at least: an eye, a mouth, or all of a face.
+    """A round place, in pixels, to be drawn with at least ``floor`` small strokes: an eye, a mouth, or a whole face.
 
-    A small stroke is narrower than the ``radius`` divided by ``fineness``.
+    A small stroke is narrower than ``radius`` divided by ``fineness``.
     """
 
     x: float
@@ -44,16 +44,16 @@ class Feature:
 
     @property
     def floor(self) -> int:
-        """Least number of small strokes: ``most``, or fewer where the place is a few pixels wide."""
+        """Minimum number of small strokes: ``most``, or fewer for a place a few pixels wide."""
         return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
 
     def holds(self, position: Tensor) -> Tensor:
-        """Tell which positions (N, 2) lie in the place, (N,) bool."""
+        """Tell which positions (N, 2) lie in the place: (N,) bool."""
         return (position - position.new_tensor([self.x, self.y])).norm(dim=1) < self.radius
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and the mouth of each face, all of a face that has no landmarks, and spots."""
+    """List the eyes and mouth of each face, the whole of a face without landmarks, and the spots."""
     features = []
     for face in faces:
         if not len(face.landmarks):
@@ -76,7 +76,7 @@ def draw_features(
 ) -> Strokes:
     """Lay small strokes on the features of a target (3, H, W) that have fewer than their floor among ``strokes``.
 
-    They are meant to lie over ``strokes``; there are ``limit`` of them at most, shared in proportion to the floors.
+    They go on top of ``strokes``. There are at most ``limit``, shared in proportion to the floors.
     """
     width = 2 * half_width_of(strokes)
     missing = []
@@ -107,7 +107,7 @@ def draw_feature(
 def face_strokes(
     initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
 ) -> Strokes:
-    """Lay up to `MOST_ON_A_FACE` strokes that ``abstraction`` takes from a face, in a picture of now ``n``."""
+    """Lay up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` took from a face; the picture has ``n`` left."""
     reach = FACE_REACH * face.side
     top, left = max(0, round(face.y - reach)), max(0, round(face.x - reach))
     near = target[:, top : round(face.y + reach), left : round(face.x + reach)].contiguous()

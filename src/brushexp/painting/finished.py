@@ -1,4 +1,4 @@
-"""Keep a finished painting (strokes, pictures and metrics), and write its files."""
+"""Hold a finished painting (strokes, pictures and metrics) and write its files."""
 
 import math
 import time
@@ -38,7 +38,7 @@ from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.runtime import peak_memory
 from brushexp.system.status import UNFINISHED, Status
 
-if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
+if TYPE_CHECKING:  # the page of a painting on disk needs no Lightning
     from brushexp.painting.painting_module import PaintingModule
     from brushexp.painting.timelapse import Timelapse
 
@@ -47,22 +47,22 @@ FASTEST = 1  # compression of a PNG of many megapixels
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished painting, in memory or read from a folder.
+    """A finished painting, from memory or from a folder.
 
-    Pictures are (H, W, 3) uint8: ``painting``, ``target``, and, where there are such, ``flat`` (the painting without
-    the lamp), ``style`` and ``focus``. They have the size at which strokes were optimised, and the job that of the
-    painting, which may be larger.
+    Pictures are (H, W, 3) uint8: ``painting``, ``target`` and, if they exist, ``flat`` (the painting without the lamp),
+    ``style`` and ``focus``. They have the size at which strokes were optimised; the job has the size of the painting,
+    which may be larger.
     """
 
     job: ExportJob
     pictures: Mapping[str, np.ndarray]
     compute_metrics: Callable[[], Mapping[str, Any]]
     timelapse: "Timelapse | None" = None
-    whole: np.ndarray | None = None  # the painting at its own size, where it has been read from a file
+    whole: np.ndarray | None = None  # the painting at its own size, if it was read from a file
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The numbers of metrics.json, computed at first use, because that takes as long as some steps."""
+        """The entries of metrics.json, computed at first use because that takes as long as some steps."""
         return dict(self.compute_metrics())
 
     @cached_property
@@ -74,13 +74,13 @@ class Finished:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the pictures have the size of the painting."""
+        """Tell whether the pictures have the size of the painting."""
         return self.pictures["painting"].shape[:2] == self.job.size
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write pictures of some ``names``, catalogue, SVG and at last ``metrics.json``."""
-        (folder / METRICS_FILE).unlink(missing_ok=True)  # it describes the painting that is being replaced
-        save_catalogue(folder / "catalogue.h5", self.job.saved)  # first: of it all else can be made again
+        """Write the pictures ``names``, the catalogue, the SVG and finally ``metrics.json``."""
+        (folder / METRICS_FILE).unlink(missing_ok=True)  # the old metrics describe the painting that is being replaced
+        save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because everything else can be made from it
         about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
             if name == "painting" and not self.is_whole:
@@ -95,7 +95,7 @@ class Finished:
         write_json(folder / METRICS_FILE, self.metrics | status)
 
     def conclude(self, folder: Path) -> None:
-        """Write into ``metrics.json`` how the painting ended, once all other files are written."""
+        """Add to ``metrics.json`` how the painting ended, after all other files are written."""
         write_json(folder / METRICS_FILE, self.metrics)
 
 
@@ -103,10 +103,10 @@ def finish(
     painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
     provenance: Mapping[str, Any], start: float | None = None,
 ) -> Finished:  # fmt: skip
-    """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
+    """Finish a painting; the lamp affects its pictures, but not its catalogue and metrics.
 
-    ``provenance`` goes into the metrics. ``start`` is `time.monotonic` when the program began; None for a run that was
-    continued.
+    ``provenance`` goes into the metrics. ``start`` is `time.monotonic` at the start of the program; None for a resumed
+    run.
     """
     painter.schedule.pause()
     painter.hand_over()
@@ -141,7 +141,7 @@ def finish(
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
-    """Make the job of a painting that has no strokes yet, from its settings and what draws it."""
+    """Make the export job of a painting that has no strokes yet from its settings and its parts."""
     source = plugin_of(cfg.renderer).name, renderer.weights_hash, cfg.seed, OmegaConf.to_yaml(cfg, resolve=True)
     saved = Saved(Strokes.none(), torch.empty(0, dtype=torch.int32), size, torch.ones(3), *source)
     parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
@@ -149,7 +149,7 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
 
 
 def alpha_from(cfg: DictConfig) -> Tensor | None:
-    """Load the alpha (H, W) uint8 of the picture, if the background is transparent, and any of the picture."""
+    """Load the alpha (H, W) uint8 of the picture if the background and some of its pixels are transparent."""
     if cfg.background != TRANSPARENT:
         return None
     alpha = (255 * load_cutout(cfg.image, resolution_of(cfg))[1]).round().to(torch.uint8)
@@ -157,7 +157,7 @@ def alpha_from(cfg: DictConfig) -> Tensor | None:
 
 
 def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
-    """List what a painting of ``n`` strokes has cost, for metrics.json."""
+    """List the cost of a painting of ``n`` strokes for metrics.json."""
     schedule, seconds = painter.schedule, painter.schedule.seconds
     a_step = seconds / schedule.step if schedule.step else None
     effort: dict[str, object] = {
@@ -172,8 +172,8 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
 
 
 def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) -> dict[str, float]:
-    """Measure the distance of a painting (3, H, W) from the style picture, by each kernel of the style loss."""
-    if cfg.style.image is None or not painter.resumable:  # only painters by steps have a style
+    """Measure the distance of a painting (3, H, W) from the style picture by each kernel of the style loss."""
+    if cfg.style.image is None or not painter.resumable:  # only painters that take gradient steps have a style
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, StyleLoss)
@@ -181,7 +181,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) 
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
-    """Say in one line where the painting is, how many strokes it has, how long it took and how near it is."""
+    """Say in one line where the painting is, its number of strokes, its time and its quality."""
     psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:

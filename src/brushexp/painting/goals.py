@@ -1,4 +1,4 @@
-"""Goals of a run: each ends a stage or the run before its last step, and says why in the ``status`` of metrics.json."""
+"""Goals that end a stage or a run early, and give the reason in the ``status`` of metrics.json."""
 
 import logging
 from collections import deque
@@ -14,22 +14,22 @@ from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 GAIN_EVALUATIONS = 100  # evaluations of the losses between two checks of early_stop
-LAST_STAGE_SHARE = 0.5  # share of the seconds that the last of several stages gets
-RECENT_SHARE = 0.2  # share of a stage's time so far over which its speed is measured
-ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
-RECENT_SECONDS = 0.25  # shortest time over which it is measured
+LAST_STAGE_SHARE = 0.5  # share of the seconds for the last of several stages
+RECENT_SHARE = 0.2  # most recent share of a stage's time over which its speed is measured
+ROUNDING = 1 / 12 / 255**2  # mean squared error of rounding to 8 bits
+RECENT_SECONDS = 0.25  # shortest time over which speed is measured
 
 
 class NoMoreGain(EarlyStopping):
-    """Ends a stage when 100 evaluations no longer gain ``gain`` dB of PSNR (Lightning's EarlyStopping).
+    """Ends a stage when 100 evaluations improve PSNR by less than ``gain`` dB (Lightning's EarlyStopping).
 
-    It counts no epochs, because a step of L-BFGS has several evaluations, and leaves out coarse steps and those
-    with more strokes than there will be.
+    It counts evaluations, not epochs, because a step of L-BFGS has several, and skips coarse steps and those with
+    surplus strokes.
     """
 
     def __init__(self, gain: float) -> None:
         super().__init__("psnr", min_delta=gain, patience=1, mode="max", check_on_train_epoch_end=True)
-        self.last = 0  # evaluations at the last comparison
+        self.last = 0  # number of evaluations at the last comparison
         self.stage = 0
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
@@ -44,7 +44,7 @@ class NoMoreGain(EarlyStopping):
             trainer.should_stop = False
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Do nothing: evaluations count."""
+        """Do nothing, because evaluations count, not epochs."""
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "last": self.last, "stage": self.stage}
@@ -55,14 +55,14 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the picture before the last step has ``psnr`` dB, in 8 bits, by the last stage's renderer."""
+    """Ends the run when the 8-bit picture before the last step reaches ``psnr`` dB with the last stage's renderer."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
-        in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # by the renderer of this stage
+        in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # judged with the renderer of this stage
         if schedule.is_last_stage and in_full and psnr_of(painter.picture.error + ROUNDING) >= self.psnr:
             painter.stop = Status.PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
@@ -73,21 +73,21 @@ class Quality(L.Callback):
 
 
 class TimeBudget(L.Callback):
-    """Fits the number of steps to ``seconds`` of optimisation, so that schedules end with them.
+    """Adapts the number of steps to ``seconds`` of optimisation, so that schedules end in time.
 
-    After every step it plans as many more as fit into the remaining time at the speed of the last fifth of the stage.
+    After every step it plans as many more as fit into the remaining time at the speed of the stage's last fifth.
     The last of several stages gets half of the time; the others share the rest in proportion to their steps.
     """
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self.deadlines: list[float] = []  # seconds at which each stage should end
+        self.deadlines: list[float] = []  # seconds when each stage should end
         self._stage = 0
-        self._since = 0.0  # seconds at which this stage began
+        self._since = 0.0  # seconds when this stage began
         self._recent: deque[tuple[float, int]] = deque()  # (seconds, step) of the last steps of this stage
 
     def on_fit_start(self, trainer: L.Trainer, painter: Any) -> None:
-        """Divide the time, and plan at least one step for each stage."""
+        """Divide the time among the stages and plan at least one step for each."""
         schedule = painter.schedule
         if not self.deadlines:
             ends, rest = schedule.ends, (1 - LAST_STAGE_SHARE) * self.seconds
@@ -118,7 +118,7 @@ class TimeBudget(L.Callback):
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.schedule.step >= painter.schedule.steps and not painter.stop:
             painter.stop = Status.SECONDS_SPENT
-            log.info("seconds=%g are spent after %d steps", self.seconds, painter.schedule.step)
+            log.info("seconds=%g are over after %d steps", self.seconds, painter.schedule.step)
 
     def state_dict(self) -> dict[str, Any]:
         return {"deadlines": self.deadlines}
@@ -128,7 +128,7 @@ class TimeBudget(L.Callback):
 
 
 class SecondsLimit(L.Callback):
-    """Ends the run when ``seconds`` are spent, of painters without a plan of steps."""
+    """Ends the run after ``seconds``, for painters without a plan of steps."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -136,12 +136,12 @@ class SecondsLimit(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if painter.schedule.seconds >= self.seconds and not painter.is_done:
             painter.stop = painter.stop or Status.SECONDS_SPENT
-            log.info("seconds=%g are spent after step %d", self.seconds, painter.schedule.step)
+            log.info("seconds=%g are over after step %d", self.seconds, painter.schedule.step)
 
 
 def goals_of(
     *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
 ) -> list[L.Callback]:
-    """Make the goals of a run; None is no goal. Without a plan of steps none are fitted to the seconds."""
+    """Make the goals of a run; None means no goal. Without a plan, steps are not adapted to the seconds."""
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget if has_plan else SecondsLimit, seconds))
     return [goal(value) for goal, value in goals if value is not None]

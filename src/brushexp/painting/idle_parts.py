@@ -1,4 +1,4 @@
-"""Tell of chosen parts that do nothing, or more than was typed, in the painting at hand."""
+"""Report chosen parts that have no effect on a painting, and steps that nobody typed."""
 
 import logging
 
@@ -11,13 +11,13 @@ log = logging.getLogger(__name__)
 
 
 def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
-    """Log which parts change nothing for ``strokes`` on a canvas of ``size`` (H, W), and steps that nobody typed."""
+    """Log which parts have no effect for ``strokes`` on a canvas of ``size`` (H, W), and steps that nobody typed."""
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):
         log.warning("%s %s", name_member("density", parts.density), reason)
     is_whole = isinstance(parts.sampler, Whole)
     if steps and not is_whole and len(strokes) and parts.sampler.steps_per_round(strokes, size) == 1:
-        told = "moves all %d strokes at each step, as sampler=whole does; it is for more strokes and larger pictures"
+        told = "moves all %d strokes at each step, like sampler=whole; it pays off for more strokes and larger pictures"
         log.warning(f"%s {told}", name_member("sampler", parts.sampler), len(strokes))
     first, *others = parts.stages
     if others and others[-1].steps > first.steps:

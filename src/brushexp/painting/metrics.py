@@ -1,4 +1,4 @@
-"""Measure a finished painting by the chosen metrics."""
+"""Measure a finished painting with the chosen metrics."""
 
 import logging
 import math
@@ -19,13 +19,13 @@ log = logging.getLogger(__name__)
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
-    """Build the chosen metrics by name, and always PSNR."""
+    """Build the chosen metrics by name, always including PSNR."""
     chosen = {name: take_built(node) for name, node in cfg.metric.items()}
     return {"psnr": build_named("metric", "psnr", {})} | chosen
 
 
 def standard_metrics() -> dict[str, Metric]:
-    """Build the metrics that are chosen by default."""
+    """Build the default metrics."""
     return {name: build_named("metric", name, {}) for name in STANDARD}
 
 
@@ -34,11 +34,11 @@ def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,
     *, focus: Tensor | None = None, strokes: Strokes | None = None, job: ExportJob | None = None,
 ) -> dict[str, float | str | None]:  # fmt: skip
-    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by their names in metrics.json.
+    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by name as in metrics.json.
 
     ``job`` draws the first picture, without light and paper.
 
-    A warning names a metric that is not a number.
+    It warns of a metric that is not a number.
     """
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
     comparison = Comparison(image, goal, focus, strokes, job)
@@ -48,6 +48,6 @@ def measure(
             value = metric(comparison)
             if value is not None and math.isnan(value):
                 who = name_member("metric", metric, name)
-                log.warning("%s: it is not a number (NaN) for this painting; metrics.json has null", who)
+                log.warning("%s is not a number (NaN) for this painting; metrics.json has null", who)
             numbers |= {metric.label or name: value, **metric.remarks}
     return numbers

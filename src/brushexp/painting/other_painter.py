@@ -1,4 +1,4 @@
-"""Paintings that a painter makes otherwise than by gradient steps, state after state."""
+"""Run painters that do not take gradient steps, state by state."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 class OtherPainter(PaintingModule):
-    """Shows the states of a painter, one a step, by the renderer of the last stage.
+    """Shows the states of a painter, one per step, with the renderer of the last stage.
 
-    The clock stands still while a state is drawn.
+    The clock stops while a state is drawn.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class OtherPainter(PaintingModule):
         return strokes.map(lambda value: value.to(self.device))
 
     def draw_strokes(self, strokes: Strokes) -> Tensor:
-        """Draw strokes, the lowest first, as a picture (3, H, W); differentiable in those that want a gradient."""
+        """Draw strokes, bottom first, as a picture (3, H, W), differentiably in those that require a gradient."""
         strokes = self._here(strokes)
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
@@ -69,7 +69,7 @@ class OtherPainter(PaintingModule):
         for state in self.painter(request):
             self._check(state)
             yield state
-        yield PaintState(state.strokes, state.step, state.step)  # the painter may end before its plan
+        yield PaintState(state.strokes, state.step, state.step)  # the painter may finish before its planned steps
 
     def configure_optimizers(self) -> Any:
         return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing
@@ -81,7 +81,7 @@ class OtherPainter(PaintingModule):
         self._show(state)
         self.publish()
         optimizer: Any = self.optimizers()
-        optimizer.step()  # for Lightning's count
+        optimizer.step()  # so that Lightning counts steps
         self.schedule.start()
 
     @torch.no_grad()
@@ -100,10 +100,12 @@ class OtherPainter(PaintingModule):
     def _check(self, state: Any) -> None:
         who = name_member("painter", self.painter)
         if not isinstance(state, PaintState):
-            raise UserError(f"{who} yields {type(state).__name__}, not a PaintState; correct the painter")
+            raise UserError(f"{who} yielded {type(state).__name__}, not a PaintState; correct the painter")
         try:
             check_strokes(state.strokes)
         except UserError as error:
-            raise UserError(f"{who} yields strokes of which one is none: {error}; correct the painter") from error
+            raise UserError(f"{who} yielded an invalid stroke: {error}; correct the painter") from error
         if len(state.strokes) > self.n:
-            raise UserError(f"{who} yields {len(state.strokes)} strokes, not {self.n} at most; correct the painter")
+            raise UserError(
+                f"{who} yielded {len(state.strokes)} strokes, but {self.n} are allowed; correct the painter"
+            )

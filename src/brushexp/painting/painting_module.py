@@ -1,4 +1,4 @@
-"""The LightningModule of every painting."""
+"""The base LightningModule of all paintings."""
 
 from __future__ import annotations
 
@@ -22,45 +22,45 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.system.status import Status
 
 STEPS_PER_EPOCH = 100
-LOG_SECONDS = 0.25  # least time between two points of the curves: writing one costs as much as half a step
-# Warnings of Lightning that are unfounded: batches hold nothing to resume, and a checkpoint belongs after its step.
+LOG_SECONDS = 0.25  # shortest time between two points of the curves, because writing one costs half a step
+# Unfounded warnings of Lightning: batches hold nothing to resume, and a checkpoint belongs after its step.
 UNFOUNDED = ".*your dataloader is not resumable|.*checkpoint will contain the model state AFTER optimization"
 
 
 class PaintingModule(L.LightningModule):
-    """Base module of all painters: it counts steps, draws the picture, and logs losses, PSNR and why it ends.
+    """Base module of all painters: counts steps, draws the picture, and logs losses, PSNR and the reason for its end.
 
-    A batch is a bare number: a step itself decides what it looks at, for that depends on the step before. What there is
-    to resume is in the painter's own state.
+    A batch is a bare number, because a step decides for itself what it looks at, depending on the step before. The
+    painter's own state holds everything needed to resume.
     """
 
-    painted: tuple[int, int] | None = None  # height and width of the painting, where the target is smaller
-    resumable = False  # whether an interrupted fit can go on from a checkpoint
-    is_untouched = False  # whether the strokes are those of a catalogue that no step moves
+    painted: tuple[int, int] | None = None  # height and width of the painting if the target is smaller
+    resumable = False  # whether an interrupted fit can continue from a checkpoint
+    is_untouched = False  # whether the strokes come from a catalogue and no step moves them
 
     def __init__(
         self, components: Components, picture: Picture, schedule: Schedule, *, seed: int, changes: Mapping[str, Change]
     ) -> None:
         super().__init__()
-        self.automatic_optimization = False  # more belongs to a step than losses and optimiser
+        self.automatic_optimization = False  # a step consists of more than losses and an optimiser
         self.components, self.picture, self.schedule = components, picture, schedule
-        self.pictures = {"target": picture.target}  # (3, H, W) that the painting is made from, by name
+        self.pictures = {"target": picture.target}  # pictures (3, H, W) that the painting is made from, by name
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
-        self.changes = changes  # by name, in the order in which they apply
+        self.changes = changes  # changes by name, in the order in which they apply
         self.generator = torch.Generator().manual_seed(seed)
-        self.evaluations = 0  # how often losses were evaluated; an optimiser may need several for a step
-        self.stop: Status | None = None  # why the fit ends before its last step
-        self.trouble = ""  # what was not finite in the step that was undone (`Status.DIVERGED`)
+        self.evaluations = 0  # number of evaluations of the losses; an optimiser may need several per step
+        self.stop: Status | None = None  # why the fit ends early
+        self.trouble = ""  # what was not finite in a step that was undone (`Status.DIVERGED`)
         self.anytime: list[Pair] = []
-        self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self.values: dict[str, Tensor] = {}  # what was logged of the last step
+        self.terms: dict[str, Tensor] = {}  # unweighted losses of the last step
+        self.values: dict[str, Tensor] = {}  # values logged for the last step
         self._next_log_seconds = 0.0
 
     @abstractmethod
     def strokes(self) -> Strokes:
-        """Return the present strokes, without gradient; ``depth`` orders them."""
+        """Return the current strokes without gradient; ``depth`` orders them."""
 
     @property
     def renderer(self) -> Renderer:
@@ -68,12 +68,12 @@ class PaintingModule(L.LightningModule):
 
     @property
     def zoom(self) -> float:
-        """Pixels of the painting for one of the target."""
+        """Pixels of the painting per pixel of the target."""
         return 1.0 if self.painted is None else max(self.painted) / max(self.picture.size)
 
     @property
     def is_unready(self) -> bool:
-        """Whether the picture says little of how good it will be: it is smaller, or some of its strokes will go."""
+        """Tell whether the picture does not show the final quality yet, being smaller or having surplus strokes."""
         return False
 
     @property
@@ -83,12 +83,12 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_done(self) -> bool:
-        """Whether all steps are taken."""
+        """Tell whether all steps are taken."""
         return self.schedule.step >= self.schedule.steps
 
     @property
     def progress(self) -> float:
-        """Share of the present stage that is done, 0 to 1."""
+        """Fraction of the current stage that is done, 0 to 1."""
         done, steps = self.schedule.stage_progress
         return done / steps if steps else 1.0
 
@@ -99,7 +99,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def front_to_back(self) -> Tensor:
-        """Indices (N,) of the strokes, the uppermost first."""
+        """Indices (N,) of the strokes, uppermost first."""
         return self.depth.front_to_back.to(self.device)
 
     def draw_whole(self) -> Tensor:
@@ -107,14 +107,14 @@ class PaintingModule(L.LightningModule):
         return self.picture.draw(self.strokes(), self.front_to_back)
 
     def latest(self) -> Tensor:
-        """Return the whole picture as the steps last painted it; draw it before the first step."""
+        """Return the whole picture as last painted by the steps, or draw it before the first step."""
         return self.draw_whole() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
-        """Make the strokes those that a run leaves."""
+        """Turn the strokes into those that the run leaves."""
 
     def now(self, **about: bool) -> PaintingState:
-        """Describe the painting for those who change it; ``about`` are fields that say what the step looks at."""
+        """Describe the painting for changes; ``about`` are fields that say what the step looks at."""
         order = self.components.order
         return PaintingState(
             target=self.picture.target,
@@ -135,9 +135,9 @@ class PaintingModule(L.LightningModule):
 
     @torch.no_grad()
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
-        """Return the strokes that a run leaves as changes end them, and their order, front to back.
+        """Return the final strokes after all changes, and their order, front to back.
 
-        The first N are those of `strokes`, and keep to all limits until others are added.
+        The first N are those of `strokes`, within all limits; others may follow.
         """
         strokes, order = self.strokes(), self.front_to_back
         for change in self.changes.values():
@@ -147,26 +147,26 @@ class PaintingModule(L.LightningModule):
         return strokes, order
 
     def within_limits(self, strokes: Strokes) -> Strokes:
-        """Return what N strokes may be."""
+        """Bring N strokes within the limits of all changes."""
         return strokes
 
     @abstractmethod
     def prepare(self) -> None:
-        """Compile what the steps need."""
+        """Compile the code that steps need."""
 
     def train_dataloader(self) -> range:
         return range(STEPS_PER_EPOCH)
 
     def publish(self) -> None:
-        """Show callbacks the losses, the PSNR of what the step has painted (before its strokes moved) and the seconds.
+        """Publish losses, seconds, and the PSNR of the step's picture (before its strokes moved) to callbacks.
 
-        They stand in ``trainer.callback_metrics``; loggers get some of them from `on_train_batch_end`.
+        They go into ``trainer.callback_metrics``; loggers get some of them from `on_train_batch_end`.
         """
         labels = {name: loss.label or name for name, loss in self.components.losses.items()}
         self.values = {f"loss/{labels[name]}": term for name, term in self.terms.items()}
         numbers = {"psnr": psnr_of(self.picture.error), "seconds": self.schedule.seconds}
         self.values |= {name: torch.tensor(number, dtype=torch.float64) for name, number in numbers.items()}
-        # As Lightning's LearningRateMonitor does it: `self.log` of three values takes a twentieth of a step at 512 px.
+        # As in Lightning's LearningRateMonitor: `self.log` of three values takes a twentieth of a step at 512 px.
         self.trainer.callback_metrics.update(self.values)
 
     def on_fit_start(self) -> None:
@@ -181,7 +181,7 @@ class PaintingModule(L.LightningModule):
         self.trainer.should_stop |= self.is_done
 
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        """Log the first step, the last, and some between, at most four a second."""
+        """Log the first step, the last one, and at most four per second between."""
         seconds = self.schedule.seconds
         every = self.trainer.log_every_n_steps if self._next_log_seconds else 1  # type: ignore[attr-defined]
         if self.is_done or (seconds >= self._next_log_seconds and self.trainer.global_step % every == 0):
@@ -189,7 +189,7 @@ class PaintingModule(L.LightningModule):
             values = {name: float(value) for name, value in self.values.items()}
             add_pair(self.anytime, values["seconds"], values["psnr"])
             for logger in self.loggers:
-                logger.log_metrics(values, self.schedule.step - 1)  # Lightning numbers steps from 0
+                logger.log_metrics(values, self.schedule.step - 1)  # Lightning counts steps from 0
         self.trainer.should_stop |= self.is_done or bool(self.stop)
 
     def on_train_end(self) -> None:

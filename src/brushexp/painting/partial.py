@@ -1,4 +1,4 @@
-"""Update some of the strokes: slice out rows of parameters and of the optimiser's state, and write them back."""
+"""Update a part of the strokes: slice parameters and optimiser state, and write them back."""
 
 import logging
 from collections import defaultdict
@@ -20,11 +20,11 @@ STEP_COUNT = "step"  # name under which optimisers count their steps
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Show an optimiser only strokes number ``rows`` (A,), as a catalogue of their own; None for all of them.
+    """Show an optimiser only the strokes ``rows`` (A,), as a separate catalogue; None for all of them.
 
-    It would otherwise move strokes whose gradient is 0, because their averages go on. Its state of a stroke goes with
-    the stroke if it is one number per parameter, and starts afresh if not (the history of L-BFGS). ``visits`` (N,)
-    counts the steps of each stroke; the optimiser sees their median as its own count.
+    Otherwise its running averages would move strokes whose gradient is 0. The optimiser's state of a stroke is kept if
+    it has one number per parameter, and otherwise starts afresh (the history of L-BFGS). ``visits`` (N,) counts the
+    steps of each stroke; the optimiser sees their median as its own step count.
     """
     if rows is None:
         yield catalogue
@@ -52,13 +52,13 @@ def partial_update(
             group["params"] = olds
     catalogue.put(rows, part)
     if not _write_back(whole, [(old, state.get(new, {})) for old, new in pairs], rows) and not visits.any():
-        log.info("%s cannot remember single strokes: each step begins afresh", type(optimizer).__name__)
+        log.info("%s keeps no state per stroke, so each step starts afresh", type(optimizer).__name__)
     visits[rows] += 1
 
 
 @torch.no_grad()
 def _write_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]], rows: Tensor) -> bool:
-    """Write the state of some strokes into that of all, if all of it is one number per parameter."""
+    """Write the state of some strokes into that of all, if it has one number per parameter."""
     if not all(_has_shapes(state, (len(rows), *old.shape[1:])) for old, state in states):
         return False
     for old, state in states:
@@ -85,5 +85,5 @@ def _slice_state(state: dict[str, Any], steps: int, rows: Tensor, old: Tensor) -
 
 
 def unwrap_optimizer(optimizer: Any) -> optim.Optimizer:
-    """Return PyTorch's optimiser below the one that Lightning passes."""
+    """Return PyTorch's optimiser inside Lightning's wrapper."""
     return optimizer.optimizer if isinstance(optimizer, LightningOptimizer) else optimizer

@@ -1,4 +1,4 @@
-"""Paint the picture of the strokes (all of it, a smaller one, or the part that a view shows), and order them."""
+"""Order strokes and paint their picture: whole, smaller, or the part that a view shows."""
 
 import math
 from typing import Any
@@ -20,18 +20,18 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.precision import at_least_single
 
-COARSE_ZOOM = 0.5  # size of the picture of the coarse steps, in sizes of the canvas
+COARSE_ZOOM = 0.5  # size of the picture of coarse steps relative to the canvas
 
 
 class Picture(nn.Module):
-    """Paints what a step looks at, and keeps the whole picture as it was last painted, with its error.
+    """Paints what a step looks at, and keeps the whole picture as last painted, with its error.
 
-    Steps may `aim` at another target, or paint on another ground, than the painting's own.
+    Steps may `aim` at another target or paint on another ground than the painting's own.
     """
 
     own_target: Tensor  # (3, H, W) in [0, 1]
     own_background: Tensor  # (3,) colour of the bare canvas
-    focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
+    focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
 
     def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Compositor) -> None:
         super().__init__()
@@ -39,25 +39,25 @@ class Picture(nn.Module):
         self.register_buffer("own_background", background, persistent=False)
         self.register_buffer("focus", focus, persistent=False)
         self.blend = blend
-        self._aim: tuple[Tensor, Tensor] | None = None  # target and ground of the steps; None for its own
-        self.renderer: Renderer  # draws the strokes; set before the first picture
+        self._aim: tuple[Tensor, Tensor] | None = None  # target and ground of the steps; None for the painting's own
+        self.renderer: Renderer  # renderer of the strokes, set before the first picture
         self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
-        self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
+        self._last: Tensor | None = None  # the picture, possibly a smaller one, if the last step looked at all of it
         self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
-        self._error: float | None = math.inf  # of the last picture; None until somebody asks
+        self._error: float | None = math.inf  # error of the last picture; None until it is needed
 
     @property
     def target(self) -> Tensor:
-        """What the steps aim at (3, H, W)."""
+        """Current target of the steps (3, H, W)."""
         return self.own_target if self._aim is None else self._aim[0]
 
     @property
     def background(self) -> Tensor:
-        """The colour (3,) of the bare canvas, as the steps have it."""
+        """Colour (3,) of the bare canvas during the steps."""
         return self.own_background if self._aim is None else self._aim[1]
 
     def aim(self, target: Tensor, background: Tensor) -> None:
-        """Let the next steps aim at another target (3, H, W), on a ground of another colour (3,)."""
+        """Make the next steps aim at another target (3, H, W) on a ground of another colour (3,)."""
         is_other = target is not self.target
         is_own = target is self.own_target and background is self.own_background
         self._aim = None if is_own else (target, background)
@@ -72,7 +72,7 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as it was last painted; a small one is enlarged."""
+        """Mean squared error of the whole picture as last painted; a smaller one is enlarged first."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
@@ -83,7 +83,7 @@ class Picture(nn.Module):
 
     @property
     def last(self) -> Tensor | None:
-        """The whole picture (3, H, W) as it was last painted; None before the first step."""
+        """The whole picture (3, H, W) as last painted; None before the first step."""
         if self.memory is not None:
             return self.memory.picture.to(self.target.device)
         return None if self._last is None else self._enlarge(self._last)
@@ -95,7 +95,7 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, *, coarse: bool) -> tuple[Tensor, Tensor | None]:
-        """Return target and focus, or, for coarse steps, those of half the size by means over areas."""
+        """Return target and focus, for coarse steps averaged to half the size."""
         if not coarse:
             return self.target, self.focus
         if self._small is None:
@@ -106,12 +106,12 @@ class Picture(nn.Module):
         return self._small
 
     def show(self, picture: Tensor) -> None:
-        """Take over a whole picture (3, H, W) as the last one."""
+        """Set the last picture to a whole picture (3, H, W)."""
         self._last, self._error, self.memory = picture, None, None
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
-        """Draw the whole picture (3, H, W) of strokes, without gradient."""
+        """Draw the whole picture (3, H, W) without gradient."""
         image = torch.empty_like(self.target)
         for top, band in bands(strokes, front_to_back, self.size, self.background, self.renderer, self.blend):
             image[:, top : top + band.shape[1]] = band
@@ -120,9 +120,9 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint what a view shows of N ``strokes``, with gradient in the active ones, ``moving``.
+        """Paint what a view shows of N ``strokes``, differentiably in the active ones, ``moving``.
 
-        ``accuracy`` measures that of the active strokes, too.
+        With ``accuracy``, also measure the accuracy of the active strokes.
         """
         if view.active is None:
             return self._see_whole(moving, front_to_back, view.coarse, accuracy)
@@ -141,27 +141,27 @@ class Picture(nn.Module):
         return canvas, PaintedView(canvas.image, target, strokes, focus=focus)
 
     def forget_strokes(self, rows: Tensor | None) -> None:
-        """Forget what was drawn of strokes number ``rows``, which have changed."""
+        """Drop the cached pictures of changed strokes ``rows``."""
         if self.memory is not None and rows is not None:
             self.memory.cache.forget(rows)
 
     def memory_of(self, picture: Tensor) -> CanvasMemory:
-        """Make a memory of a whole picture (3, H, W)."""
+        """Make a canvas memory from a whole picture (3, H, W)."""
         return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 
     def forget(self) -> None:
-        """Forget the memory: the strokes are others now, or another renderer draws them."""
+        """Drop the canvas memory, because the strokes or their renderer have changed."""
         if self.memory is not None:
             self._error, self.memory = self.memory.error, None
 
 
 class Depth:
-    """Orders N strokes by depth, every few steps."""
+    """Orders N strokes by depth every few steps."""
 
     def __init__(self, order: Order) -> None:
         self.order = order
-        self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, the uppermost first
-        self.accuracy: Tensor | None = None  # (N,) as it was last measured, see `Order.depth`
+        self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, uppermost first
+        self.accuracy: Tensor | None = None  # (N,) accuracy as last measured, see `Order.depth`
 
     @torch.no_grad()
     def renew(self, strokes: Strokes) -> None:
@@ -169,7 +169,7 @@ class Depth:
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: int) -> None:
-        """Remove strokes where ``keep`` (N,) is false, and add ``new`` ones on top; the others keep their order."""
+        """Remove strokes where ``keep`` (N,) is false, add ``new`` ones on top, and keep the order of the others."""
         before = self.front_to_back.to(keep.device)  # after a fit, Lightning leaves the strokes on the processor
         stay = before[keep[before]]
         added = torch.arange(len(stay), len(stay) + new, device=stay.device).flip(0)
@@ -178,12 +178,12 @@ class Depth:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Tell whether this step has to measure accuracy: before a renewal, and for a part of the strokes always."""
+        """Tell whether this step has to measure accuracy: before a new order, and always for partial updates."""
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 
     def note_accuracy(self, accuracy: Tensor | None, rows: Tensor | None, n: int) -> None:
-        """Take over the accuracy of strokes number ``rows`` of ``n``, all for None, where it is not NaN."""
+        """Record the accuracy of strokes ``rows`` of ``n`` (None for all) where it is not NaN."""
         if accuracy is None:
             return
         if self.accuracy is None:

@@ -1,4 +1,4 @@
-"""Reopen a catalogue: with the renderer, colour space, paper and lamp that it was painted with, or others."""
+"""Reopen a catalogue with its own renderer, colour space, paper and lamp, or with others."""
 
 import logging
 import math
@@ -25,10 +25,10 @@ def export_job(
     saved: Saved, renderer: Renderer | None = None, blend: Blend | None = None, *, resolution: int | None = None,
     source: str = "",
 ) -> ExportJob:  # fmt: skip
-    """Make a job of a saved painting, in the colour space, on the paper and under the lamp that its settings name.
+    """Make an export job from a saved painting with the colour space, paper and lamp of its settings.
 
-    Without ``renderer``, ``blend`` and ``resolution`` (pixels of the longer side) it has the renderer and the size that
-    it was painted with, and ``blend=tiled``; titles name ``source``, a file or picture.
+    By default it keeps the painting's renderer and size and uses ``blend=tiled``; ``renderer``, ``blend`` and
+    ``resolution`` (pixels on the longer side) replace them. Titles name ``source``, a file or picture.
     """
     side = resolution or max(saved.size)
     if side > LARGEST_SIDE_PIXELS:
@@ -39,19 +39,19 @@ def export_job(
 
 
 def renderer_of(saved: Saved) -> Renderer:
-    """Build the renderer that a catalogue was made with by its name, because a file must not name code to run."""
+    """Build the renderer of a catalogue by its registered name, because a file must not name code to run."""
     return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and make it that of the catalogue."""
+    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and record it in the catalogue."""
     if chosen is None:
         try:
             name, renderer = saved.renderer, renderer_of(saved)
         except UserError as error:
             raise UserError(
                 f"{path} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
-                "or draw it with another one: renderer=analytic"
+                "or draw it with renderer=analytic"
             ) from error
     else:
         name, renderer = plugin_of(chosen).name, build(chosen)
@@ -74,18 +74,18 @@ def space_of(saved: Saved) -> ColorSpace:
 
 
 def _member_of(saved: Saved, family: str) -> Any:
-    """Build the member of a family that a catalogue names: a registered one, because a file must not name code."""
+    """Build the member of a family that a catalogue names; only registered ones, because a file must not name code."""
     node = recorded_settings(saved).get(family)
     if not node:
         return None
     if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node), family).family != family:
-        cure = f"write {family}: {{}} there for that of old catalogues"
+        cure = f"write {family}: {{}} there for the default of old catalogues"
         raise UserError(f"{family} is {in_short(node)} in the config of the catalogue; {cure}")
     return build(plain_config(node), family=family)
 
 
 def light_of(saved: Saved) -> Light:
-    """Read the lamp that a catalogue was painted under; none where its settings do not name one."""
+    """Read the lamp of a catalogue; None if its settings do not name one."""
     options = recorded_settings(saved).get("light") or {}
     if not isinstance(options, dict):
         raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")
@@ -98,7 +98,7 @@ def light_of(saved: Saved) -> Light:
 
 
 def recorded_settings(saved: Saved) -> dict[str, Any]:
-    """Read the settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
+    """Read the settings of a catalogue; options of its renderer are below ``renderer``."""
     try:
         settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})
@@ -106,5 +106,7 @@ def recorded_settings(saved: Saved) -> dict[str, Any]:
             raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")
         plain_config(options)
     except UserError as error:
-        raise UserError(f"the config of the catalogue cannot be read ({error}); mend it, or make it empty") from error
+        raise UserError(
+            f"the config of the catalogue cannot be read ({error}); correct it, or make it empty"
+        ) from error
     return {**settings, "renderer": {str(key): value for key, value in options.items() if str(key)[:1] != "_"}}

@@ -1,4 +1,4 @@
-"""Count the steps and stages of a painting, and its seconds; record its quality over time."""
+"""Count the steps, stages and seconds of a painting, and record its quality over time."""
 
 import math
 import time
@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
-MAX_PAIRS = 200  # most (seconds, PSNR) that a run keeps
+MAX_PAIRS = 200  # most pairs (seconds, PSNR) that a run keeps
 
 Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
 
 
 class Schedule:
-    """Counts the steps of stages that follow one another; goals move their ends.
+    """Counts the steps of consecutive stages, whose ends goals may move.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -22,12 +22,12 @@ class Schedule:
     """
 
     def __init__(self, steps: Sequence[int]) -> None:
-        self.ends = list(accumulate(steps))  # step at which each stage is over
-        self.step = 0  # steps that are done
+        self.ends = list(accumulate(steps))  # step at which each stage ends
+        self.step = 0  # steps taken
         self.clock: Callable[[], float] = time.monotonic  # seconds of wall time
         self.cpu_clock: Callable[[], float] = time.process_time  # seconds of all threads of this process
-        self._seconds = self._cpu_seconds = 0.0  # in fits that are over
-        self._since: tuple[float, float] | None = None  # both clocks at the beginning of the present fit
+        self._seconds = self._cpu_seconds = 0.0  # seconds of earlier fits
+        self._since: tuple[float, float] | None = None  # both clocks at the start of the current fit
 
     @property
     def steps(self) -> int:
@@ -35,7 +35,7 @@ class Schedule:
 
     @property
     def stage(self) -> int:
-        """Number of the present stage; the last one after the last step."""
+        """Number of the current stage; after the last step, the last one."""
         return min(bisect_right(self.ends, self.step), len(self.ends) - 1)
 
     @property
@@ -44,30 +44,30 @@ class Schedule:
 
     @property
     def stage_progress(self) -> tuple[int, int]:
-        """Steps of the present stage: those that are done, and all of them."""
+        """Steps of the current stage: those taken, and all of them."""
         stage = self.stage
         begin = self.ends[stage - 1] if stage else 0
         return self.step - begin, self.ends[stage] - begin
 
     @property
     def seconds(self) -> float:
-        """Wall time in the fits until now."""
+        """Wall time of all fits so far."""
         return self._seconds + (0.0 if self._since is None else self.clock() - self._since[0])
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of all threads in the fits until now."""
+        """CPU time of all threads in all fits so far."""
         return self._cpu_seconds + (0.0 if self._since is None else self.cpu_clock() - self._since[1])
 
     def start(self) -> None:
-        """Start the clocks, until `pause`."""
+        """Start the clocks, which run until `pause`."""
         self._since = self.clock(), self.cpu_clock()
 
     def pause(self) -> None:
         self._seconds, self._cpu_seconds, self._since = self.seconds, self.cpu_seconds, None
 
     def end_stage(self) -> bool:
-        """Skip the rest of the present stage; False if it is the last one."""
+        """Skip the rest of the current stage; False if it is the last one."""
         if self.is_last_stage:
             return False
         stage, (done, steps) = self.stage, self.stage_progress
@@ -75,7 +75,7 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Change the present stage so that there are so many steps in all; it ends now at the earliest.
+        """Change the end of the current stage so that there are ``steps`` in all; it ends now at the earliest.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30
@@ -97,10 +97,10 @@ class Schedule:
 
 
 def add_pair(curve: list[Pair], seconds: float, psnr: float, *, most: int = MAX_PAIRS) -> None:
-    """Add a finite PSNR to a curve, in place of the last one if it is of the same time.
+    """Add a finite PSNR to a curve, replacing the last one if it has the same time.
 
-    Of more than ``most`` pairs, the one goes whose triangle with its two neighbours is smallest (Visvalingam and
-    Whyatt, 1993): bends stay, straight pieces need few pairs. The first and the last one always stay.
+    Above ``most`` pairs, the one whose triangle with its two neighbours is smallest is removed (Visvalingam and Whyatt,
+    1993): bends stay, straight parts need few pairs. The first and the last pair always stay.
     """
     if not math.isfinite(psnr):
         return

@@ -1,4 +1,4 @@
-"""Optimise strokes by gradient steps, as a LightningModule."""
+"""Optimise strokes by gradient steps in a LightningModule."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -31,24 +31,24 @@ from brushexp.system.earlier import todays_loops
 from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
-SHAPE = ("start", "control", "end", "width")  # fields that losses of strokes alone look at
-CHANGE_PIXELS = 0.01  # largest change of a stroke by a renderer that the log does not count
+SHAPE = ("start", "control", "end", "width")  # fields that losses of strokes alone depend on
+CHANGE_PIXELS = 0.01  # largest change by a renderer that the log ignores
 
 
 @dataclass(frozen=True)
 class GradientClip:
-    """Clips gradients before a step, by their ``norm`` or each ``value``."""
+    """Clips gradients before a step by their ``norm`` or by each ``value``."""
 
     most: float
     algorithm: str = "norm"
 
 
 class StrokeOptimizer(PaintingModule):
-    """Moves strokes until the picture matches the target, step by step (`take_step`); renderers stay frozen.
+    """Moves strokes step by step (`take_step`) until the picture matches the target; renderers stay frozen.
 
     When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
-    first steps, the share ``coarse`` of the first stage, look at the whole picture at half its size; meanwhile no
-    strokes come or go.
+    first steps, a fraction ``coarse`` of the first stage, see the whole picture at half its size; no strokes are added
+    or removed meanwhile.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -63,7 +63,7 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.global_step, painter.draw_whole().shape
     (3, torch.Size([3, 24, 32]))
 
-    The losses alone, in a loop and with an optimiser of one's own:
+    The losses alone, in a loop of your own with your own optimiser:
 
     >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
     >>> for _ in range(3):
@@ -73,8 +73,8 @@ class StrokeOptimizer(PaintingModule):
     """
 
     resumable = True
-    visits: Tensor  # (N,) steps that each stroke has taken
-    stage: int  # number of the one whose renderer draws the strokes
+    visits: Tensor  # (N,) steps taken by each stroke
+    stage: int  # number of the stage whose renderer draws the strokes
 
     def __init__(
         self,
@@ -83,15 +83,15 @@ class StrokeOptimizer(PaintingModule):
         target: Tensor,  # (3, H, W) in [0, 1]
         background: Tensor,  # (3,) colour of the bare canvas
         *,
-        seed: int,  # it decides everything random in the steps
-        focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
-        budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
-        psnr: float | None = None,  # dB for which a density policy that chooses their number looks for strokes
-        is_timed: bool = False,  # whether seconds decide how many steps there are
+        seed: int,  # source of all randomness in the steps
+        focus: Tensor | None = None,  # (H, W) weights of the pixels in the losses, of mean 1; None for equal weights
+        budget: int | None = None,  # final number of strokes for the density policy; None for the current number
+        psnr: float | None = None,  # dB that a density policy which chooses their number aims at
+        is_timed: bool = False,  # whether a time limit decides the number of steps
         coarse: float = 0.0,
         clip: GradientClip | None = None,
         changes: Mapping[str, Change] = MappingProxyType({}),
-        painted: tuple[int, int] | None = None,  # height and width of the painting; None for those of the target
+        painted: tuple[int, int] | None = None,  # height and width of the painting; None for the size of the target
         is_untouched: bool = False,  # whether the strokes are those of a catalogue that no step moves
     ) -> None:
         picture, schedule = (
@@ -120,7 +120,7 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def title(self) -> str:
-        """Label of the progress bar, for each stage."""
+        """Label of the progress bar, one per stage."""
         stages = self.components.stages
         return f"painting with {stages[self.schedule.stage].name}" if len(stages) > 1 else "painting"
 
@@ -130,7 +130,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Return what strokes may be: number ``rows``, as they were ``before`` the step, or all of them without one."""
+        """Bring strokes ``rows``, which were ``before`` a step, or all strokes within the limits of all changes."""
         state = self.now(is_over=self.is_handed_over or self.stop is not None)
         for change in self.changes.values():
             strokes = change.limit(strokes, before, rows, state)
@@ -142,7 +142,7 @@ class StrokeOptimizer(PaintingModule):
         return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
     def training_step(self, batch: int, batch_idx: int) -> None:
-        """Take a step with the optimiser, learning rate, precision and counters of a Trainer."""
+        """Take a step with the optimiser, learning rate, precision and counters of the Trainer."""
         optimizer: Any = self.optimizers()
         schedule: Any = self.lr_schedulers()
         self.take_step(optimizer, self.manual_backward)
@@ -156,9 +156,9 @@ class StrokeOptimizer(PaintingModule):
     def take_step(self, optimizer: optim.Optimizer, backward: Callable[[Tensor], None] = Tensor.backward) -> None:
         """Take one gradient step: sample a view, render, compare, backward, step, clamp, densify.
 
-        ``optimizer``, that of `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step
-        after which strokes or a loss are not finite is undone, and `stop` and `trouble` say so; one that fails is
-        undone, too.
+        ``optimizer``, from `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step that
+        makes strokes or a loss non-finite is undone, and `stop` and `trouble` say so; a step that raises an error is
+        undone too.
         """
         plain_optimizer = unwrap_optimizer(optimizer)
         if self.schedule.stage != self.stage:
@@ -198,10 +198,10 @@ class StrokeOptimizer(PaintingModule):
         self.schedule.step += 1
         if not view.coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
             self._densify(plain_optimizer)
-        self.picture.aim(self.picture.target, self.picture.own_background)  # on which the picture is shown
+        self.picture.aim(self.picture.target, self.picture.own_background)  # the ground on which the picture is shown
 
     def _aim(self, view: View) -> None:
-        """Ask the changes what the step aims at, and on which ground."""
+        """Ask the changes for the target and ground of the step."""
         target, ground = self.picture.own_target, self.picture.own_background
         state = self.now(is_whole=view.active is None, is_coarse=view.coarse)
         for change in self.changes.values():
@@ -209,23 +209,23 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(target, ground)
 
     def sample(self) -> View:
-        """Choose which strokes the next step moves, and where it looks."""
+        """Choose which strokes the next step moves and where it looks."""
         return View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample_at_full_size()
 
     def _sample_at_full_size(self) -> View:
         return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
 
     def loss(self, view: View, active: Strokes | None = None) -> Tensor:
-        """Paint what a view shows and compare it with the target: one number, differentiable in its active strokes.
+        """Paint what a view shows and compare it with the target: a scalar, differentiable in its active strokes.
 
-        These are rows of the catalogue unless they are given.
+        The active strokes are rows of the catalogue unless they are given.
         """
         loss, terms = self._evaluate(view, active)
         self.terms = {name: term.detach() for name, term in terms.items()}
-        return loss if loss.requires_grad else loss.requires_grad_()  # of no strokes
+        return loss if loss.requires_grad else loss.requires_grad_()  # there are no strokes
 
     def _evaluate(self, view: View, active: Strokes | None = None) -> tuple[Tensor, dict[str, Tensor]]:
-        """Compute the objective, and each loss unweighted."""
+        """Compute the objective and each loss unweighted."""
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
         if active is None:
@@ -236,7 +236,7 @@ class StrokeOptimizer(PaintingModule):
         return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
-        """Say what is not finite after a step of strokes that were ``before``; nothing if all is well."""
+        """Say what is not finite after a step that moved the strokes ``before``; "" if everything is finite."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
         return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
@@ -249,7 +249,7 @@ class StrokeOptimizer(PaintingModule):
                 self.schedule.replan(update.steps)
 
     def _seen(self, image: Tensor) -> DensificationState:
-        """Describe the painting, which looks like ``image`` (3, H, W), to the density policy."""
+        """Describe the painting, with its picture ``image`` (3, H, W), to the density policy."""
         picture, schedule = self.picture, self.schedule
         return DensificationState(
             image=image,
@@ -266,23 +266,23 @@ class StrokeOptimizer(PaintingModule):
         )
 
     def _judged(self) -> Tensor:
-        """Measure how important each stroke is (N,)."""
+        """Measure the importance (N,) of each stroke."""
         return importance(self.strokes(), self.front_to_back, self.picture, self.generator)
 
     def _revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         self.catalogue.revise(keep, self.renderer.convert(new), optimizer)
         self.depth.revise(keep, len(new))
         self.picture.forget()
-        # New strokes count as often moved as the oldest: the optimiser counts their steps together.
+        # New strokes count as moved as often as the oldest, because the optimiser counts their steps together.
         visits = self.visits.new_full((len(new),), int(self.visits.max()) if len(self.visits) else 0)
         self.visits = torch.cat([self.visits[keep], visits])
 
     def prepare(self) -> None:
-        """Evaluate the losses once, with gradient, and restore the state: the clock must not count compilation.
+        """Evaluate the losses once with gradient, then restore the state, so that the clock does not count compilation.
 
-        Losses whose gradient reaches no stroke are told, or refused (UserError).
+        Losses whose gradient reaches no stroke are reported or refused (UserError).
         """
-        check_strokes(self.strokes())  # a checkpoint may have given them
+        check_strokes(self.strokes())  # a checkpoint may have restored them
         state, losses = deepcopy(self.state()), self.components.losses
         view = self._sample_at_full_size()
         loss, terms = self._evaluate(view)
@@ -299,21 +299,21 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Hand the strokes, no more than were asked for, to the last renderer."""
+        """Convert the strokes for the last renderer, dropping surplus ones."""
         self.is_handed_over = True
         self.picture.aim(self.picture.own_target, self.picture.own_background)
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
-        if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy took it away
+        if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy removed them
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
         if self.components.density.chooses_number:
             self.components.density.conclude(self._seen(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
-        """Return what steps depend on beside the strokes and the optimiser, as plain data."""
+        """Return everything that steps depend on, except strokes and optimiser, as plain data."""
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),
@@ -331,7 +331,7 @@ class StrokeOptimizer(PaintingModule):
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Take over what `state` gave; the strokes follow, into a catalogue that now has their number."""
+        """Load the result of `state`, and resize the catalogue for the strokes that will be loaded next."""
         device = self.picture.target.device
         self._use_stage(state["stage"])
         self.catalogue.resize(len(state["visits"]))
@@ -382,7 +382,7 @@ class StrokeOptimizer(PaintingModule):
         self.visits.zero_()
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self.components.optimizer.share(0.0)
-            if STEP_COUNT in group:  # where pytorch_optimizer counts
+            if STEP_COUNT in group:  # where pytorch_optimizer counts steps
                 group[STEP_COUNT] = 0
 
     def _convert(self) -> None:
@@ -395,14 +395,14 @@ class StrokeOptimizer(PaintingModule):
         changed = int((torch.maximum(points, thickness) > CHANGE_PIXELS).sum())
         if changed or stage:
             log.info(
-                "step %d: switching to renderer %s; %d of %d strokes were converted to what it can draw",
+                "step %d: switching to renderer %s; %d of %d strokes were converted to strokes it can draw",
                 self.schedule.step, self.components.stages[stage].name, changed, len(strokes),
             )  # fmt: skip
 
 
 @contextmanager
 def undone_if_it_fails(catalogue: Catalogue) -> Iterator[Strokes]:
-    """Yield the strokes of a catalogue as they are, and restore them if an error ends ``with``."""
+    """Yield the strokes of a catalogue, and restore them if an error ends the ``with`` block."""
     with torch.no_grad():
         before = catalogue()
     try:

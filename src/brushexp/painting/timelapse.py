@@ -1,4 +1,4 @@
-"""Film a painting while it is made: a short video, or a GIF."""
+"""Film a painting while it is made, as a short video or GIF."""
 
 import io
 import math
@@ -19,26 +19,26 @@ from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, filming
 from brushexp.system.files import to_bytes
 
 JPEG_QUALITY = 92
-FPS = 15  # frames per second where no length is chosen
-MIN_FPS = 10  # least frames per second: longer ones are repeated, because players seek badly in slow videos
-HOLD_SECONDS = 1.5  # time for which the finished painting stays
+FPS = 15  # frames per second if no length is chosen
+MIN_FPS = 10  # minimum frames per second: longer frames are repeated, because players seek badly in slow videos
+HOLD_SECONDS = 1.5  # seconds for which the finished painting stays
 
 
 class Timelapse(L.Callback):
-    """Collects compressed frames during the steps, also in the checkpoint, and makes them a film.
+    """Collects compressed frames during the steps, keeps them in checkpoints, and turns them into a film.
 
-    There are about ``n_frames`` of at most ``side`` pixels, which take ``seconds`` in all (None for ``FPS`` frames a
-    second) before the last one stays for ``HOLD_SECONDS``.
+    About ``n_frames`` frames of at most ``side`` pixels take ``seconds`` in all (None for ``FPS`` frames per second);
+    then the last one stays for ``HOLD_SECONDS``.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:
         least = n_frames / MOST_FPS
         if seconds is not None and not least <= seconds <= MOST_SECONDS:
             choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"
-            raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
+            raise UserError(f"timelapse_seconds={seconds:g} does not fit; choose {choices}")
         self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
         self.frames: dict[int, bytes] = {}  # step -> JPEG
-        self._step = -1  # the last one that was looked at
+        self._step = -1  # the last step whose picture was considered
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if not callable(value)}  # Lightning adds methods
@@ -50,12 +50,12 @@ class Timelapse(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule, before = painter.schedule, self._step
         self._step = schedule.step
-        steps = range(before + 1, schedule.step + 1)  # a state of a painter may be many steps after the last
+        steps = range(before + 1, schedule.step + 1)  # a state of a painter may come many steps after the last one
         if self.n_frames and not moments(self.n_frames, schedule.steps).isdisjoint(steps):
             self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:
-        """Keep a picture (3, H, W) in [0, 1]; a second one of the same step takes the place of the first."""
+        """Keep a picture (3, H, W) in [0, 1]; a second one of the same step replaces the first."""
         if self.n_frames:
             encoded = io.BytesIO()
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
@@ -96,12 +96,12 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
 
 
 def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
-    """Compute the ticks per second of a film, and how many each frame lasts, so that all take ``seconds``."""
+    """Compute the ticks per second of a film and the ticks of each frame, so that all frames take ``seconds``."""
     if seconds is None:
         return Fraction(FPS), 1
     ticks = math.ceil(MIN_FPS * seconds / n_frames)
     rate = ticks * n_frames / Fraction(seconds).limit_denominator(1000)
-    return min(rate, Fraction(MOST_FPS)), ticks  # a run of a given time may have some more frames
+    return min(rate, Fraction(MOST_FPS)), ticks  # a run with a time limit may have some more frames
 
 
 def shrink(image: Tensor, side: int) -> Image.Image:

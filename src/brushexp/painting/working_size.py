@@ -1,4 +1,4 @@
-"""Choose the size at which strokes are optimised: what their number needs, where a photograph has more pixels."""
+"""Choose the size at which strokes are optimised: what their number needs, if the photograph has more pixels."""
 
 import logging
 import math
@@ -15,34 +15,34 @@ from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
 from brushexp.strokes.storage import load_catalogue
 
-AUTO = "auto"  # working_resolution by the number of strokes
-PIXELS_PER_STROKE = 80  # of the working picture, at least: `benchmarks/photographs.py --pixels`
-SMALLEST_SIDE = 1024  # pixels of the longer side: smaller pictures are optimised whole
-SMALLEST_SHORT_SIDE = 256  # pixels of the other side, so that a panorama keeps its rows
-WORTH_IT = 1.5  # times as long a side has to be to be shrunk: else little time is saved
-LARGEST_PAINTING = 50_000_000  # pixels: of a picture with more, the painting has as many
+AUTO = "auto"  # value of working_resolution: by the number of strokes
+PIXELS_PER_STROKE = 80  # minimum pixels of the working picture per stroke: `benchmarks/photographs.py --pixels`
+SMALLEST_SIDE = 1024  # pixels on the longer side below which pictures are optimised at full size
+SMALLEST_SHORT_SIDE = 256  # minimum pixels on the other side, so that a panorama keeps its rows
+WORTH_IT = 1.5  # ratio of sides from which shrinking saves enough time
+LARGEST_PAINTING = 50_000_000  # most pixels of a painting
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Height and width in pixels of a painting, and of the picture on which its strokes are optimised."""
+    """Height and width in pixels of a painting and of the picture on which its strokes are optimised."""
 
     painting: tuple[int, int]
     working: tuple[int, int]
 
     @property
     def zoom(self) -> float:
-        """Pixels of the painting for one of the working picture."""
+        """Pixels of the painting per pixel of the working picture."""
         return max(self.painting) / max(self.working)
 
 
 def sizes_of(cfg: DictConfig) -> Sizes:
-    """Choose both sizes for the settings of a painting of one picture; a UserError if they fit no picture or strokes.
+    """Choose both sizes for the settings of a painting, or refuse (UserError) sizes too small for the strokes.
 
-    A ``resolution`` that is set is that of both, as are the picture's own pixels where ``working_resolution`` is null,
-    and for other painters than gradient descent, whose brushes are measured in pixels.
+    Both have the ``resolution`` if it is set. Both have the picture's own size if ``working_resolution`` is null, and
+    for painters other than gradient descent, whose brushes are measured in pixels.
     """
     typed, is_other = cfg.working_resolution, isinstance(keep_built(cfg.painter), Painter)
     if typed not in (None, AUTO) and is_other:
@@ -64,7 +64,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
 
 
 def tell_of_sizes(cfg: DictConfig) -> None:
-    """Log that strokes are optimised on a smaller picture, and that a painting has fewer pixels than its picture."""
+    """Log if strokes are optimised on a smaller picture, or if a painting has fewer pixels than its picture."""
     sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     (height, width), (rows, columns) = sizes.painting, sizes.working
     if sizes.painting != sizes.working:
@@ -76,14 +76,14 @@ def tell_of_sizes(cfg: DictConfig) -> None:
 
 
 def resolution_of(cfg: DictConfig) -> int | None:
-    """Return the longer side at which the picture of a painting is loaded; None for all of its pixels."""
+    """Return the longer side at which the picture of a painting is loaded; None for its full size."""
     working = sizes_of(cfg).working
     is_whole = working == size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     return cfg.resolution if is_whole else max(working)
 
 
 def _side_for(strokes: int, painting: tuple[int, int]) -> int:
-    """Compute the longer side of the picture on which so many strokes are optimised.
+    """Compute the longer side of the picture on which this number of strokes is optimised.
 
     >>> _side_for(8000, (3000, 4000)), _side_for(40000, (3000, 4000)), _side_for(8000, (1080, 1440))
     (1024, 2066, 1440)

@@ -1,1 +1,1 @@
-"""Pictures of every kind -> tensors: decoding, colour, size. Nothing here knows of strokes."""
+"""Turn picture files of all kinds into tensors: decoding, colour, size. Nothing here depends on strokes."""

@@ -1,4 +1,4 @@
-"""Forms of a picture become flat, as a painter sees them who leaves things out."""
+"""Flatten the forms of a picture, as a painter does who leaves out detail."""
 
 import torch
 from torch import Tensor
@@ -8,7 +8,7 @@ FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 
 def flattened(picture: Tensor, weight: float) -> Tensor:
-    """Flatten forms of a picture (3, H, W) and keep their edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
+    """Flatten the forms of a picture (3, H, W) but keep edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
     from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
 
     if not weight:
@@ -18,7 +18,7 @@ def flattened(picture: Tensor, weight: float) -> Tensor:
 
 
 def simplified(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
-    """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, but where it is attended to, (H, W) from 0 to 1."""
+    """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where it is ``attended``, (H, W) from 0 to 1."""
     if not abstraction:
         return picture
     flat = flattened(picture, FLATNESS * abstraction)

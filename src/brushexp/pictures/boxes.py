@@ -1,4 +1,4 @@
-"""The boxes of files (ISO/IEC 14496-12) are walked, and what they declare of a picture is found (ISO/IEC 23008-12)."""
+"""Walk the boxes of a file (ISO/IEC 14496-12) and find what they declare about a picture (ISO/IEC 23008-12)."""
 
 import math
 import struct
@@ -19,13 +19,13 @@ Property = tuple[bytes, bytes]  # name and contents of a box
 
 
 def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
-    """Yield the names of the boxes of a file of ``size`` bytes, and where each ends; None where it does not say."""
+    """Yield the name and end of each box of a file of ``size`` bytes; the end is None if the box does not state it."""
     for name, _, end in _places(file, size):
         yield name, end
 
 
 def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None]]:
-    """Yield name, place of the contents, and end of each box."""
+    """Yield the name, start of the contents, and end of each box."""
     at = 0
     for _ in range(MOST_BOXES):
         if at >= size:
@@ -43,9 +43,9 @@ def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None
 
 
 def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
-    """List what a HEIF or AVIF file declares of the picture that is shown, in the order in which it applies.
+    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order in which they apply.
 
-    The picture is the primary item; of a file with the brand ``avis``, which moves, it is the track of pictures.
+    The picture is the primary item or, in an animated file (brand ``avis``), the track of pictures.
     """
     found = _read_boxes(file, size, (b"ftyp", b"meta", b"moov"))
     of_track = _of_track(found.get(b"moov", b""), PICTURES) if found.get(b"ftyp", b"")[:4] == b"avis" else []
@@ -53,14 +53,14 @@ def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
 
 
 def properties_of_film(file: IO[bytes], size: int) -> list[Property]:
-    """List what an MP4 or QuickTime file declares of the pictures of its first video."""
+    """List the properties that an MP4 or QuickTime file declares for its first video track."""
     return _of_track(_read_boxes(file, size, (b"moov",)).get(b"moov", b""), VIDEO)
 
 
 def clean_aperture_in(properties: list[Property], width: int, height: int) -> Crop | None:
-    """Find the rows and columns that the box ``clap`` shows of a picture of this size (ISO/IEC 14496-12, 12.1.4).
+    """Find the visible rows and columns of a picture of this size from its box ``clap`` (ISO/IEC 14496-12, 12.1.4).
 
-    A rectangle that does not lie in the picture counts for nothing.
+    A rectangle outside the picture is ignored.
     """
     said = next((contents for name, contents in properties if name == b"clap"), b"")
     if len(said) < APERTURE.size:
@@ -75,7 +75,7 @@ def clean_aperture_in(properties: list[Property], width: int, height: int) -> Cr
 
 
 def _span(side: int, length: Fraction, offset: Fraction) -> slice | None:
-    """Find the pixels of a side that a clean aperture shows, whose middle is ``offset`` from that of the picture."""
+    """Find the visible pixels of a side for a clean aperture whose middle is ``offset`` from that of the picture."""
     first, count = math.floor((side - length) / 2 + offset), round(length)
     return slice(first, first + count) if count > 0 and 0 <= first <= side - count else None
 
@@ -91,7 +91,7 @@ def _read_boxes(file: IO[bytes], size: int, names: tuple[bytes, ...]) -> dict[by
 
 
 def _parts(data: bytes) -> Iterator[Property]:
-    """Yield name and contents of the boxes in memory."""
+    """Yield the name and contents of the boxes in memory."""
     at = 0
     for _ in range(MOST_BOXES):
         length = int.from_bytes(data[at : at + 4])
@@ -105,14 +105,14 @@ def _parts(data: bytes) -> Iterator[Property]:
 
 
 def _part(data: bytes, *names: bytes) -> bytes:
-    """Find the contents of a box inside a box inside ...; none if it is not there."""
+    """Find the contents of a nested box by the names on its path; empty if it does not exist."""
     for name in names:
         data = next((contents for other, contents in _parts(data) if other == name), b"")
     return data
 
 
 def _of_track(movie: bytes, wanted: bytes) -> list[Property]:
-    """List the properties in the description of the pictures of the first track of a kind."""
+    """List the properties in the sample description of the first track of a kind."""
     for name, track in _parts(movie):
         kind = _part(track, b"mdia", b"hdlr")[FULL_BOX + 4 :][:4]
         if name == b"trak" and kind == wanted:
@@ -122,7 +122,7 @@ def _of_track(movie: bytes, wanted: bytes) -> list[Property]:
 
 
 def _of_primary_item(meta: bytes) -> list[Property]:
-    """Look up the properties that the primary item is associated with."""
+    """Look up the properties associated with the primary item."""
     chosen = _part(meta, b"pitm")
     number = int.from_bytes(chosen[FULL_BOX : FULL_BOX + (4 if chosen[:1] > b"\0" else 2)])
     known = [*_parts(_part(meta, b"iprp", b"ipco"))]
@@ -134,7 +134,7 @@ def _of_primary_item(meta: bytes) -> list[Property]:
 
 
 def _associations(links: bytes) -> dict[int, list[int]]:
-    """Read which properties, counted from 1, each item has (ISO/IEC 23008-12, 9.3.1)."""
+    """Read the numbers, from 1, of the properties of each item (ISO/IEC 23008-12, 9.3.1)."""
     of_item = 4 if links[:1] > b"\0" else 2  # bytes of an item's number
     wide = links[3:4] != b"" and bool(links[3] & 1)
     found: dict[int, list[int]] = {}

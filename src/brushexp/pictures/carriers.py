@@ -1,4 +1,4 @@
-"""What a picture file says of its colours is found: an ICC profile, numbers of a standard, or a camera's setting."""
+"""Find what a picture file says about its colours: an ICC profile, numbers of a standard, or a camera setting."""
 
 import os
 import struct
@@ -36,7 +36,7 @@ ICC_METHODS = (b"\2", b"\3")  # of a JPEG 2000 "colr" box: its rest is a profile
 
 
 def colors_of(picture: Image.Image) -> Colors:
-    """Find out what the numbers of a picture mean, before it is decoded; the strongest word of its file counts."""
+    """Find the colour encoding of a picture before it is decoded, from the most authoritative statement of its file."""
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
@@ -47,9 +47,9 @@ def colors_of(picture: Image.Image) -> Colors:
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read the EXIF data of a picture, none if they are damaged; an error of its decoder is raised.
+    """Read the EXIF data of a picture, empty if they are damaged; errors of its decoder are raised.
 
-    Pillow decodes a PNG to find those behind its pixels, and what it then loads again after an error is black.
+    Pillow decodes a PNG to find EXIF data after its pixels; if it loads the picture again after an error, it is black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -60,7 +60,7 @@ def exif_of(picture: Image.Image) -> Image.Exif:
 
 @contextmanager
 def place_kept(file: IO[bytes]) -> Iterator[None]:
-    """Let a file be read elsewhere, and go back to where it was."""
+    """Restore the position of a file after reading elsewhere."""
     place = file.tell()
     try:
         yield
@@ -69,7 +69,7 @@ def place_kept(file: IO[bytes]) -> Iterator[None]:
 
 
 def head_of(picture: Image.Image) -> bytes:
-    """Read the first bytes of the file of a picture; none if it is closed."""
+    """Read the first bytes of a picture's file; empty if it is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -80,7 +80,7 @@ def head_of(picture: Image.Image) -> bytes:
 
 
 def declared_in_boxes(picture: Image.Image) -> list[Property]:
-    """Read what the boxes of a HEIF or AVIF declare of the picture that is shown; nothing if its file is closed."""
+    """Read the properties that HEIF or AVIF boxes declare for the visible picture; empty if its file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -89,7 +89,7 @@ def declared_in_boxes(picture: Image.Image) -> list[Property]:
 
 
 def _of_png(head: bytes, picture: Image.Image) -> Colors:
-    """Follow the order of the PNG specification (third edition): cICP, iCCP, sRGB, gAMA with cHRM."""
+    """Read the colours of a PNG in the order of precedence of its specification: cICP, iCCP, sRGB, gAMA with cHRM."""
     numbers = next((data for name, data in chunks_of(head) if name == b"cICP" and len(data) == 4), None)
     if numbers is not None:
         return encoding_of(numbers[0], numbers[1])
@@ -113,7 +113,7 @@ def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _of_others(head: bytes, picture: Image.Image) -> Colors:
-    """Read what Pillow leaves unread in files of other formats."""
+    """Read the colour information that Pillow ignores in other formats."""
     if picture.format in IN_BOXES:
         said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
         primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
@@ -135,7 +135,7 @@ def _profile_in_jp2(head: bytes) -> bytes | None:
 
 
 def _of_exif(exif: Image.Exif) -> Encoding | None:
-    """Read what a camera was set to (Exif 2.32 and DCF 2.0), or the corners and the white that a file gives."""
+    """Read the colour setting of a camera (Exif 2.32 and DCF 2.0), or primaries and white point of the file."""
     shot = exif.get_ifd(SHOT)
     space, index = shot.get(COLOR_SPACE), str(exif.get_ifd(INTEROPERABILITY).get(INTEROPERABILITY_INDEX, ""))
     if space == ADOBE or (space in (UNCALIBRATED, None) and index.startswith("R03")):

@@ -1,4 +1,4 @@
-"""Colours of pictures are matched to another picture, converted to CIELAB, and reduced to a few inks."""
+"""Match the colours of pictures, convert them to CIELAB, and reduce them to a few inks."""
 
 import warnings
 
@@ -18,8 +18,8 @@ def recolor(picture: Tensor, like: Tensor) -> Tensor:
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
     analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances, so that A S A =
-    S_like. Differs: in the roots a variance counts as one grey level at least, and no direction is spread more than 8
-    times, so that even pictures stay finite and their noise small.
+    S_like. Differs: in the roots a variance counts as at least one grey level, and no direction is spread more than 8
+    times, so that uniform pictures stay finite and their noise small.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)
@@ -42,10 +42,10 @@ def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def palette(lab: Array, weight: Array, count: int) -> Array:
-    """Find the inks (K <= count, 3) that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
+    """Find the best inks (K <= count, 3) to draw a picture with, by k-means in CIELAB (Lloyd, 1982).
 
-    ``weight`` (N,) >= 0 is how much of the picture has each of the colours ``lab`` (N, 3). Inks are added one after the
-    other where the error is largest, so that nothing is random and no further ink makes the error larger.
+    ``weight`` (N,) >= 0 is the share of the picture with each of the colours ``lab`` (N, 3). Inks are added one by one
+    where the error is largest, so the result is deterministic and no ink increases the error.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:
@@ -60,12 +60,12 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
 
 
 def nearest_ink(lab: Array, inks: Array) -> Array:
-    """Find the number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
+    """Find the number (N,) of the nearest of K inks (K, 3) for each colour (N, 3)."""
     return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
-    """Move inks to the mean of the colours drawn with them."""
+    """Iterate moving inks to the mean of the colours drawn with them."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
@@ -78,7 +78,7 @@ def _settled(lab: Array, weight: Array, inks: Array) -> Array:
 
 
 def hex_of(color: Array) -> str:
-    """Write a colour (3,) in [0, 1] as ``#rrggbb``; halves go upwards, as in `to_bytes`."""
+    """Write a colour (3,) in [0, 1] as ``#rrggbb``; halves round up, as in `to_bytes`."""
     return "#" + (np.nan_to_num(color).clip(0, 1) * 255 + 0.5).astype("u1").tobytes().hex()
 
 

@@ -1,4 +1,4 @@
-"""Numbers of a file that are not sRGB become sRGB, by the primaries and the curve that the file names (ITU-T H.273)."""
+"""Convert the numbers of a file to sRGB by the primaries and transfer curve it names (ITU-T H.273)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,15 +35,15 @@ SAME_WITHIN = 0.002  # coordinates and exponents that are nearer than this were 
 
 @dataclass(frozen=True)
 class Encoding:
-    """What the numbers of a picture mean: chromaticities (x, y) of red, green, blue and white, and the curve."""
+    """Colour encoding of a picture: chromaticities (x, y) of red, green, blue and white, and the transfer curve."""
 
     primaries: tuple[tuple[float, float], ...]
     curve: Curve
 
     def to_srgb(self, picture: Array) -> Array:
-        """Convert a picture (H, W, 3), uint8 or in [0, 1], to sRGB of the same dtype; what is brighter is clipped.
+        """Convert a picture (H, W, 3), uint8 or in [0, 1], to sRGB of the same dtype, clipping brighter values.
 
-        The white of the primaries becomes that of sRGB (Bradford), so that grey stays grey.
+        The white point is adapted to that of sRGB (Bradford), so that grey stays grey.
         """
         matrix = (np.linalg.inv(_to_xyz(BT709)) @ _adapted(self.primaries[3]) @ _to_xyz(self.primaries)).T
         result = np.empty_like(picture)
@@ -66,19 +66,19 @@ def decode_srgb(value: Array) -> Array:
 
 
 def gamma(exponent: float) -> Curve:
-    """Make the curve of a power."""
+    """Make the curve of a power law."""
     return lambda value: value**exponent
 
 
 def decode_pq(value: Array) -> Array:
-    """Compute light of the perceptual quantizer (SMPTE ST 2084, BT.2100), in units of the reference white."""
+    """Decode the perceptual quantizer (SMPTE ST 2084, BT.2100) to light in units of the reference white."""
     m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 32, 3424 / 4096, 2413 / 128, 2392 / 128
     power = value ** (1 / m2)
     return 10_000 / WHITE_NITS * (np.maximum(power - c1, 0) / (c2 - c3 * power)) ** (1 / m1)
 
 
 def decode_hlg(value: Array) -> Array:
-    """Compute light of hybrid log-gamma (BT.2100) on a screen of 1000 nits, in units of the reference white."""
+    """Decode hybrid log-gamma (BT.2100) on a 1000-nit screen to light in units of the reference white."""
     a, b, c = 0.17883277, 0.28466892, 0.55991073
     scene = np.where(value <= 0.5, value**2 / 3, (np.exp((value - c) / a) + b) / 12)
     luminance = scene @ np.array([0.2627, 0.6780, 0.0593], np.float32)
@@ -98,28 +98,28 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding of these numbers of H.273; what they leave unsaid is sRGB, or BT.2020 with HLG and PQ."""
+    """Choose the encoding for these numbers of H.273; unspecified parts are sRGB, or BT.2020 with HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
 
 def unless_srgb(encoding: Encoding) -> Encoding | None:
-    """Return an encoding, or None if it is that of sRGB, so that no bit of such pictures changes.
+    """Return an encoding, or None if it is sRGB, so that no bit of such pictures changes.
 
-    Chromaticities of standard video before BT.709 count as those of sRGB, as players show them.
+    Chromaticities of standard video before BT.709 count as sRGB, because players show them so.
     """
     near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding
 
 
 def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> Array:
-    """Compute the matrix (3, 3) from light of red, green and blue to CIE XYZ with white at Y = 1."""
+    """Compute the matrix (3, 3) from linear RGB to CIE XYZ with white at Y = 1."""
     columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
     white = columns[:, 3] / columns[1, 3]
     return columns[:, :3] * np.linalg.solve(columns[:, :3], white)
 
 
 def _adapted(white: tuple[float, float]) -> Array:
-    """Compute the matrix (3, 3) of XYZ that turns a white into that of sRGB (Lam, 1985, "Bradford")."""
+    """Compute the matrix (3, 3) in XYZ that adapts a white point to that of sRGB (Lam, 1985, "Bradford")."""
     ours, theirs = (BRADFORD @ np.array([x / y, 1, (1 - x - y) / y]) for x, y in (D65, white))
     return np.linalg.inv(BRADFORD) @ np.diag(ours / theirs) @ BRADFORD

@@ -1,4 +1,4 @@
-"""Title, author, rights and date of a picture file are kept in what is painted after it; where it was taken, never."""
+"""Carry title, author, rights and date of a picture file over to its painting, but never where it was taken."""
 
 import io
 import os
@@ -33,9 +33,9 @@ SRGB = (b"sRGB", b"\0")  # a chunk
 
 
 def credits_of(image: str) -> dict[str, str]:
-    """Read what a picture file says of itself by the keywords of PNG; nothing if it says nothing that can be read.
+    """Read the credits of a picture file under the keywords of PNG; empty if there are none that can be read.
 
-    The text of a PNG counts before XMP, EXIF and IPTC. For a catalogue the ``painting.png`` beside it speaks.
+    Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue has the credits of its ``painting.png``.
     """
     found: dict[str, str] = {}
     path = Path(os.path.expanduser(image))
@@ -50,7 +50,7 @@ def credits_of(image: str) -> dict[str, str]:
 
 
 def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
-    """Yield names and data of the PNG chunks that say sRGB and the entries of `credits_of`, as text and as EXIF."""
+    """Yield the names and data of PNG chunks for sRGB and for the entries of `credits_of`, as text and as EXIF."""
     yield SRGB
     for name, text in entries.items():
         yield b"iTXt", name.encode() + b"\0\0\0\0\0" + text.encode("utf-8", "replace")
@@ -63,7 +63,7 @@ def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
 
 
 def write_credited(path: Path, pixels: np.ndarray, entries: Mapping[str, str]) -> None:
-    """Write a PNG of bytes (H, W, 3 or 4), sRGB, with the entries of `credits_of`."""
+    """Write a PNG from bytes (H, W, 3 or 4), sRGB, with the entries of `credits_of`."""
     about, encoded = PngImagePlugin.PngInfo(), io.BytesIO()
     options: dict[str, Any] = {"pnginfo": about, **PNG}
     for name, data in chunks_about(entries):
@@ -109,7 +109,7 @@ def _of_xmp(picture: Image.Image) -> dict[str, Any]:
 
 
 def _plain(text: Any) -> str:
-    """Make one line of letters of a text, a list or bytes, and of other things none."""
+    """Convert a text, a list or bytes to one line of printable text; other values become empty."""
     if isinstance(text, list | tuple):
         return ", ".join(filter(None, map(_plain, text)))[:LONGEST_ENTRY]
     if isinstance(text, bytes):

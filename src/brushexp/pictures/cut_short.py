@@ -1,4 +1,4 @@
-"""A picture whose file ends too soon is painted as far as it goes, or refused where much of it is missing."""
+"""Decode truncated picture files as far as they go, or refuse them if much is missing."""
 
 import io
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.boxes import MOST_BOXES, boxes
 from brushexp.pictures.tiff_directories import MAGIC, first_directory
 
-SOME_MISSING = "is cut short: its file ends before the picture does; get the whole file"
+SOME_MISSING = "is truncated: the file ends before the picture does; get the whole file"
 END_OF_JPEG = b"\xff\xd9"
 LAST_MARKS = {  # first bytes of a file -> what comes last in it, and what comes before that for the last time
     b"\xff\xd8": (END_OF_JPEG, b"\xff\xda"),  # a thumbnail has an end of its own, before the picture begins
@@ -31,7 +31,7 @@ JPEG_FILL = 128  # grey level of what a JPEG lacks; in other formats 0
 
 
 def has_end(path: Path) -> bool | None:
-    """Test whether the file of a picture goes as far as it says; None where its format, or the file, says nothing."""
+    """Test whether the file of a picture is complete; None if its format or the file does not tell."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)
@@ -50,21 +50,21 @@ def has_end(path: Path) -> bool | None:
 
 
 def _tiff_fits(path: Path, size: int) -> bool | None:
-    """Test whether the strips or tiles of a TIFF lie within it; None if it does not say how long they are."""
+    """Test whether the strips or tiles of a TIFF lie within the file; None if their lengths are not stated."""
     first = first_directory(path)
     end = None if first is None else first.end_of_data()
     return False if first is None else None if end is None else end <= size
 
 
 def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
-    """Test whether the boxes of a file end within it; None if the last one has no length."""
+    """Test whether the boxes of a file end within it; None if the last box states no length."""
     ends = [end for _, end in boxes(file, size)]
     end = ends[-1] if len(ends) < MOST_BOXES else None
     return None if end is None or end < size else end == size
 
 
 def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
-    """Reopen a picture that is cut short so that what there is of it can be decoded; None if it is not, or cannot."""
+    """Reopen a truncated picture so that its beginning can be decoded; None if it is whole or cannot be decoded."""
     if kind not in ROW_BY_ROW or has_end(path):
         return None
     return Image.open(io.BytesIO(path.read_bytes() + (END_OF_JPEG if kind in JPEGS else b"")))
@@ -72,7 +72,7 @@ def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 @contextmanager
 def lenient() -> Iterator[None]:
-    """Let Pillow decode what there is of a file that is cut short."""
+    """Let Pillow decode truncated files as far as they go."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:
         yield
@@ -81,20 +81,20 @@ def lenient() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Say how much of a rescued picture is missing; a UserError if that is much, an OSError if it is all."""
+    """Report how much of a rescued picture is missing; raise a UserError if it is much, an OSError if it is all."""
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
     share = max(_run(empty), _run(empty[::-1])) / empty.size
     if share == 1:
-        raise OSError("nothing of it can be decoded")
+        raise OSError("no part of it can be decoded")
     if share > MOST_MISSING:
-        part = f"it is cut short: {share:.0%} of the picture are missing"
+        part = f"it is truncated: {share:.0%} of the picture is missing"
         raise UserError(f"is damaged or cannot be decoded ({part}); get the whole file")
-    return f"is cut short, and painted as it is: {share:.1%} of the picture are missing"
+    return f"is truncated and painted as it is: {share:.1%} of the picture is missing"
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels (H, W) at the ends of the last rows, up to the first row that has none there."""
+    """Count the empty pixels at the ends of the last rows of a map (H, W), up to the first row without any."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

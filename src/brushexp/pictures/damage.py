@@ -1,4 +1,4 @@
-"""Damage to the file of a picture is told, as far as a checksum or the picture itself shows it."""
+"""Report damage to picture files that checksums or the pictures themselves reveal."""
 
 import zlib
 from collections.abc import Iterable
@@ -16,14 +16,14 @@ KNOWN_METHODS = (b"\0\0\0", b"\0\0\1")
 OTHER_CASE = 0x20  # bit of the first letter of a chunk that a picture can do without
 DEFLATE = (8, 32946)  # values of COMPRESSION in a TIFF
 PIECE = 2**20  # bytes that are read at once
-SUMS_DIFFER = "is damaged: what it holds does not match its checksums; get it again"
+SUMS_DIFFER = "is damaged: its contents do not match its checksums; get it again"
 ONE_COLOR = "has one colour throughout; if it should have more, the file is damaged; get it again"
 
 
 def check_sums(path: Path) -> None:
-    """Refuse (UserError) a PNG, or a TIFF packed by deflate, that does not match its checksums.
+    """Refuse (UserError) a PNG or deflate-compressed TIFF that does not match its checksums.
 
-    Decoders do not look at all of them. What is missing at the end of a file is not looked for here.
+    Decoders do not verify all of them. Missing data at the end of a file is not checked here.
     """
     with path.open("rb") as file:
         start = file.read(len(PNG))
@@ -36,7 +36,7 @@ def check_sums(path: Path) -> None:
 
 
 def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
-    """Refuse pieces, each a place and a length, that zlib finds other than they were packed (RFC 1950)."""
+    """Refuse pieces, each an offset and a length, whose zlib checksum does not match (RFC 1950)."""
     with path.open("rb") as file:
         for place, length in pieces:
             file.seek(place)
@@ -50,7 +50,7 @@ def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a PNG of which a chunk that matters does not match its checksum, or that is of a later kind."""
+    """Refuse a PNG with a critical chunk that does not match its checksum or is of an unknown kind."""
     with path.open("rb") as file:
         file.seek(len(PNG))
         while len(head := file.read(8)) == 8:
@@ -64,10 +64,10 @@ def _check_png(path: Path) -> None:
             if total != int.from_bytes(stored) and not name[0] & OTHER_CASE:
                 raise UserError(SUMS_DIFFER)
             if name == HEADER and begin[METHODS] not in KNOWN_METHODS:
-                raise UserError("is a PNG of a later kind than is read here; save it anew as PNG")
+                raise UserError("is a PNG of a newer kind, which is not supported; save it again as PNG")
 
 
 def remark_on(pixels: np.ndarray) -> str:
-    """Say of a picture (H, W, C) of several pixels that all of them are alike; nothing of others."""
+    """Warn if all pixels of a picture (H, W, C) are alike."""
     is_flat = pixels[:, :, 0].size > 1 and bool((pixels == pixels[0, 0]).all())
     return ONE_COLOR if is_flat else ""

@@ -1,4 +1,4 @@
-"""Picture files of many formats are decoded to display-referred sRGB."""
+"""Decode picture files of many formats to display-referred sRGB."""
 
 import logging
 import os
@@ -57,21 +57,20 @@ from brushexp.system.reading import check_file, explaining
 log = logging.getLogger(__name__)
 WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
 MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one another in time
-MOVES = "moves, and its first picture is taken; to paint all of it as a film, type: brushexp {}"
-PAGES = "has {} pages, and the first is taken; save the others as files of their own"
+MOVES = "is animated, and only its first frame is used; to paint it as a film, type: brushexp {}"
+PAGES = "has {} pages, and only the first is used; save the others as separate files"
 JPEG_HALVINGS = 3  # at most
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
-    """Decode the first frame of a picture, upright, over a ``backdrop`` of white (1) or black (0), in sRGB.
+    """Decode the first frame of a picture to sRGB, upright, over a ``backdrop`` of white (1) or black (0).
 
-    It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits are kept; PNG of 16 bits other than plain grey,
-    CMYK, and TIFF that Pillow alone can unpack keep 8. Whatever a file says of its colours is heeded: an ICC profile
-    (in 8 bits, unless it is broken), numbers of ITU-T H.273, gamma and corners, a camera's Adobe RGB; and
-    of its pixels, which become square. Of more than 100 megapixels, a picture is read smaller, with
-    ``side`` pixels or more on its longer side. What is noteworthy, that the file is cut short, moves or has more pages,
-    is logged once. UserError, with the ``key`` that the user types before the path, if the picture cannot be read, is
-    too large, or has floats outside [0, 1].
+    The result is (H, W, 3) uint8, or float32 in [0, 1] if more than 8 bits are kept; 16-bit PNG other than plain grey,
+    CMYK, and TIFF that only Pillow can unpack keep 8. All colour information is applied: an ICC profile (in 8 bits,
+    unless it is broken), numbers of ITU-T H.273, gamma and primaries, a camera's Adobe RGB. Pixels become square.
+    Pictures above 100 megapixels are read smaller, with at least ``side`` pixels on the longer side. Truncated files,
+    animations and further pages are logged once. A UserError, naming the ``key`` typed before the path, refuses
+    pictures that cannot be read, are too large, or have floats outside [0, 1].
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -86,7 +85,7 @@ def _tell(line: str) -> None:
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Read height and width of a picture that can be read, if only smaller, from its first and last bytes."""
+    """Read height and width of a readable picture from its first and last bytes."""
     with _explained(path, key), _opened(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
@@ -108,21 +107,21 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
 
 
 class Declared(NamedTuple):
-    """What the file of a picture says of its pixels."""
+    """Properties that a picture file declares for its pixels."""
 
     colors: Colors
-    aspect: float  # width over height of a pixel of the upright picture
+    aspect: float  # width over height of a pixel in the upright picture
     crop: Crop | None  # what is shown of the picture before it is turned; None: all
 
 
 def declared_by(picture: Image.Image) -> Declared:
-    """Read what a file says of its pixels, before they are decoded: some decoders close the file then."""
+    """Read the declared properties of a picture before decoding, after which some decoders close the file."""
     return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
 def _explained(path: Path, key: str) -> Iterator[None]:
-    """Make whatever is wrong with a picture a UserError that names the key and the file."""
+    """Turn any error with a picture into a UserError that names the key and the file."""
     with _silence():
         try:
             yield
@@ -133,7 +132,7 @@ def _explained(path: Path, key: str) -> Iterator[None]:
             reason = _unknown(path)
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
-                reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
+                reason = f"cannot be read ({error.strerror.lower()}); give a file that you have permission to read"
             else:
                 log.debug("%s", path, exc_info=True)
                 reason = _undecoded(path)
@@ -141,19 +140,19 @@ def _explained(path: Path, key: str) -> Iterator[None]:
 
 
 def _undecoded(path: Path) -> str:
-    """Say why a file of a known format cannot be decoded."""
+    """Explain why a file of a known format cannot be decoded."""
     with path.open("rb") as file:
         kind = what_it_is(file.read(HEAD))
     if is_special(kind):
         return kind
     if (end := has_end(path)) is False:
         return SOME_MISSING
-    state = "damaged" if end else "cut short, damaged"  # not all formats say where their files end
+    state = "damaged" if end else "truncated, damaged"  # not all formats say where their files end
     return f"is {state} or cannot be decoded here; get it again, or {CURE}"
 
 
 def _unknown(path: Path) -> str:
-    """Say what a file is that no decoder knows, and what to do."""
+    """Explain what a file is that no decoder knows, and what to do."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -163,7 +162,7 @@ def _unknown(path: Path) -> str:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a picture of a run, not decoded yet; whatever is wrong with it is a UserError."""
+    """Open a picture of a run without decoding it; any error becomes a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), open_of_any_size(path, WRITTEN) as picture:
         check_pixels(*picture.size, "", None)
@@ -172,9 +171,9 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep the remarks of decoders from the terminal: what matters of them ends as an error.
+    """Keep messages of decoders off the terminal; those that matter become errors.
 
-    Pillow's own limit of pixels makes way for that of `check_pixels`.
+    `check_pixels` replaces Pillow's own limit on pixels.
     """
     with alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
         stderr, level, most = os.dup(2), logging.root.manager.disable, Image.MAX_IMAGE_PIXELS
@@ -210,7 +209,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
         return
     with picture:
         if picture.format not in FORMATS and picture.format not in WITH_CODECS:
-            raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
+            raise UserError(f"has the format {picture.format}, which is not supported; {CURE}")
         check_not_raw(picture, head)
         page = main_page(path, picture)
         with nullcontext(picture) if page is None else Image.open(page) as main:
@@ -219,17 +218,17 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
 
 
 def _load_codec(head: bytes) -> None:
-    """Teach Pillow the format of a picture with these first bytes, if it needs an extra; a UserError names it."""
+    """Register the decoder for a picture with these first bytes, if it needs one; a UserError names a missing extra."""
     extra = codec_for(head)
     if extra and not has_codec(extra):
         name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]
-        raise UserError(f"is a picture of the format {name}, which needs a decoder; pip install 'brushexp[{extra}]'")
+        raise UserError(f"has the format {name}, which needs a decoder; pip install 'brushexp[{extra}]'")
     if extra == "jxl":  # it decodes as it opens
         check_pixels(*size_of_jxl(head), "JXL", None)
 
 
 def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
-    """Decode a picture, and say what is noteworthy of it."""
+    """Decode a picture and collect remarks about it."""
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
@@ -256,7 +255,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Say of which pictures of a file this is the first; nothing if it is alone."""
+    """Remark that a file has further frames or pages; nothing if it has one picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""
@@ -271,7 +270,7 @@ def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
 def _decoded(
     file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
 ) -> np.ndarray:
-    """Decode an opened picture, each kind by the library that is right about it."""
+    """Decode an opened picture with the library that decodes its kind correctly."""
     colors = declared.colors
     if needs_tifffile(picture):
         return read_tiff(file, backdrop, colors, side)
@@ -283,7 +282,7 @@ def _decoded(
 
 
 def draft(picture: ImageFile, side: int | None) -> None:
-    """Let a picture of more than 100 megapixels be decoded with fewer, at least ``side`` on its longer side."""
+    """Prepare a picture above 100 megapixels for decoding at a smaller size, at least ``side`` on its longer side."""
     width, height = picture.size
     if isinstance(picture, JpegImageFile):
         if "progressive" in picture.info:  # all of its numbers would be in memory
@@ -296,9 +295,9 @@ def draft(picture: ImageFile, side: int | None) -> None:
 
 
 def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared | None = None) -> np.ndarray:
-    """Decode an image of Pillow as `read_picture` does; its decoder may raise anything.
+    """Decode a Pillow image as `read_picture` does; its decoder may raise any error.
 
-    ``declared`` is what `declared_by` has found before the first picture of a file was decoded.
+    ``declared`` is the result of `declared_by` from before the first picture of the file was decoded.
     """
     check_not_raw(picture)
     declared = declared or declared_by(picture)

@@ -1,4 +1,4 @@
-"""A face in a picture: where it is, how large, how far it is turned, and where its eyes and mouth are."""
+"""Describe a face in a picture: its place, size and tilt, and where its eyes and mouth are."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Landmark(IntEnum):
-    """Rows of the landmarks of a face; right and left are those of the person."""
+    """Rows of the landmarks of a face; right and left are from the person's point of view."""
 
     RIGHT_EYE = 0
     LEFT_EYE = 1
@@ -33,17 +33,17 @@ class Face:
 
     @property
     def eyes(self) -> np.ndarray:
-        """Middles (2, 2: x, y) of the eyes, the right one first."""
+        """Centres (2, 2: x, y) of the eyes, right eye first."""
         return self.landmarks[[Landmark.RIGHT_EYE, Landmark.LEFT_EYE]]
 
     @property
     def mouth(self) -> np.ndarray:
-        """Middle (2: x, y) of the mouth."""
+        """Centre (2: x, y) of the mouth."""
         corners: np.ndarray = self.landmarks[[Landmark.RIGHT_MOUTH, Landmark.LEFT_MOUTH]]
         return corners.mean(0)
 
     @property
     def tilt(self) -> float:
-        """Angle of the head in the picture, radians clockwise from upright: from the eyes to the mouth."""
+        """Angle of the head, in radians clockwise from upright, measured from the eyes to the mouth."""
         right, down = self.mouth - self.eyes.mean(0)
         return math.atan2(-right, down)

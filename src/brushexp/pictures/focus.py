@@ -1,4 +1,4 @@
-"""Pixels are weighted by where accuracy matters: a mask, or what people look at first."""
+"""Weight pixels by how much accuracy matters there, from a mask or from where people look first."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Map how much pixels of a picture (3, H, W) matter, 0 to 1 (H, W), by ``auto``, faces first, or by a file."""
+    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), by ``auto`` or from a mask file."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
@@ -35,7 +35,7 @@ def focus_weights(attended: Tensor, strength: float) -> Tensor:
 
 
 def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
-    """Average weights (H, W) over areas to another resolution, with the same mean."""
+    """Resample weights (H, W) to another resolution by averaging areas, keeping their mean."""
     if weights.shape == size:
         return weights
     means = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
@@ -43,13 +43,13 @@ def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
-    """Estimate where people look first, (H, W) float32 from 0 to 1; all 0 for a picture that is even.
+    """Estimate where people look first, (H, W) float32 from 0 to 1; all 0 for a uniform picture.
 
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
-    of each Lab channel the cosine transform keeps its signs only, and what is bright in the squared inverse stands out.
-    Detail is the slope of the Lab channels. Both are smoothed, and the root of their product is weighed with a Gaussian
-    around the middle (Judd et al., 2009). ``faces`` are added as Cerf et al. (2007) do. Differs from the sources in
-    this combination, which was chosen by eye on three photographs.
+    the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
+    stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
+    by a Gaussian around the centre (Judd et al., 2009). ``faces`` are added as in Cerf et al. (2007). Differs from the
+    sources in this combination, which was chosen by eye on three photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -82,7 +82,7 @@ def _signature(lab: np.ndarray) -> np.ndarray:
 
 
 def _slope(lab: np.ndarray) -> np.ndarray:
-    """Compute the length of the gradient (h, w) of all channels (h, w, 3), at a scale of one pixel."""
+    """Compute the gradient magnitude (h, w) over all channels (h, w, 3), at a scale of one pixel."""
     from scipy.ndimage import gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     squares: np.ndarray = sum(gaussian_gradient_magnitude(channel, 1.0) ** 2 for channel in np.moveaxis(lab, 2, 0))

@@ -1,4 +1,4 @@
-"""The pictures of a folder, or of a pattern such as ``photos/*.jpg``, are found, and what is left out is told."""
+"""Find the pictures of a folder or of a pattern such as ``photos/*.jpg``, and say what is left out."""
 
 import glob
 import os
@@ -19,7 +19,7 @@ NAMED = 3  # files of a kind that a line names
 
 @cache
 def picture_suffixes() -> frozenset[str]:
-    """List the endings, in small letters, of the files that are read."""
+    """List the extensions, in lower case, of readable picture files."""
     from PIL import Image  # noqa: PLC0415  (the first words of the program do not need it)
 
     Image.init()
@@ -28,27 +28,27 @@ def picture_suffixes() -> frozenset[str]:
 
 
 def is_several(image: str) -> bool:
-    """Test whether what was typed names a folder or, being no file, is a pattern."""
+    """Test whether a value names a folder, or is a pattern and not a file."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
 
 def pictures_in(image: str) -> list[str]:
-    """List the picture files that a folder holds, or a pattern names; UserError if there are none."""
+    """List the picture files in a folder or matching a pattern; raise a UserError if there are none."""
     paths = [name for name in _named(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
     if not paths:
         others = "; ".join(left_out(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
-        raise UserError(f"image={image}: no picture is there; {others}")
+        raise UserError(f"image={image}: there are no pictures; {others}")
     return paths
 
 
 def pictures_of(names: Iterable[str]) -> list[str]:
-    """List pictures; a folder or a pattern stands for those in it."""
+    """List pictures, expanding folders and patterns."""
     return [picture for name in names for picture in (pictures_in(name) if is_several(name) else [name])]
 
 
 def left_out(image: str) -> list[str]:
-    """Say in a line for each kind what a folder or pattern has that `pictures_in` leaves out; hidden files, never."""
+    """List, one line per kind, the files that `pictures_in` leaves out, except hidden ones."""
     names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
     kinds: dict[str, list[str]] = {}
     for name in names:
@@ -67,25 +67,25 @@ def _suffix(name: str) -> str:
 
 
 def _cure_of(name: str, image: str) -> str:
-    """Say what to do with a file or folder that is left out."""
+    """Say what to do about a file or folder that is left out."""
     suffix = _suffix(name)
     if os.path.isdir(name):
         inner = ("*", "*.jpg") if os.path.isdir(os.path.expanduser(image)) else ("*.jpg",)
-        return f"for what is in such folders, image='{os.path.join(image, *inner)}'"
+        return f"to paint pictures in such folders, image='{os.path.join(image, *inner)}'"
     if not os.path.exists(name):
-        return "they lead to no file"
+        return "these links lead nowhere"
     if suffix in FILM_SUFFIXES:
-        return "a film is painted alone, image=clip.mp4"
+        return "paint a film by itself, image=clip.mp4"
     if suffix in CODEC_SUFFIXES:
         return f"they need a decoder, pip install 'brushexp[{CODEC_SUFFIXES[suffix]}]'"
     if suffix in RAW_SUFFIXES:
-        return "raw photographs are to be developed first"
-    return "they are to be saved as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "no pictures by their names"
+        return "develop raw photographs first"
+    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "not pictures by their names"
 
 
 def _in_words(names: list[str]) -> str:
-    """Count files of a kind by their endings, or name a few."""
+    """Name a few files of a kind, or count them by extension."""
     if len(names) <= NAMED:
         return ", ".join(map(os.path.basename, names))
-    counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an ending" for name in names)
+    counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an extension" for name in names)
     return ", ".join(f"{count} {suffix}" for suffix, count in sorted(counts.items()))

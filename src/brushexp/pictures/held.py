@@ -1,4 +1,4 @@
-"""Pictures in memory have names, which stand in place of a path."""
+"""Give in-memory pictures names that work in place of a path."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ CHANNELS = (1, 3, 4)  # grey, RGB, RGB and straight alpha
 
 @dataclass(frozen=True, eq=False)
 class HeldPicture:
-    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
+    """A picture (H, W, 3), uint8 or float32 in [0, 1], that can be looked up by name while this object exists."""
 
     over: dict[float, np.ndarray]  # the picture over white (1) and over black (0): one array where it is opaque
     name: str
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _named, (self.over,)  # in another process, too, it is found by its name
+        return _named, (self.over,)  # the name also works in another process
 
     def write(self, folder: Path, stem: str) -> Path:
-        """Write these pixels to a file: PNG, or TIFF of floats; what is transparent stays so."""
+        """Write the pixels to a PNG, or to a TIFF for floats, keeping transparency."""
         white, black = self.over[1.0], self.over[0.0]
         pixels = white if white is black else _with_alpha(white, black)
         if pixels.dtype == np.uint8:
@@ -55,14 +55,14 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
-    """Give a picture a name, the same one for the same pixels; a UserError with its ``key`` says what does not fit."""
+    """Name a picture, equal pixels by equal names; refuse (UserError, with its ``key``) what is not a picture."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
 
 def may_be_transparent(picture: Any) -> bool:
-    """Test whether a picture has an alpha channel or a transparent colour; of files it is not known."""
+    """Tell whether a picture may have transparent pixels; unknown for files until they are read."""
     if isinstance(picture, Image.Image):
         return picture.has_transparency_data
     return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape
@@ -77,13 +77,13 @@ def _named(over: dict[float, np.ndarray]) -> HeldPicture:
 
 
 def pixels_of(name: str, backdrop: float = 1.0) -> np.ndarray | None:
-    """Look up the picture (H, W, 3) of this name over white (1) or black (0); None if none is held."""
+    """Look up a named picture (H, W, 3) over white (1) or black (0); None if there is none."""
     held = _pictures.get(name)
     return None if held is None else held.over[backdrop]
 
 
 def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
-    """Find colours and alpha (H, W, 4) of what was laid over white and over black."""
+    """Recover colours and alpha (H, W, 4) from a picture composited over white and over black."""
     most = 255 if white.dtype == np.uint8 else 1
     alpha = 1 - (white.astype(np.float64) - black).mean(2, keepdims=True) / most
     color = np.divide(black / most, alpha, out=np.zeros(black.shape), where=alpha > 0)
@@ -92,7 +92,7 @@ def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
 
 
 def is_picture(value: Any) -> bool:
-    """Test whether a value is of a kind that can be held."""
+    """Test whether a value is of a kind that can be a picture."""
     kinds = Image.Image | torch.Tensor | bytes | bytearray | memoryview
     is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also of JAX, h5py, xarray, ...
     return isinstance(value, kinds) or hasattr(value, "read") or is_array
@@ -102,7 +102,7 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
     if hasattr(picture, "read") or isinstance(picture, bytes | bytearray | memoryview):
         return _pixels_of_file(picture, key, backdrop)
     if np.ma.is_masked(picture):
-        raise UserError(f"{key} is a masked array; say what is seen behind its mask: {key}.filled(255)")
+        raise UserError(f"{key} is a masked array; fill the masked pixels: {key}.filled(255)")
     if not isinstance(picture, Image.Image):
         samples = _channels_last(picture, key) if isinstance(picture, torch.Tensor) else np.asarray(picture)
         picture = _checked(samples, key)
@@ -110,9 +110,9 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
             return _over(picture.astype(np.float32), backdrop)
         picture = Image.fromarray(picture)
     if not all(picture.size):
-        raise UserError(f"{key} is a picture without pixels; give {KINDS}")
+        raise UserError(f"{key} has no pixels; give {KINDS}")
     if picture.mode == "I" and picture.format is None and (most := picture.getextrema()[1]) <= 255:
-        raise UserError(f"{key} is a PIL image of 32 bits up to {most}, nearly black; give {key}.convert('L')")
+        raise UserError(f"{key} is a 32-bit PIL image with values up to {most}, nearly black; give {key}.convert('L')")
     try:
         return np.ascontiguousarray(decode_image(picture, backdrop))
     except UserError as error:
@@ -122,15 +122,15 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
 
 
 def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
-    """Decode the bytes of a picture, or an open file from its beginning, as a file on disk is decoded."""
+    """Decode the bytes of a picture, or an open file from its beginning, like a file on disk."""
     if isinstance(file, io.TextIOBase):
-        raise UserError(f'{key} is a file that was opened as text; open it with "rb"')
+        raise UserError(f'{key} is a file opened as text; open it with "rb"')
     try:
         if hasattr(file, "seek"):
             file.seek(0)
         data = file.read() if hasattr(file, "read") else file
     except (ValueError, OSError) as error:
-        raise UserError(f"{key} is a file that is closed or cannot be read; give {KINDS}") from error
+        raise UserError(f"{key} is a closed or unreadable file; give {KINDS}") from error
     with TemporaryDirectory() as folder:
         path = Path(folder, "picture")
         path.write_bytes(data)
@@ -143,7 +143,7 @@ def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
 def _channels_last(picture: torch.Tensor, key: str) -> np.ndarray:
     """Convert a tensor (C, H, W), (1, C, H, W) or (H, W) to an array (H, W, C)."""
     if picture.layout != torch.strided or picture.is_meta or picture.is_quantized or picture.is_complex():
-        raise UserError(f"{key} is a tensor that is sparse, quantized, complex or without numbers; give {KINDS}")
+        raise UserError(f"{key} is a sparse, quantized, complex or meta tensor; give {KINDS}")
     planes = picture.detach().cpu()
     planes = planes[0] if planes.ndim == 4 and len(planes) == 1 else planes
     planes = planes[None] if planes.ndim == 2 else planes
@@ -179,7 +179,7 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
 
 
 def _scaled(least: float, most: float, key: str) -> str:
-    """Write the expression that brings an array to a range that is taken, by the numbers that are in it."""
+    """Suggest the expression that scales an array to an accepted range, judging by its values."""
     if not np.isfinite([least, most]).all():
         return f"np.nan_to_num({key}), whose numbers are finite, uint8, or floats from 0 to 1"
     if least < 0:

@@ -1,4 +1,4 @@
-"""JPEG 2000 of more than 8 bits or 100 megapixels is decoded by FFmpeg: Pillow wraps white, and reads all."""
+"""Decode JPEG 2000 of more than 8 bits or 100 megapixels with FFmpeg, since Pillow wraps white and reads all pixels."""
 
 import importlib
 from pathlib import Path
@@ -19,14 +19,14 @@ CODING, LEVELS_AT, LEVELS = b"\xff\x52", 9, 5  # a marker, bytes from there to t
 
 
 def levels_of(picture: ImageFile) -> int:
-    """Read how often the pixels of a JPEG 2000 can be halved."""
+    """Read how often the size of a JPEG 2000 can be halved while decoding."""
     _, _, stream = head_of(picture).partition(CODESTREAM)
     at = stream.find(CODING) + LEVELS_AT
     return stream[at] if LEVELS_AT <= at < len(stream) else LEVELS
 
 
 def bits_of(picture: ImageFile) -> int | None:
-    """Read the bits of a colour of a JPEG 2000 that Pillow does not get right; None for all others."""
+    """Read the bits per colour of a JPEG 2000 that Pillow decodes wrongly; None for all others."""
     if not isinstance(picture, Jpeg2KImageFile):
         return None
     head = head_of(picture)
@@ -47,7 +47,7 @@ def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tup
 
 
 def check_decoder(picture: ImageFile) -> None:
-    """Refuse (UserError) a JPEG 2000 that needs FFmpeg where that is missing."""
+    """Refuse (UserError) a JPEG 2000 that needs FFmpeg if it is missing."""
     if bits := bits_of(picture):
         _ffmpeg(picture, bits)
 
@@ -57,6 +57,6 @@ def _ffmpeg(picture: ImageFile, bits: int) -> ModuleType:
         return importlib.import_module("av")
     except ImportError as error:
         needs = (
-            f"is a JPEG 2000 of {bits} bits a colour and {picture.width} x {picture.height} pixels, which needs PyAV"
+            f"is a JPEG 2000 of {bits} bits per colour and {picture.width} x {picture.height} pixels, which needs PyAV"
         )
         raise UserError(f"{needs}; pip install 'brushexp[video]', or {CURE}") from error

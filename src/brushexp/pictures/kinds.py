@@ -1,4 +1,4 @@
-"""Files that are no pictures to be read here are told by what they are: raw photographs, films, vectors, pages."""
+"""Identify files that are not readable pictures: raw photographs, films, vector drawings, pages."""
 
 import importlib
 import struct
@@ -24,12 +24,10 @@ FILM_SUFFIXES = (
     *(".ogv", ".3gp"),
 )
 RAW = "is a raw photograph; develop it (darktable, RawTherapee, Lightroom) and give the TIFF or JPEG"
-FILM = "is a film; a picture is wanted here: save one of its pictures as a PNG, or paint it as a film with image=..."
-LIGHT = "has light of high dynamic range; tone-map it (darktable, GIMP, pfstools) and give the PNG or JPEG"
-PAGE = "is a page for print; draw it as pixels: pdftoppm -png -r 150 page.pdf page"
-VECTOR = (
-    "is not a picture of a known format but a drawing of vectors; draw it as pixels (Inkscape, resvg) and give the PNG"
-)
+FILM = "is a film, not a picture; save one of its frames as a PNG, or paint it as a film with image=..."
+LIGHT = "has a high dynamic range; tone-map it (darktable, GIMP, pfstools) and give the PNG or JPEG"
+PAGE = "is a page for print; convert it to pixels: pdftoppm -png -r 150 page.pdf page"
+VECTOR = "is a vector drawing, not a picture of a known format; convert it to pixels (Inkscape, resvg) and give the PNG"
 DAMAGED = "is damaged or cannot be decoded here; get the whole file, or convert it to a PNG or a JPEG"
 UNKNOWN = f"is not a picture of a known format; {CURE}"
 LAYERS = "is a file of a painting program; export it there as a PNG"
@@ -45,8 +43,8 @@ STARTS = {  # first bytes -> what such a file is, and what to do
     b"FUJIFILMCCD-RAW": RAW,
     b"FOVb": RAW,
     b"\0MRM": RAW,
-    b"II\xbc": f"is a JPEG XR, which is not read here; {CURE}",
-    b"AT&TFORM": "is a DjVu document; draw it as pixels: ddjvu -format=tiff page.djvu page.tif",
+    b"II\xbc": f"is a JPEG XR, which is not supported; {CURE}",
+    b"AT&TFORM": "is a DjVu document; convert it to pixels: ddjvu -format=tiff page.djvu page.tif",
     b"IIU\0": RAW,
     b"IIRO": RAW,
     b"IIRS": RAW,
@@ -57,7 +55,7 @@ STARTS = {  # first bytes -> what such a file is, and what to do
     b"FLV\1": FILM,
     b"\0\0\1\xba": FILM,
     b"0&\xb2u\x8ef\xcf\x11": FILM,
-    b"version https://git-lfs": "is the name of a picture that Git LFS keeps elsewhere; type git lfs pull",
+    b"version https://git-lfs": "is a Git LFS pointer to a picture; type git lfs pull",
     b"PK\3\4": "is an archive, or a file of a painting program; unpack it, or export a PNG",
 }
 PSD, PSB_VERSION = b"8BPS", 2
@@ -81,14 +79,14 @@ DNG_VERSION = 50706  # a tag of TIFF
 
 
 def what_it_is(head: bytes) -> str:
-    """Say what a file that no decoder knows is by its first bytes, and what to do."""
+    """Say what a file unknown to all decoders is by its first bytes, and what to do."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)
 
 
 def is_special(words: str) -> bool:
-    """Test whether `what_it_is` has told a kind of file that is not read, and no damage."""
+    """Test whether `what_it_is` found an unsupported kind of file rather than damage."""
     return words not in (DAMAGED, FILM, UNKNOWN)
 
 
@@ -97,7 +95,7 @@ def _by_start(head: bytes) -> str:
 
 
 def _kind_of_container(head: bytes) -> str:
-    """Tell films from damaged pictures."""
+    """Distinguish films from damaged pictures."""
     if head[4:8] == b"ftyp":
         known = {b"crx ": RAW} | dict.fromkeys((*HEIF_BRANDS, *AVIF_BRANDS), DAMAGED)
         return known.get(head[8:12], FILM)
@@ -116,7 +114,7 @@ def _kind_of_text(head: bytes) -> str:
 
 
 def _kind_of_psd(head: bytes) -> str:
-    """Say why a file of Photoshop is not read, by its header: signature, version, channels, sides, depth, mode."""
+    """Explain from its header why a Photoshop file is not read: signature, version, channels, sides, depth, mode."""
     if not head.startswith(PSD):
         return ""
     if len(head) < PSD_HEADER.size:
@@ -125,29 +123,29 @@ def _kind_of_psd(head: bytes) -> str:
     if version == PSB_VERSION:
         return "is a PSB, Photoshop's large document; save it there as TIFF or PNG"
     if depth in (16, 32):
-        return f"is a PSD of {depth} bits a colour; save it there with 8 bits (Image > Mode), or as TIFF or PNG"
+        return f"is a PSD of {depth} bits per colour; save it there with 8 bits (Image > Mode), or as TIFF or PNG"
     return DAMAGED
 
 
 def _kind_of_jpeg(head: bytes) -> str:
-    """Say why a JPEG is not read, by the bits of its frame (ITU-T T.81, B.2.2)."""
+    """Explain from its frame header (ITU-T T.81, B.2.2) why a JPEG is not read."""
     if not head.startswith(JPEG):
         return ""
     at = len(JPEG) - 1
     while at + 5 <= len(head) and head[at] == 0xFF:
         marker, length = head[at + 1], int.from_bytes(head[at + 2 : at + 4])
         if marker == JPEG_LS:
-            return f"is a JPEG-LS, which is not read here; {CURE}"
+            return f"is a JPEG-LS, which is not supported; {CURE}"
         if marker in FRAMES:
             bits = head[at + 4]
-            special = " without loss" if marker in LOSSLESS else f" of {bits} bits a colour" if bits != 8 else ""
-            return f"is a JPEG{special}, which is not read here; {CURE}" if special else DAMAGED
+            special = " without loss" if marker in LOSSLESS else f" of {bits} bits per colour" if bits != 8 else ""
+            return f"is a JPEG{special}, which is not supported; {CURE}" if special else DAMAGED
         at += 2 + length
     return DAMAGED
 
 
 def codec_for(head: bytes) -> str | None:
-    """Name the extra that reads a file with these first bytes, which Pillow alone does not; None if there is none."""
+    """Name the extra needed to read a file with these first bytes; None if none is needed or known."""
     if head.startswith(JXL_STARTS):
         return "jxl"
     return "heic" if head[4:8] == b"ftyp" and head[8:12] in HEIF_BRANDS else None
@@ -155,7 +153,7 @@ def codec_for(head: bytes) -> str | None:
 
 @cache
 def has_codec(extra: str) -> bool:
-    """Teach Pillow the format of an extra; False if that is not installed."""
+    """Register the format of an extra with Pillow; False if the extra is not installed."""
     module, start = CODECS[extra]
     with suppress(ImportError):
         codec = importlib.import_module(module)
@@ -166,7 +164,7 @@ def has_codec(extra: str) -> bool:
 
 
 def check_not_raw(picture: Any, head: bytes = b"") -> None:
-    """Refuse (UserError) an image of Pillow that is a thumbnail of a raw photograph."""
+    """Refuse (UserError) a Pillow image that is the thumbnail of a raw photograph."""
     if picture.format != "TIFF":
         return
     tags = picture.tag_v2

@@ -1,4 +1,4 @@
-"""Pictures that memory cannot hold are refused, or read at a part of their size by the formats that can."""
+"""Refuse pictures too large for memory, or read them smaller where their format allows it."""
 
 import math
 from pathlib import Path
@@ -19,7 +19,7 @@ alone = RLock()  # a process has one stderr, one list of warnings and one limit 
 
 
 def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -> ImageFile:
-    """Open a picture, not decoded yet; Pillow's own limit of pixels makes way for that of `check_pixels`."""
+    """Open a picture without decoding it; `check_pixels` replaces Pillow's own limit on pixels."""
     with alone:
         most, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
@@ -29,33 +29,33 @@ def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -
 
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
-    """Refuse (UserError) a picture of a format that is larger than can be read with ``side`` pixels, None: with all."""
+    """Refuse (UserError) a picture too large for its format to be read with ``side`` pixels, or in full for None."""
     if width * height <= MAX_PIXELS:
         return
     largest = MOST_PIXELS if kind in IN_PARTS else MOST_WHOLE if kind in AT_ONCE else MAX_PIXELS
     if width * height > largest:
-        most = f"at most {largest // 10**6} megapixels are read"
-        raise UserError(f"has {width} x {height} pixels; {most}: make it smaller and give that file")
+        most = f"the limit is {largest // 10**6} megapixels"
+        raise UserError(f"has {width} x {height} pixels; {most}: give a smaller version")
     if side is None:
         raise UserError(too_large(width, height))
 
 
 def too_large(width: int, height: int) -> str:
     """Say that a picture is too large to be read whole."""
-    most = f"at most {MAX_PIXELS // 10**6} megapixels are read whole"
+    most = f"at most {MAX_PIXELS // 10**6} megapixels are read in full"
     return f"has {width} x {height} pixels; {most}: add resolution={EXAMPLE} to read it smaller"
 
 
 def check_whole(width: int, height: int, is_deep: bool = False) -> None:
-    """Refuse (UserError) a picture too large to be decoded at once, of more than 8 bits if ``is_deep``."""
+    """Refuse (UserError) a picture too large to be decoded in one piece; ``is_deep`` means more than 8 bits."""
     most = MAX_PIXELS if is_deep else MOST_WHOLE
     if width * height > most:
-        size = f"has {width} x {height} pixels, compressed in a way that needs all of them at once"
+        size = f"has {width} x {height} pixels, which its compression unpacks all at once"
         raise UserError(f"{size}; save it with at most {most // 10**6} megapixels, or as a deflate TIFF in tiles")
 
 
 def halvings(width: int, height: int, side: int, most: int) -> int:
-    """Count how often, ``most`` at most, a picture above 100 megapixels is halved: to ``side`` and a fit for memory."""
+    """Count how often, at most ``most``, to halve a picture above 100 megapixels to fit ``side`` and memory."""
     if width * height <= MAX_PIXELS:
         return 0
     wanted = int(math.log2(max(1, max(width, height) / side)))
@@ -64,7 +64,7 @@ def halvings(width: int, height: int, side: int, most: int) -> int:
 
 
 def size_of_jxl(head: bytes) -> tuple[int, int]:
-    """Read width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader"), whose decoder would not ask; else zeros."""
+    """Read width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; zeros for other files."""
     start = head.find(b"\xff\x0a") + 2
     bits, at = int.from_bytes(head[start : start + 16], "little"), 0
 

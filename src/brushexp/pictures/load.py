@@ -1,4 +1,4 @@
-"""Pictures are loaded from files, samples and memory, where they have names that stand in place of a path."""
+"""Load pictures from files, samples and named pictures in memory."""
 
 import math
 import os
@@ -32,19 +32,19 @@ SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples 
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
-    """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
+    """Read a picture, upright and over white, and resample it to (3, H, W) float32, contiguous, sRGB in [0, 1].
 
-    ``image`` is the path of a file, one of ``samples()``, or the name of a held one; ``resolution`` is the longer
-    side in pixels, None that of the file; ``key`` is what the user types before the path, for messages. UserError if
-    there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
+    ``image`` is a file, one of ``samples()``, or the name of a picture in memory; ``resolution`` is the longer side in
+    pixels, None for that of the file; ``key`` is typed before the path and appears in messages. A UserError refuses a
+    picture that does not exist, cannot be read, or has more than 100 megapixels before or after resampling.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
 
 def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple[Tensor, Tensor]:
-    """Read a picture as `load_picture` does, but for what is transparent: (3, H, W), and its alpha (H, W) in [0, 1].
+    """Read a picture as `load_picture` does, but with separate colours (3, H, W) and alpha (H, W) in [0, 1].
 
-    Colours are straight, and the mean of all that can be seen where nothing can.
+    Alpha is straight; fully transparent pixels have the mean of the visible colours.
     """
     white, black = (
         planes_of(_pixels_of(image, key, backdrop=backdrop, side=resolution), resolution) for backdrop in (1.0, 0.0)
@@ -74,7 +74,7 @@ def downsample(picture: Tensor, side: int) -> Tensor:
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Compute height and width of what `load_picture` makes, and its errors, without decoding a picture."""
+    """Compute the height and width of a `load_picture` result, and raise its errors, without decoding the picture."""
     height, width = sides_of_picture(image, key, also)
     if resolution is None and width * height > MAX_PIXELS and pixels_of(image) is None:
         raise UserError(f"{key}={image} {too_large(width, height)}")
@@ -82,7 +82,7 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
 
 
 def sides_of_picture(image: str, key: str, also: str = "") -> tuple[int, int]:
-    """Find height and width of a picture as it is, however large, without decoding it."""
+    """Find height and width of a picture of any size without decoding it."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
         return height, width
@@ -107,7 +107,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another one.
 
     Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
-    ``also`` is what else the key takes, for messages: "auto, " for instance. UserError if its sides have another ratio.
+    ``also`` lists other values of the key for messages, such as "auto, ". A UserError refuses another aspect ratio.
     """
     picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
@@ -117,16 +117,16 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 
 
 def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: str) -> None:
-    """Stop with a UserError if a picture of these ``sides`` (H, W) cannot lie over one of another ``size``."""
+    """Refuse (UserError) a picture of ``sides`` (H, W) whose aspect ratio differs from that of ``size``."""
     height, width = sides[:2]
     zoom = max(size) / max(height, width)
     if any(abs(zoom * side - expected) > max(1, zoom) for side, expected in zip((height, width), size, strict=True)):
-        cure = "give one whose sides have the same ratio"
+        cure = "give one with the same aspect ratio"
         raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
 
 
 def background_color(spec: str, target: Tensor) -> Tensor:
-    """Choose the colour (3,) of the bare canvas, float32 in [0, 1], as `named_color` for a target (3, H, W)."""
+    """Choose the colour (3,) of the bare canvas, float32 in [0, 1], for a target (3, H, W); see `named_color`."""
     color = named_color(spec, "background")
     if color is None:
         return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
@@ -136,7 +136,7 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 def named_color(spec: str, key: str) -> bytes | None:
     """Convert a colour of CSS, ``ivory`` or ``#rrggbb``, to bytes (else UserError).
 
-    ``mean``, that of the target, and ``transparent``, below which it is the same, are None.
+    ``mean`` (of the target) and ``transparent`` (over the same mean) are None.
     """
     if spec in ("mean", TRANSPARENT):
         return None
@@ -151,7 +151,7 @@ def named_color(spec: str, key: str) -> bytes | None:
 
 
 def samples() -> dict[str, Path]:
-    """List the pictures that scikit-image and matplotlib ship, by name; none of them needs a network."""
+    """Map the names of pictures shipped with scikit-image and matplotlib to their files; none needs a network."""
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
@@ -162,7 +162,7 @@ def samples() -> dict[str, Path]:
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
-    """Find the file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
+    """Find the file that ``image`` names, expanding ~, which shells leave alone in ``image=~/photo.jpg``."""
     path = find_spelling(os.path.expanduser(image))  # functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
@@ -170,16 +170,16 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     if image in shipped:
         return shipped[image]
     if re.match(r"\w+://", image):
-        raise UserError(f"{key}={image} is an address; download the picture, and give the path of its file")
+        raise UserError(f"{key}={image} is a web address; download the picture and give the path of the file")
     state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    state = "a link to a file that is not there" if os.path.islink(path) else state
+    state = "a link to a missing file" if os.path.islink(path) else state
     near = [name for name in nearest_files(image, shipped) if name != image]
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     raise UserError(f"{key}={image} is {state}; {meant}give {also}the path of a picture, or a sample such as coffee")
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List the three pictures of a folder, and ``others``, whose names are most like a path; none if no one is."""
+    """List up to three pictures, from a path's folder and ``others``, with names similar to it."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [
@@ -193,7 +193,7 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
 
 
 def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
-    """Scale height and width in proportion to at most so many pixels in all.
+    """Scale height and width in proportion to at most ``most`` pixels in all.
 
     >>> shrunk_to(100, (10, 40)), shrunk_to(100, (5, 20))
     ((5, 20), (5, 20))

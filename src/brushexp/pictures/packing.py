@@ -1,6 +1,6 @@
-"""Count the pixels that compressed data unpack to: LZW and run lengths have no checksum, but a length.
+"""Count the pixels in compressed data, because LZW and run lengths have no checksum but a known length.
 
-A flipped bit usually changes the length of what follows; decoders stop at the last pixel and do not look further.
+A flipped bit usually changes the length of the data after it; decoders stop at the last pixel and ignore the rest.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ GIF, GIF_HEAD, IMAGE, EXTENSION = b"GIF8", 13, 0x2C, 0x21
 
 @function
 def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) -> int:
-    """Count the samples that LZW codes (bytes) of ``bits`` a sample unpack to; `INVALID` if a code has no meaning."""
+    """Count the samples in LZW codes (bytes) with ``bits`` per sample; `INVALID` if a code has no meaning."""
     lengths = np.ones(MOST_CODES, dtype=np.int64)
     clear = 1 << bits
     width, following, before, total = bits + 1, clear + 2, -1, 0
@@ -70,7 +70,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Say that the pixels of a file are not as many as its size says; nothing of a packing that cannot be counted."""
+    """Report that a file does not have as many pixels as its size states; nothing if they cannot be counted."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:
@@ -88,7 +88,7 @@ def remark_on_packing(path: Path) -> str:
 
 
 def _tiff_is_whole(path: Path, page: Directory) -> bool:
-    """Test the strips or tiles of a TIFF in LZW or PackBits."""
+    """Test whether the LZW or PackBits strips or tiles of a TIFF are complete."""
     packing, pieces = page.number(COMPRESSION), page.pieces()
     is_odd = page.number(FILL_ORDER) == LAST_BIT_FIRST or page.number(PHOTOMETRIC) == YCBCR
     if packing not in (LZW, PACKBITS) or is_odd or not pieces:
@@ -112,7 +112,7 @@ def _tiff_is_whole(path: Path, page: Directory) -> bool:
 
 
 def _runs(packed: bytes) -> int:
-    """Count the bytes that PackBits unpacks to; `INVALID` if the last run is cut short."""
+    """Count the unpacked bytes of PackBits data; `INVALID` if the last run is incomplete."""
     total = at = 0
     while at < len(packed):
         count = packed[at]
@@ -127,7 +127,7 @@ def _runs(packed: bytes) -> int:
 
 
 def _qoi_is_whole(data: bytes) -> bool:
-    """Test that the operations of a QOI give all its pixels, and end where the file ends."""
+    """Test whether the operations of a QOI file give all its pixels and end with the file."""
     pixels, at = int.from_bytes(data[4:8]) * int.from_bytes(data[8:12]), QOI_HEAD
     end = len(data) - QOI_END
     while pixels > 0 and at < end:
@@ -138,7 +138,7 @@ def _qoi_is_whole(data: bytes) -> bool:
 
 
 def _gif_is_whole(data: bytes) -> bool:
-    """Test that the first picture of a GIF unpacks to its pixels."""
+    """Test whether the first picture of a GIF unpacks to all its pixels."""
     at = GIF_HEAD + _colors(data[10])
     while at < len(data) and data[at] == EXTENSION:
         at += 2 + sum(len(block) + 1 for block in _blocks(data, at + 2)) + 1
@@ -162,7 +162,7 @@ def _blocks(data: bytes, at: int) -> Iterator[bytes]:
 
 
 def _tga_is_whole(data: bytes) -> bool:
-    """Test that the runs of a TGA give its pixels, and that nothing but a footer follows."""
+    """Test whether the runs of a TGA give all its pixels and only a footer follows."""
     entries, bits = int.from_bytes(data[5:7], "little"), data[7]
     pixels = int.from_bytes(data[12:14], "little") * int.from_bytes(data[14:16], "little")
     at, size = TGA_HEAD + data[0] + data[1] * entries * -(-bits // 8), -(-data[16] // 8)

@@ -1,4 +1,4 @@
-"""A rectangle of the canvas is cut out, widened and tiled."""
+"""Crop, widen and tile rectangles of the canvas."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of the canvas, pixels."""
+    """A rectangle of the canvas, in pixels."""
 
     top: int
     left: int
@@ -19,18 +19,18 @@ class Region:
 
     @staticmethod
     def whole(picture: Tensor) -> Region:
-        """Cover all of a picture (..., H, W)."""
+        """Make the region that covers all of a picture (..., H, W)."""
         return Region(0, 0, picture.shape[-2], picture.shape[-1])
 
     def of(self, picture: Tensor) -> Tensor:
-        """Cut this part (..., height, width) out of a picture (..., H, W), without a copy."""
+        """Crop this region (..., height, width) from a picture (..., H, W) without copying."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
     def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
         """Add ``margin`` pixels on every side, as far as a canvas of ``size`` (H, W) reaches.
 
-        The region begins at multiples of ``grid``, and its sides leave the same remainder as those of the canvas, so
-        that a network whose positions are so many pixels apart pads both alike.
+        The result starts at multiples of ``grid``, and its sides leave the same remainder as those of the canvas, so
+        that a network with this stride pads both alike.
         """
 
         def span(first: int, length: int, side: int) -> tuple[int, int]:

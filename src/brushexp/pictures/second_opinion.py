@@ -1,4 +1,4 @@
-"""Other decoders, where they are installed, report damage that the decoder of a picture passes over in silence."""
+"""Ask other installed decoders for damage that the decoder of a picture does not report."""
 
 import importlib
 from contextlib import suppress
@@ -14,7 +14,7 @@ UNREAD = ("nsupported", "not implemented")  # words of a decoder about a form th
 
 
 def remark_of_others(path: Path, kind: str, pixels: int) -> str:
-    """Say that another decoder reports damage to a picture of a format; nothing where none does or is installed.
+    """Report damage that another decoder finds in a picture, if one is installed.
 
     Pictures of more than 100 megapixels are not decoded again.
     """
@@ -27,7 +27,7 @@ def remark_of_others(path: Path, kind: str, pixels: int) -> str:
 
 
 def _fails_in_libvips(path: Path, kind: str) -> bool:
-    """Test whether libvips opens a picture and cannot unpack its pixels without a warning."""
+    """Test whether libvips opens a picture but warns or fails when it unpacks the pixels."""
     with suppress(ImportError, OSError):  # OSError: the library itself is missing
         vips: Any = importlib.import_module("pyvips")
         try:
@@ -42,7 +42,7 @@ def _fails_in_libvips(path: Path, kind: str) -> bool:
 
 
 def _fails_in_ffmpeg(path: Path, kind: str) -> bool:
-    """Test whether FFmpeg finds errors in the packed pixels of a picture."""
+    """Test whether FFmpeg finds errors in the compressed pixels of a picture."""
     with suppress(ImportError):
         av: Any = importlib.import_module("av")
         coder: Any = av.CodecContext.create(BY_FFMPEG[kind], "r")

@@ -1,4 +1,4 @@
-"""What a file declares of the shape of its picture is heeded: which pixels are shown, and how wide they are."""
+"""Read the declared shape of a picture: its visible pixels and their aspect ratio."""
 
 import os
 import struct
@@ -23,7 +23,7 @@ MOST_ASPECT = 4  # a ratio beyond that is taken for a mistake
 
 
 def pixel_aspect(picture: Image.Image) -> float:
-    """Read width over height of the pixels of an upright picture, before it is decoded; 1 if its file says nothing."""
+    """Read the pixel aspect (width over height) of the upright picture before decoding; 1 if it is not declared."""
     aspect = 1.0
     with suppress(Exception):  # damaged numbers raise nearly anything; they do not make the picture worse
         across, down = _densities(picture)
@@ -34,24 +34,24 @@ def pixel_aspect(picture: Image.Image) -> float:
 
 
 def _is_turned_already(picture: Any) -> bool:
-    """Test whether the decoder exchanges the rows and columns of a picture: that of HEIF does, by the box ``irot``."""
+    """Test whether the decoder itself swaps rows and columns, as that of HEIF does for the box ``irot``."""
     turns = [data for name, data in declared_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
     return sum(data[0] for data in turns if data) % 2 == 1
 
 
 def clean_aperture(picture: Any) -> Crop | None:
-    """Find the rows and columns of an AVIF that are shown, before it is turned; the decoder of HEIF crops by itself."""
+    """Find the visible rows and columns of an AVIF before rotation; the decoder of HEIF crops by itself."""
     return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
 def _densities(picture: Any) -> tuple[Any, Any]:
-    """Read how many pixels a length has, across and down, in any unit."""
+    """Read the pixel density, across and down, in any unit."""
     read = DENSITIES.get(picture.format, _of_info)
     return read(picture)
 
 
 def _of_info(picture: Any) -> tuple[Any, Any]:
-    """Read the density that Pillow has found: of PNG, BMP, JPEG 2000."""
+    """Read the density that Pillow finds in PNG, BMP and JPEG 2000."""
     return picture.info.get("aspect") or picture.info.get("dpi", (1, 1))
 
 
@@ -80,7 +80,7 @@ def _of_psd(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_tga(picture: Any) -> tuple[Any, Any]:
-    """Read the aspect in the extension of the file, to which its last bytes lead (Truevision, 1991)."""
+    """Read the aspect from the extension area of a TGA, which its last bytes point to (Truevision, 1991)."""
     with place_kept(picture.fp):
         picture.fp.seek(-TGA_FOOTER.size, os.SEEK_END)
         extension, _, name = TGA_FOOTER.unpack(picture.fp.read())
@@ -103,14 +103,14 @@ DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
 
 
 def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
-    """Compute the height and width of a picture with square pixels, of which neither side is smaller than before."""
+    """Compute height and width with square pixels, shrinking neither side."""
     return (height, round(width * aspect)) if aspect > 1 else (round(height / aspect), width)
 
 
 def resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Resample a picture (H, W, 3) to a height and width by Lanczos, 3 lobes, widened when it shrinks.
+    """Resample a picture (H, W, 3) to a height and width by Lanczos with 3 lobes, widened for shrinking.
 
-    The dtype stays.
+    The dtype is kept.
     """
     height, width = size
     if picture.shape[:2] == size:

@@ -1,4 +1,4 @@
-"""PSNR, and SSIM around each pixel, measure how near two pictures are to each other."""
+"""Measure the similarity of two pictures by PSNR and by SSIM around each pixel."""
 
 import math
 
@@ -14,7 +14,7 @@ C1, C2 = 0.01**2, 0.03**2  # of Wang et al., for pictures in [0, 1]
 
 
 def psnr_of(mean_squared_error: float) -> float:
-    """Compute the peak signal-to-noise ratio in dB of pictures in [0, 1]; infinite for equal ones."""
+    """Compute the peak signal-to-noise ratio in dB for pictures in [0, 1]; infinite for an error of 0."""
     return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
 
 

@@ -1,4 +1,4 @@
-"""The samples of a picture become sRGB over a backdrop, upright, whatever their depth and encoding."""
+"""Convert samples of any depth and encoding to sRGB over a backdrop, upright."""
 
 import io
 from contextlib import suppress
@@ -17,7 +17,7 @@ SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows a
 
 
 def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
-    """Convert an image of Pillow to (H, W, 3) uint8."""
+    """Convert a Pillow image to (H, W, 3) uint8."""
     picture.load()
     picture = picture.convert("LA") if picture.mode == "La" else picture  # the only mode that Pillow converts it to
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
@@ -30,7 +30,7 @@ def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.n
 
 
 def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
-    """Convert a picture of mode L, RGB or CMYK to sRGB; its raw values if its profile does not work."""
+    """Convert a picture of mode L, RGB or CMYK to sRGB, or keep its values if its profile does not work."""
     if isinstance(colors, Encoding):
         return Image.fromarray(colors.to_srgb(np.asarray(picture.convert("RGB"))))
     converted = None
@@ -46,7 +46,8 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
     if isinstance(colors, Encoding):
         color = colors.to_srgb(np.broadcast_to(color, (*color.shape[:2], 3)))
     elif colors:
-        # What the conversion does in 8 bits is added to the exact values, so that an sRGB profile changes nothing.
+        # The change that the conversion makes in 8 bits is added to the exact values, so an sRGB profile changes
+        # nothing.
         eight_bit = np.rint(color * 255).astype(np.uint8)
         coarse = Image.fromarray(eight_bit[..., 0] if eight_bit.shape[2] == 1 else eight_bit)
         change = np.asarray(_converted(coarse, colors), np.float32) - eight_bit
@@ -57,7 +58,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
 
 
 def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats are taken as they are, and refused outside that range."""
+    """Convert samples to float32 in [0, 1]; floats are kept, and refused outside that range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1
@@ -69,7 +70,7 @@ def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
 
 
 def orientation_of(picture: Image.Image) -> int:
-    """Read the EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
+    """Read the EXIF orientation of a picture, 1 to 8; 1 if none can be read."""
     exif = exif_of(picture)
     try:
         return valid_orientation(exif.get(ORIENTATION))
@@ -78,12 +79,12 @@ def orientation_of(picture: Image.Image) -> int:
 
 
 def valid_orientation(number: object) -> int:
-    """Return an EXIF orientation, 1 to 8; any other value counts as 1."""
+    """Return a valid EXIF orientation, 1 to 8; other values become 1."""
     return number if isinstance(number, int) and number in ORIENTATIONS else UPRIGHT
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Turn and mirror a picture (H, W, C) by its EXIF orientation, 1 to 8."""
+    """Rotate and mirror a picture (H, W, C) by its EXIF orientation, 1 to 8."""
     if orientation >= SWAPPED:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):

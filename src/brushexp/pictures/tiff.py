@@ -1,4 +1,4 @@
-"""TIFF files that Pillow misreads, cannot read, or reads too coarsely are read by tifffile."""
+"""Read TIFF files with tifffile if Pillow misreads them, cannot read them, or reads them too coarsely."""
 
 import io
 import math
@@ -61,7 +61,7 @@ EIGHT_BIT = 256  # a colour map without a larger number has 8 bits, though the s
 
 
 def needs_tifffile(picture: ImageFile) -> bool:
-    """Decide whether tifffile can unpack a TIFF of too many bits or pixels for Pillow, or one that it misreads."""
+    """Decide whether to use tifffile: the TIFF has too many bits or pixels for Pillow, or Pillow misreads it."""
     if not isinstance(picture, TiffImageFile):
         return False
     tags = picture.tag_v2
@@ -76,40 +76,40 @@ def needs_tifffile(picture: ImageFile) -> bool:
 
 
 def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
-    """Say in words why tifffile needs the package imagecodecs for a page; nothing if it does not."""
+    """Explain why tifffile needs the package imagecodecs for a page; "" if it does not."""
     needs = []
     if compression not in UNPACKED:
         needs.append(f"packed as {PACKINGS.get(compression, f'compression {compression}')}")
     if bits not in WHOLE_BITS:
-        needs.append(f"of {bits} bits a sample")
+        needs.append(f"of {bits} bits per sample")
     if predictor == FLOATING:
         needs.append("of floats with a predictor")
     return needs
 
 
 def has_codecs() -> bool:
-    """Test whether imagecodecs is installed, by which tifffile unpacks what it cannot by itself."""
+    """Test whether imagecodecs is installed, with which tifffile unpacks more kinds."""
     return find_spec("imagecodecs") is not None
 
 
 def is_rarely_packed(picture: ImageFile) -> bool:
-    """Test whether a TIFF is packed in a way that Pillow may not know; a UserError if nothing else does."""
+    """Test whether Pillow may be unable to unpack a TIFF; refuse it (UserError) if nothing else can either."""
     compression = picture.tag_v2.get(COMPRESSION, 1) if isinstance(picture, TiffImageFile) else 1
     if compression in RARE and not has_codecs():
         needs = f"packed as {PACKINGS[compression]}, which needs a decoder; pip install 'brushexp[tiff]'"
-        raise UserError(f"is a TIFF {needs}; if it is installed, the file is damaged: get it again")
+        raise UserError(f"is a TIFF {needs}; if the decoder is installed, the file is damaged: get it again")
     return compression in RARE
 
 
 def as_stored(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
-    """Return the floats of a TIFF in their order of bytes, which Pillow exchanges twice where libtiff has done so."""
+    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has done so."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
 
 @contextmanager
 def by_libtiff() -> Iterator[None]:
-    """Let Pillow read TIFF files by libtiff alone."""
+    """Make Pillow read TIFF files with libtiff only."""
     TiffImagePlugin.READ_LIBTIFF = True
     try:
         yield
@@ -118,13 +118,13 @@ def by_libtiff() -> Iterator[None]:
 
 
 def is_misread(path: Path) -> bool:
-    """Test whether Pillow by itself would take tiles for strips, strips for tiles, or the last bit for the first."""
+    """Test whether Pillow would mistake tiles for strips, strips for tiles, or the last bit for the first."""
     first = first_directory(path)
     return first is not None and (first.mixes_tiles_with_strips or first.number(FILL_ORDER) == LAST_BIT_FIRST)
 
 
 def mend_palette(picture: Image.Image) -> None:
-    """Give a TIFF with a colour map of 8 bits its colours, which Pillow takes for 16 bits and so for black."""
+    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow takes for 16 bits and so for black."""
     if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
         return
     numbers = picture.tag_v2.get(COLOR_MAP, ())
@@ -134,9 +134,9 @@ def mend_palette(picture: Image.Image) -> None:
 
 
 def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
-    """Open a TIFF at its picture if a smaller copy of that comes first, else None.
+    """Open a TIFF at its main picture if a smaller copy comes first; None otherwise.
 
-    A UserError refuses one in which the picture is what a sensor saw.
+    A UserError refuses raw sensor data.
     """
     first = first_directory(path) if isinstance(picture, TiffImageFile) else None
     if first is None or not (first.is_reduced or SUB_IFDS in first.numbers):
@@ -158,14 +158,14 @@ def _place_of_first_page(head: bytes | bytearray) -> tuple[slice, Literal["littl
 
 
 def pages_in(path: Path) -> int:
-    """Count the pages of a TIFF that are no smaller copies of others; those behind a damaged one do not count."""
+    """Count the pages of a TIFF up to the first damaged one, without smaller copies of other pages."""
     return sum(not page.is_reduced for page in directories(path))
 
 
 def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int | None) -> np.ndarray:
-    """Decode the first page as `read_picture` does; ``colors`` count before a profile of the page.
+    """Decode the first page as `read_picture` does; ``colors`` take precedence over a profile of the page.
 
-    One of more than 100 megapixels is averaged to at least ``side`` pixels on its longer side.
+    Pages above 100 megapixels are averaged to at least ``side`` pixels on the longer side.
     """
     from tifffile import TiffFile, TiffPage  # noqa: PLC0415  (rarely needed)
 
@@ -182,7 +182,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
         if needs and not has_codecs():
             raise UserError(f"is a TIFF {' and '.join(needs)}, which needs a decoder; pip install 'brushexp[tiff]'")
         if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
-            raise UserError("is damaged: rows are missing; get the whole file")
+            raise UserError("is damaged: some rows are missing; get the whole file")
         samples = _samples(page, side)
         orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
     if samples.dtype.kind not in "buf":
@@ -203,16 +203,16 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the colours (N, 3) of a page in [0, 1], by whose numbers its samples name them."""
+    """Read the palette (N, 3) of a page, in [0, 1], to which its samples refer."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255
 
 
 def _colors_in(page: Any) -> int:
-    """Count the colours of a page, or of its samples that name them; a UserError if it has others."""
+    """Count the colour channels of a page; refuse (UserError) other kinds of colours."""
     if page.photometric == CMYK and page.bitspersample != 8:
-        raise UserError(f"is a TIFF of CMYK with {page.bitspersample} bits a colour; save it with 8 bits, or as RGB")
+        raise UserError(f"is a CMYK TIFF with {page.bitspersample} bits per colour; save it with 8 bits, or as RGB")
     count = CHANNELS.get(page.photometric, 0)
     is_counted = count <= page.samplesperpixel <= max(count + 1, 4) and page.axes in ("YX", "YXS", "SYX")
     is_averaged = page.imagewidth * page.imagelength > MAX_PIXELS  # which numbers of colours cannot be
@@ -222,7 +222,7 @@ def _colors_in(page: Any) -> int:
 
 
 def _samples(page: Any, side: int | None) -> np.ndarray:
-    """Read the samples (H, W, C) of a page, or of one that is too large their means over squares."""
+    """Read the samples (H, W, C) of a page, averaged over squares if it is too large."""
     if page.imagewidth * page.imagelength > MAX_PIXELS:
         return _means(page, side or 1)
     samples = np.atleast_3d(page.asarray())
@@ -249,7 +249,7 @@ def _means(page: Any, side: int) -> np.ndarray:
 
 
 def _pieces(page: Any) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Yield row, column and first channel of parts (h, w, C) of a page, and these."""
+    """Yield parts (h, w, C) of a page with their row, column and first channel."""
     if page.is_memmappable and page.axes != "SYX":
         file = page.parent.filehandle
         whole = file.memmap_array(page.parent.byteorder + page.dtype.char, page.shape, page.dataoffsets[0])

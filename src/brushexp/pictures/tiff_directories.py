@@ -1,4 +1,4 @@
-"""The directories of a TIFF file (TIFF 6.0; BigTIFF) are walked, each once: a file may lead in circles."""
+"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF), each once, because links may form circles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BIG = b"+"  # third or fourth byte of a BigTIFF
 
 @dataclass(frozen=True)
 class Directory:
-    """What describes a picture of a file."""
+    """The description of one picture of a file."""
 
     place: int  # byte of the file at which it begins
     numbers: dict[int, tuple[int, ...]]  # by tag: its whole numbers
@@ -35,28 +35,28 @@ class Directory:
 
     @property
     def is_reduced(self) -> bool:
-        """Whether the picture is a smaller copy of another one."""
+        """Tell whether the picture is a smaller copy of another one."""
         return bool(self.number(SUBFILE) & REDUCED) or self.number(OLD_SUBFILE) == OLD_REDUCED
 
     @property
     def mixes_tiles_with_strips(self) -> bool:
-        """Whether the places of tiles have the name of those of strips, or the other way."""
+        """Tell whether tile offsets are stored under the tag for strips, or the other way round."""
         is_tiled = TILE_WIDTH in self.numbers
         return (TILES if is_tiled else STRIPS) not in self.numbers and (STRIPS if is_tiled else TILES) in self.numbers
 
     def pieces(self) -> list[tuple[int, int]]:
-        """List places and lengths of all strips or tiles; none if the directory does not say."""
+        """List the offsets and lengths of all strips or tiles; empty if the directory does not state them."""
         places = self.numbers.get(TILES) or self.numbers.get(STRIPS) or ()
         lengths = self.numbers.get(TILE_BYTES) or self.numbers.get(STRIP_BYTES) or ()
         return [*zip(places, lengths, strict=True)] if len(places) == len(lengths) else []
 
     def end_of_data(self) -> int | None:
-        """Find the byte behind the last one of all strips or tiles; None if the directory does not say."""
+        """Find the end of the last strip or tile, in bytes; None if the directory does not state it."""
         return max((place + length for place, length in self.pieces()), default=None)
 
 
 def directories(path: Path) -> Iterator[Directory]:
-    """Yield the directories of a file in their order, until one is damaged or has been there before."""
+    """Yield the directories of a file in order, up to a damaged one or one already seen."""
     with path.open("rb") as file:
         head = file.read(16)
         order = "<" if head[:1] == b"I" else ">"
@@ -73,7 +73,7 @@ def directories(path: Path) -> Iterator[Directory]:
 
 
 def directory_at(path: Path, place: int) -> Directory | None:
-    """Read the directory at a byte of a file; None if it is damaged."""
+    """Read the directory at an offset of a file; None if it is damaged."""
     with path.open("rb") as file:
         head = file.read(4)
         read = _directory(file, place, "<" if head[:1] == b"I" else ">", BIG in head[2:4])
@@ -81,14 +81,14 @@ def directory_at(path: Path, place: int) -> Directory | None:
 
 
 def directories_below(path: Path, directory: Directory) -> Iterator[Directory]:
-    """Yield the directories below one, which describe other forms of its picture."""
+    """Yield the subdirectories of a directory, which describe other versions of its picture."""
     for place in dict.fromkeys(directory.numbers.get(SUB_IFDS, ())):
         if (found := directory_at(path, place)) is not None:
             yield found
 
 
 def main_directory(path: Path) -> Directory | None:
-    """Find the directory of the picture of a file: the first that is no smaller copy, or else the largest one."""
+    """Find the directory of the main picture: the first that is not a smaller copy, otherwise the largest."""
     first = first_directory(path)
     if first is None or not first.is_reduced:
         return first
@@ -98,7 +98,7 @@ def main_directory(path: Path) -> Directory | None:
 
 
 def first_directory(path: Path) -> Directory | None:
-    """Read the directory of the first picture of a file; None if it is damaged, or no TIFF."""
+    """Read the directory of the first picture of a file; None if it is damaged or not a TIFF."""
     with path.open("rb") as file:
         is_tiff = file.read(4) in MAGIC
     try:
@@ -108,7 +108,7 @@ def first_directory(path: Path) -> Directory | None:
 
 
 def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[Directory, int] | None:
-    """Read a directory, and the place of the next one."""
+    """Read a directory and the offset of the next one."""
     count_form, entry, next_form = ("Q", struct.Struct(order + "HHQ8s"), "Q") if is_big else (
         "H", struct.Struct(order + "HHI4s"), "I"
     )  # fmt: skip
@@ -130,7 +130,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read the whole numbers of a tag, in its entry or where that leads; none if they are of another kind."""
+    """Read the integers of a tag, from its entry or from where it points; empty for other types."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

@@ -1,4 +1,4 @@
-"""Films are written picture by picture: a video on the way, the frames of a GIF at the end."""
+"""Write films frame by frame: videos immediately, GIFs at the end."""
 
 import importlib
 import logging
@@ -32,7 +32,7 @@ Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how
 
 
 class Film(NamedTuple):
-    """The file that a film is written to, and the function that adds a picture to it."""
+    """The file of a film and the function that adds a frame to it."""
 
     path: Path
     show: Show
@@ -42,12 +42,12 @@ class Film(NamedTuple):
 def filming(
     stem: Path, kind: str, size: tuple[int, int], rate: Fraction, *, usual: Fraction | None = None, begin: int = 0
 ) -> Iterator[Film]:
-    """Write ``stem`` as mp4 or gif; where PyAV is missing, a GIF takes the place of the video.
+    """Write a film to ``stem`` as mp4 or gif; without PyAV, a GIF replaces the video.
 
-    A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
-    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a picture that
-    stays for several; with a ``usual`` number of pictures per second it has each once, at its own time, and ticks may
-    be much finer. The first one is shown at tick ``begin``. UserError if a file cannot be written.
+    A video with an odd height or width (``size``) repeats its last row or column, and a GIF is shrunk to at most
+    ``GIF_SIDE`` pixels. ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a frame that stays for
+    several ticks. With a ``usual`` frame rate it stores each frame once, at its own time, and ticks may be much finer.
+    The first frame is shown at tick ``begin``. A UserError is raised if the file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
@@ -59,12 +59,12 @@ def filming(
 
 
 def largest_side(kind: str) -> int:
-    """Return the pixels that the longer side of a film has at most."""
+    """Return the largest longer side of a film in pixels."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
 
 
 def _encoder(kind: str) -> ModuleType | None:
-    """Import PyAV, if a film of this kind has a video, and PyAV is installed and has an encoder for H.264."""
+    """Import PyAV if this kind of film is a video and PyAV is installed with an encoder for H.264; otherwise None."""
     if kind == "gif":
         return None
     try:
@@ -109,7 +109,7 @@ def _mp4(
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Write frames that hold only the pixels which have changed: small, and without flicker."""
+    """Write frames with changed pixels only, which keeps files small and free of flicker."""
     frames: list[Image.Image] = []
     begins: list[int] = []  # of the frames, in ticks
     now = 0
@@ -138,7 +138,7 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
 
 
 def _cut_out(picture: Array, changed: Array) -> Image.Image:
-    """Draw some pixels of a picture in 255 colours of their own, and everything else transparent."""
+    """Encode the changed pixels of a picture in their own 255 colours and make all others transparent."""
     small = Image.fromarray(picture[changed][None]).quantize(255)
     palette = small.getpalette() or []
     index = np.full(changed.shape, len(palette) // 3, np.uint8)

@@ -1,1 +1,1 @@
-"""The families of plugins that ship: one folder each, ``base.py`` is the contract, every other file a plugin."""
+"""Shipped plugins: one folder per family, in which ``base.py`` is the contract and every other file a plugin."""

@@ -1,4 +1,4 @@
-"""Plugins: how a class becomes a typed choice on the command line, how plugins are found, built and checked."""
+"""Turn classes into typed choices on the command line; find, build and check plugins."""
 
 from brushexp.registry.building import (
     build,

@@ -1,4 +1,4 @@
-"""Report mistakes in users' plugins in one line with family, name and file; the run's log has the traceback."""
+"""Report errors in users' plugins in one line with family, name and file; the run's log has the traceback."""
 
 import inspect
 import logging
@@ -14,14 +14,14 @@ from brushexp.errors import UserError
 from brushexp.registry.plugin import Plugin, loaded_plugins, plugin_of_class
 from brushexp.registry.sources import place_of
 
-EXPLAINED_ERRORS = (UserError, MemoryError, torch.OutOfMemoryError)  # errors that are told in other words
+EXPLAINED_ERRORS = (UserError, MemoryError, torch.OutOfMemoryError)  # errors that get other messages
 
 log = logging.getLogger(__name__)
 
 
 @contextmanager
 def naming_plugins() -> Iterator[None]:
-    """Turn an exception, or a `SystemExit`, in a file of a user's plugin into a `UserError` that names the plugin."""
+    """Turn an exception or `SystemExit` from a user's plugin into a `UserError` that names the plugin."""
     try:
         yield
     except EXPLAINED_ERRORS:
@@ -38,9 +38,9 @@ def naming_plugins() -> Iterator[None]:
 
 
 def mistake_of(error: BaseException) -> str | None:
-    """Describe the innermost line of a user's plugin that an error came through; None if it came through none.
+    """Describe the innermost line of a user's plugin in a traceback; None if there is none.
 
-    Without such a line, a method of ours that runs on an object of a user's class is the class's.
+    Without such a line, a method of ours that runs on an object of a user's class counts as the class's own.
     """
     users = [(place_of(one.cls), one) for one in loaded_plugins() if not one.is_ours]
     frames = [*traceback.walk_tb(error.__traceback__)]
@@ -51,7 +51,7 @@ def mistake_of(error: BaseException) -> str | None:
             what = _in_words(error)
             callers = [other for other, _ in frames[number::-1] if other.f_code.co_filename == file]
             if (owner := _owner_of(callers, owners)) is None:
-                return f"plugins of {file}, line {line}: {what}; correct the plugin"
+                return f"plugins in {file}, line {line}: {what}; correct the plugin"
             place = f"{owner.family}={owner.name} ({file}, line {line})"
             return f"{place}: {what}; correct the plugin, or choose another {owner.family}"
     for source, owner in users:
@@ -71,7 +71,7 @@ def _in_words(error: BaseException) -> str:
 
 
 def name_member(family: str, member: object, name: str = "") -> str:
-    """Name a member of a family as messages do: ``loss=mse``, and a user's plugin with its file."""
+    """Name a member of a family for messages: ``loss=mse``, with the file of a user's plugin."""
     plugin = plugin_of_class(type(member))
     is_ours = plugin is None or plugin.is_ours
     source = "" if is_ours else f" ({place_of(type(member))})"
@@ -79,10 +79,10 @@ def name_member(family: str, member: object, name: str = "") -> str:
 
 
 def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin | None:
-    """Find which of several plugins in one file a call belongs to, from the innermost of its frames outwards.
+    """Find which of several plugins in one file a call belongs to, searching its frames from the innermost outwards.
 
-    A function belongs to the class of its ``self``, or to that within which it is written. One of another class, such
-    as a hook that a plugin hands to Lightning, or of no class, belongs to the only plugin whose methods name it.
+    A function belongs to the class of its ``self`` or to the class around its definition. A function of another class,
+    such as a hook passed to Lightning, or of no class belongs to the only plugin whose methods mention it.
     """
     if len(owners) == 1:
         return owners[0]

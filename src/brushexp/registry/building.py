@@ -1,4 +1,4 @@
-"""Build plugins from nodes of configs and from names in files; only registered classes are built."""
+"""Build plugins from config nodes and from names in files; only registered classes are built."""
 
 import json
 import re
@@ -12,16 +12,16 @@ from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
 from brushexp.registry.plugin import Plugin, member, plugins
 from brushexp.system.reading import check_plain, in_short
 
-LOSSES_OF_STYLE = "style"  # key below which losses stand that are of no list
+LOSSES_OF_STYLE = "style"  # key above losses that are not in a list
 
-_kept: dict[str, Any] = {}  # node of a config as YAML -> the plugin that a check has built of it
+_kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built from it
 
 
 def plugin_of(node: DictConfig, family: str = "") -> Plugin:
-    """Find the plugin that a config node describes by its ``_target_``; a UserError if it is not registered.
+    """Find the plugin named by the ``_target_`` of a config node, or raise a UserError if it is not registered.
 
-    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which says the family where
-    ``family`` or the node's place in its config does not: the class may have moved to another module since.
+    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which tells the family if
+    ``family`` and the node's place do not; the class may have moved to another module since.
     """
     target = str(node._target_)
     if "/" in target:
@@ -35,7 +35,7 @@ def plugin_of(node: DictConfig, family: str = "") -> Plugin:
 
 
 def name_of_target(target: str, family: str) -> str:
-    """Read the name of a member off its ``_target_``; what is not registered here is returned as it is.
+    """Return the name of a member from its ``_target_``; targets that are not registered are returned unchanged.
 
     >>> name_of_target("order/area", "order"), name_of_target("brushexp.plugins.order.area.Area", "order")
     ('area', 'area')
@@ -47,18 +47,18 @@ def name_of_target(target: str, family: str) -> str:
 
 
 def _member_of_class(path: str, family: str) -> Plugin | None:
-    """Find the member that a class of an earlier version is, by its family, its name, and its class's name."""
+    """Find the member for a class path of an earlier version by family, module name and class name."""
     module, _, name = path.rpartition(".")
     if match := re.match(rf"{re.escape(CORE)}plugins\.(\w+)\.", path):
         folder = match[1]
         family = next((one for one in FAMILIES if FOLDERS[one] == folder), family)
     candidates = plugins(family) if family else plugins()
-    candidates.sort(key=lambda plugin: plugin.name != module.rpartition(".")[2])  # most are named as their file
+    candidates.sort(key=lambda plugin: plugin.name != module.rpartition(".")[2])  # most have the name of their file
     return next((plugin for plugin in candidates if plugin.cls.__qualname__ == name), None)
 
 
 def family_of_key(key: str) -> str:
-    """Tell the family of the plugin at a key of a config; "" if there is none.
+    """Return the family of the plugin at a key of a config; "" if there is none.
 
     >>> family_of_key("loss.mse.weight"), family_of_key("style.loss"), family_of_key("steps")
     ('loss', 'loss', '')
@@ -68,7 +68,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin of a config node; a UserError says which option does not fit its registered class."""
+    """Build the plugin of a config node; a UserError names an option that does not fit its class."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
@@ -79,7 +79,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin of a config node once for the check of a run, and keep it for the run (`take_built`)."""
+    """Build the plugin of a config node for the check of a run, and keep it for the run (`take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -87,22 +87,22 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """Take the plugin that a check has kept for a config node, or build one; no other run gets the same object."""
+    """Take the plugin that a check kept for a config node, or build one; no two runs share an object."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
 
 def drop_built() -> None:
-    """Forget the plugins that checks have built and no run has taken."""
+    """Drop plugins that checks built and no run has taken."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
-    """Read the options of a plugin from its config node; a UserError if one does not fit its type or bounds."""
+    """Read the options of a plugin from its config node; refuse (UserError) values that do not fit."""
     plugin = plugin_of(node, family)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
-        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # a worker's types are copies of ours
+        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # types in a worker are copies of ours
         options: Any = OmegaConf.to_container(typed, resolve=True, throw_on_missing=True)
     except MissingMandatoryValue as error:
         missing = f"{path}.{error.full_key}"
@@ -111,16 +111,16 @@ def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
         ) from error
     except OmegaConfBaseException as error:
         reason = " ".join(str(error).split())
-        raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
+        raise UserError(f"{plugin.family}={plugin.name} does not accept these options: {reason}") from error
     del options["_target_"]
     if hidden := _hidden_key(options):
-        raise UserError(f"{path} has an option {hidden}; nothing below a plugin is built: drop that key")
+        raise UserError(f"{path} has an option {hidden}, which is not allowed below a plugin; drop that key")
     plugin.check(path, options)
     return options
 
 
 def literal(data: Any) -> Any:
-    """Write the texts of nested data so that OmegaConf, when it resolves them once, reads no interpolation in them."""
+    """Escape the texts of nested data so that OmegaConf finds no interpolations when it resolves them."""
     if isinstance(data, str):
         return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
     if isinstance(data, dict):
@@ -129,7 +129,7 @@ def literal(data: Any) -> Any:
 
 
 def _hidden_key(data: Any) -> str:
-    """Find the first key that begins with ``_``, as those do by which Hydra finds code; "" if there is none."""
+    """Find the first key that begins with ``_``, like those by which Hydra finds code; "" if there is none."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))
@@ -137,7 +137,7 @@ def _hidden_key(data: Any) -> str:
 
 
 def build_named(family: str, name: str, options: dict[str, Any], *runtime: object) -> Any:
-    """Build ``family=name`` with options read from a file: registered classes and their keys only (UserError)."""
+    """Build ``family=name`` with options from a file; refuse (UserError) unregistered classes and unknown keys."""
     plugin = member(family, name)
     if plugin is None:
         choices = ", ".join(one.name for one in plugins(family))
@@ -148,7 +148,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Turn values from a file into a config; an interpolation, which could read other data, is a UserError."""
+    """Turn values from a file into a config; refuse (UserError) interpolations, which could read other data."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     config: DictConfig = OmegaConf.create(values)

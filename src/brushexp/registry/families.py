@@ -1,24 +1,24 @@
-"""List the families of plugins: everything that a user may want to vary."""
+"""List the families of plugins."""
 
 FAMILIES = {
-    "painter": "target picture -> strokes, state after state",
-    "palette": "colours of the picture -> colours of the painting",
-    "init": "target picture -> first strokes",
+    "painter": "target picture -> strokes, state by state",
+    "palette": "colours of the picture -> colours of the target",
+    "init": "target picture -> initial strokes",
     "renderer": "stroke parameters -> what each stroke covers",
     "blend": "strokes in depth order -> picture",
     "color": "the space in which paint is composited",
-    "paper": "what the paint lies on: which of it stays bare, and its relief",
+    "paper": "paper or canvas: its relief, and the parts that paint skips",
     "order": "strokes -> depth",
     "loss": "painting -> number to minimise",
-    "metric": "finished painting -> number that says how good it is",
+    "metric": "finished painting -> measure of quality",
     "density": "when strokes are added and removed",
     "sampler": "which part of the canvas a step looks at",
     "optimizer": "how strokes move",
-    "change": "what is different about this painting",
+    "change": "changes to one painting",
     "engine": "brush simulators: stroke parameters -> picture of one stroke",
-    "callbacks": "what happens beside the steps of a fit",
-    "logger": "where the curves of a run go",
-    "to": "finished painting -> files that other programs read",
+    "callbacks": "extra actions during a fit",
+    "logger": "destinations of the curves of a run",
+    "to": "finished painting -> files of other programs",
 }
 FOLDERS = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each below `brushexp.plugins`
 MULTI_SELECT = (
@@ -28,7 +28,7 @@ MULTI_SELECT = (
     "callbacks",
     "logger",
     "to",
-)  # families of which one run may use several members
-CORE = "brushexp."  # first letters of the modules of the program itself
-SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
-USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
+)  # families that allow several members in one run
+CORE = "brushexp."  # prefix of the program's own modules
+SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable with more plugin folders
+USER_PACKAGE = "brushexp_plugins"  # import name of all files in plugin folders

@@ -1,4 +1,4 @@
-"""Announce the plugins that ship, those in folders, and those that packages publish."""
+"""Announce shipped plugins, plugins in folders, and those of packages."""
 
 import importlib
 import logging
@@ -20,24 +20,24 @@ _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loa
 
 
 def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
-    """Announce the built-in members, import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
+    """Announce built-in members, and import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
 
-    Members of the program and of packages are imported when they are chosen. A file of the user that cannot be
-    imported is left out, with a warning if this ``warns``: `missing_because` says it again where a name is not there.
+    Members of the program and of packages are imported when they are chosen. A user's file that cannot be imported is
+    left out, with a warning if this ``warns``; `missing_because` repeats it when a name is missing.
     """
     for family in FAMILIES:
         _announce_core(family)
     for name, point in published(ENTRY_POINTS).items():
         family, dot, member = name.partition(".")
         if not dot:
-            raise UserError(f'entry point {name} of {ENTRY_POINTS} names no member; write it as "loss.{name}" = ...')
+            raise UserError(f'entry point {name} of {ENTRY_POINTS} is not a member; write it as "loss.{name}" = ...')
         source = f"entry point {name} ({point.value})"
         announce(Plugin(family, member, point.module, source, point.load, is_ours(point.module)))
     return _import_files([*_plugin_files(directory)], warns)
 
 
 def _announce_core(family: str) -> None:
-    """Announce the members of a family that stand in files of their names."""
+    """Announce the members of a family, one per file of its folder."""
     package = importlib.import_module(f"{CORE}plugins.{FOLDERS[family]}")
     for module in pkgutil.iter_modules(package.__path__):
         if not module.name.startswith("_") and module.name != "base":
@@ -46,9 +46,9 @@ def _announce_core(family: str) -> None:
 
 
 def _import_files(files: list[Path], warns: bool) -> list[str]:
-    """Import files of the user, and list the names of those that could be imported."""
+    """Import files of the user and list the names of those that could be imported."""
     package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
-    package.__path__ = sorted({str(path.parent) for path in files})  # workers import the classes of configs from there
+    package.__path__ = sorted({str(path.parent) for path in files})  # workers import classes of configs from there
     importlib.invalidate_caches()
     _broken.clear()
     for path in files:
@@ -68,7 +68,7 @@ def broken_files() -> dict[str, str]:
 
 
 def missing_because() -> str:
-    """Say which files of the user could not be loaded, for messages about a name that is not there; "" if none."""
+    """Say which files of the user could not be loaded, for messages about missing names; "" if none."""
     return "".join(f". {reason}" for reason in _broken.values())
 
 

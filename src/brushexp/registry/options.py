@@ -1,4 +1,4 @@
-"""The options of a plugin: keyword-only parameters of ``__init__``, and attributes that its contract makes tunable."""
+"""List the options of a plugin: keyword-only parameters of ``__init__``, and attributes tunable by contract."""
 
 import inspect
 from copy import copy
@@ -12,7 +12,7 @@ from omegaconf import MISSING
 
 
 def options_of(cls: type) -> list[tuple[str, Any, Any]]:
-    """List name, type and default (or ``MISSING``) of each option of a class."""
+    """List the name, type and default (or ``MISSING``) of each option of a class."""
     tunable = getattr(cls, "tunable", {})
     options = [(name, kind, getattr(cls, name)) for name, kind in tunable.items()]
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
@@ -36,7 +36,7 @@ def structured_config(cls: type, target: str) -> type:
 
 
 def plain_type(annotation: Any) -> Any:
-    """Strip a type, and its parts, of what ``Annotated`` adds."""
+    """Strip ``Annotated`` from a type and its parts."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return plain_type(parts[0])

@@ -1,7 +1,7 @@
 """Make a class a choice on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
 
-A plugin is *announced* by its family and name, which is enough to list it; the module that defines its class is
-imported when its options, its help or an object of it are first asked for.
+A plugin is *announced* by family and name, which is enough to list it; the module of its class is imported when its
+options, its help or an object are first needed.
 """
 
 import inspect
@@ -22,25 +22,25 @@ from brushexp.registry.sources import note_source
 from brushexp.system.published import published
 
 ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> the module that defines the class
-DISTRIBUTION = "brushexp"  # whose entry points are ours
+DISTRIBUTION = "brushexp"  # distribution whose entry points are ours
 
 C = TypeVar("C", bound=type)
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """A class that is chosen by ``family=name``, and its options."""
+    """A class chosen by ``family=name``, and its options."""
 
     family: str
     name: str
     module: str  # that defines the class, or a package around it
-    source: str  # words for messages: a file, an entry point
+    source: str  # source for messages: a file or an entry point
     load: Callable[[], object]  # imports the module
-    is_ours: bool  # whether it comes with the program; a stranger's results are checked
+    is_ours: bool  # whether it ships with the program; results of other plugins are checked
 
     @cached_property
     def cls(self) -> type:
-        """The class; a UserError says why its module cannot be imported."""
+        """The class; a UserError explains why its module cannot be imported."""
         if (self.family, self.name) not in _classes:
             import_or_explain(self.load, self.source)
         if (self.family, self.name) not in _classes:
@@ -54,22 +54,22 @@ class Plugin:
 
     @property
     def target(self) -> str:
-        """What ``_target_`` of a config says; a class that moves to another module keeps it."""
+        """Value of ``_target_`` in configs, which survives moving the class to another module."""
         return f"{self.family}/{self.name}"
 
     @property
     def path(self) -> str:
-        """The key above its options."""
+        """Key above its options."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     @cached_property
     def config(self) -> type:
-        """The dataclass of its options."""
+        """Dataclass of its options."""
         return structured_config(self.cls, self.target)
 
     @cached_property
     def bounds(self) -> dict[str, Bounds | Rule]:
-        """The bounds of each option."""
+        """Bounds of each option."""
         return {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(self.cls)}
 
     @property
@@ -88,11 +88,11 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Map the names of facts for choosing among the family to their values."""
+        """Map the names of facts for choosing a member to their values."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Stop with a UserError when an option is out of its bounds; ``path`` is the key above it."""
+        """Refuse (UserError) options outside their bounds; ``path`` is the key above them."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -104,14 +104,14 @@ class Plugin:
         return {str(option): node[option] for option in node if not OmegaConf.is_missing(node, option)}
 
 
-_members: dict[tuple[str, str], Plugin] = {}  # those that are announced, by family and name
-_classes: dict[tuple[str, str], type] = {}  # those whose modules are imported
+_members: dict[tuple[str, str], Plugin] = {}  # announced plugins by family and name
+_classes: dict[tuple[str, str], type] = {}  # plugins whose modules are imported
 
 
 def announce(plugin: Plugin) -> None:
-    """Make a plugin a choice of Hydra's group ``family``; a UserError if another one has its name.
+    """Make a plugin a choice of Hydra's group ``family``; refuse (UserError) a name that is taken.
 
-    The config of its options is made when Hydra reads it.
+    The config of its options is built when Hydra reads it.
     """
     check_family(plugin.family)
     key = plugin.family, plugin.name
@@ -120,13 +120,13 @@ def announce(plugin: Plugin) -> None:
         taken = f"{plugin.family}={plugin.name} is taken by {_members[key].module}"
         raise UserError(f"{taken}; give the one in {plugin.module} another name")
     _members[key] = plugin
-    if is_new:  # else Hydra has it, perhaps with options of looks around it
-        # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
+    if is_new:  # otherwise Hydra has it, perhaps with options of looks around it
+        # A worker process of a sweep inherits a filled store and stores the same node again, which is no clash.
         store_when_read(plugin.family, plugin.name, partial(_config_of, *key), plugin.module, package=plugin.path)
 
 
 def withdraw(module: str) -> None:
-    """Forget the plugins that a module has registered before it failed."""
+    """Remove the plugins that a module registered before it failed."""
     for family, name in [key for key, plugin in _members.items() if plugin.module == module]:
         del _members[family, name]
         _classes.pop((family, name), None)
@@ -134,19 +134,19 @@ def withdraw(module: str) -> None:
 
 
 def is_ours(module: str) -> bool:
-    """Tell whether a module comes with the program: it is of the core, or of one of its packages."""
+    """Tell whether a module ships with the program, in the core or in one of its packages."""
     return module.startswith(CORE) or module.partition(".")[0] in _our_packages()
 
 
 @cache
 def _our_packages() -> set[str]:
-    """List the import names of the packages that come with the program."""
+    """List the import names of the shipped packages."""
     points = published(ENTRY_POINTS).values()
     return {point.module.partition(".")[0] for point in points if point.dist and point.dist.name == DISTRIBUTION}
 
 
 def check_family(family: str) -> None:
-    """Stop with a UserError if there is no such family."""
+    """Refuse (UserError) an unknown family."""
     if family not in FAMILIES:
         raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
 
@@ -157,10 +157,10 @@ def _config_of(family: str, name: str) -> DictConfig:
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
-    """Publish the decorated class as the Hydra choice ``family=name``; a UserError if another has the name.
+    """Publish the decorated class as the Hydra choice ``family=name``; refuse (UserError) a name that is taken.
 
     >>> from brushexp.registry import build_named, plugins
-    >>> "area" in [plugin.name for plugin in plugins("order")]  # what the decorator has published
+    >>> "area" in [plugin.name for plugin in plugins("order")]  # published by the decorator
     True
     >>> build_named("order", "area", {"every": 5}).every
     5
@@ -172,7 +172,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
             raise UserError(f"{family}={name} is {cls!r}, not a class; write one, as docs/tutorial.md shows")
         module, known = cls.__module__, _members.get((family, name))
         if known is not None and f"{module}.".startswith(f"{known.module}."):
-            plugin = replace(known)  # of a module that is imported again, options may have changed
+            plugin = replace(known)  # options may have changed in a module that is imported again
         else:
             plugin = Plugin(family, name, module, module, lambda: None, is_ours(module))
         announce(plugin)
@@ -183,14 +183,14 @@ def register(family: str, name: str) -> Callable[[C], C]:
         _classes[family, name] = cls
         if not plugin.is_ours:
             note_source(cls)
-            OmegaConf.structured(plugin.config)  # an option without a type is refused now
+            OmegaConf.structured(plugin.config)  # refuses an option without a type now
         return cls
 
     return publish
 
 
 def plugins(family: str | None = None) -> list[Plugin]:
-    """List all plugins, or those of one family, by family and name."""
+    """List all plugins, or those of one family, sorted by family and name."""
     chosen = [plugin for plugin in _members.values() if family in (None, plugin.family)]
     return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
@@ -201,17 +201,17 @@ def loaded_plugins() -> list[Plugin]:
 
 
 def member(family: str, name: str) -> Plugin | None:
-    """Find a plugin by its name; None if there is none."""
+    """Find a plugin by family and name; None if there is none."""
     return _members.get((family, name))
 
 
 def plugin_of_class(cls: type) -> Plugin | None:
-    """Find the plugin that a class is registered as; None if it is none."""
+    """Find the plugin of a class; None if it is not registered."""
     return next((_members[key] for key, registered in _classes.items() if registered is cls), None)
 
 
 def import_or_explain(load: Callable[[], Any], source: str) -> Any:
-    """Load a plugin; a UserError says which ``source`` cannot be loaded, and why."""
+    """Load a plugin; a UserError explains why its ``source`` cannot be loaded."""
     try:
         return load()
     except UserError as error:

@@ -1,4 +1,4 @@
-"""Check every result of a stranger's plugin against the contract of its family; a mistake names the plugin."""
+"""Check every result of a user's plugin against the contract of its family; errors name the plugin."""
 
 import inspect
 import math
@@ -18,14 +18,14 @@ from brushexp.strokes.catalogue import check_strokes
 
 
 def _describe(value: Any) -> str:
-    """Describe a result in a few words: its value if it is short, else its type, with the shape of a tensor."""
+    """Describe a result in a few words: its value if short, otherwise its type, with the shape of a tensor."""
     if isinstance(value, Tensor):
         return f"{type(value).__name__} {tuple(value.shape)} of {value.dtype}"
     return repr(value) if isinstance(value, str | Real | None) else type(value).__name__
 
 
 def _is_real(value: Any, shape: tuple[int, ...]) -> bool:
-    """Whether a value is a tensor of floats of this shape."""
+    """Tell whether a value is a tensor of floats with this shape."""
     return isinstance(value, Tensor) and value.shape == shape and value.dtype.is_floating_point
 
 
@@ -33,7 +33,7 @@ def _problem_of_picture(result: Any, picture: Tensor, **_: Any) -> str:
     if not _is_real(result, picture.shape):
         return f"{_describe(result)}, not a picture {tuple(picture.shape)}"
     if not result.isfinite().all():
-        return "a picture with numbers that are not finite"
+        return "a picture with non-finite numbers"
     low, high = float(result.min()), float(result.max())
     return "" if low >= 0 and high <= 1 else f"a picture from {low:g} to {high:g}, not in [0, 1]"
 
@@ -48,7 +48,7 @@ def _problem_of_window(result: Any, parameters: Tensor, **_: Any) -> str:
     images = result if isinstance(result, Tensor) else getattr(result, "images", None)
     if not isinstance(images, Tensor) or not _is_real(images, (len(parameters), 4, *2 * images.shape[-1:])):
         return f"{_describe(images)}, not pictures ({len(parameters)}, 4, S, S)"
-    return "" if bool(images.isfinite().all()) else "pictures with numbers that are not finite"
+    return "" if bool(images.isfinite().all()) else "pictures with non-finite numbers"
 
 
 def _problem_of_update(result: Any, state: Any, **_: Any) -> str:
@@ -80,7 +80,7 @@ def _problem_of_callback(result: Any, *_: object, **__: object) -> str:
 
 def _problem_of_files(result: Any, *_: object, **__: object) -> str:
     missing = [str(path) for path in result if not path.is_file()]
-    return f"{', '.join(missing)}, which it has not written" if missing else ""
+    return f"{', '.join(missing)}, which it did not write" if missing else ""
 
 
 def _problem_of_number(result: Any, strokes: Any, *_: object, **__: object) -> str:
@@ -103,13 +103,13 @@ def _problem_of_end(result: Any, strokes: Any, *_: object, **__: object) -> str:
     finished, order = result
     check_strokes(finished)
     if len(finished) < len(strokes):
-        return f"{len(finished)} strokes, fewer than the {len(strokes)} of before"
+        return f"{len(finished)} strokes, fewer than the {len(strokes)} before"
     is_order = order.ndim == 1 and torch.equal(order.sort().values, torch.arange(len(finished), device=order.device))
     return "" if is_order else f"{_describe(order)}, not the numbers of all {len(finished)} strokes in their order"
 
 
 def _wanted(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
-    """Make a rule for a tensor of floats whose shape depends on the arguments; ``what`` describes the tensor."""
+    """Make a check for a tensor of floats whose shape depends on the arguments; ``what`` describes the tensor."""
 
     def problem(result: Any, *args: Any, **_: Any) -> str:
         wanted = shape(result, *args)
@@ -141,7 +141,7 @@ def _problem_of_encoding(result: Any, color: Tensor, **_: object) -> str:
     return "" if fits else f"{_describe(result)}, not channels {(*color.shape[:-1], 'C')}"
 
 
-PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # what is wrong with a result of its type; "" if nothing is
+PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # says what is wrong with a result, or ""
     ("palette", "__call__"): _problem_of_picture,
     ("paper", "cover"): _wanted(lambda result, flat, *_: flat.shape, "a picture"),
     ("paper", "relief"): _problem_of_heights,
@@ -168,7 +168,7 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # what is wrong with a 
 
 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
-    """Check each result of a user's class against its contract (a module); a UserError if the class lacks a part."""
+    """Make a user's class check each result against its contract (a module); refuse (UserError) missing methods."""
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = place_of(cls)
     notes = {name: kind for base in bases for name, kind in vars(base).get("__annotations__", {}).items()}
@@ -187,19 +187,19 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
 
 
 def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
-    """Refuse (UserError) a method that cannot be called with the arguments that its contract names."""
+    """Refuse (UserError) a method that cannot be called with the arguments of its contract."""
     ours, theirs = (inspect.signature(one).parameters for one in (contract, function))
     positional = [name for name, one in ours.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     named = {name: None for name, one in ours.items() if one.kind is one.KEYWORD_ONLY}
     try:
         inspect.signature(function).bind(*positional, **named)
     except TypeError as error:
-        is_called = f"{function.__name__}({', '.join(theirs)}) is called as ({', '.join(ours)})"
+        is_called = f"{function.__name__}({', '.join(theirs)}) is called with ({', '.join(ours)})"
         raise UserError(f"{who}: {is_called}; correct the plugin") from error
 
 
 def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
-    """Wrap a method so that it refuses a result of another ``kind``, or one with a problem."""
+    """Wrap a method so that it refuses results of another ``kind`` or with a problem."""
 
     @wraps(function)
     def checked(self: Any, *args: Any, **options: Any) -> Any:
@@ -211,7 +211,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
                 problem = _problem_of_device(result, args)
                 problem = problem or ("" if problem_of is None else problem_of(result, *args, **options))
         except UserError as error:
-            raise UserError(f"{who}: {function.__name__} returns strokes: {error}; correct the plugin") from error
+            raise UserError(f"{who}: {function.__name__} returns wrong strokes: {error}; correct the plugin") from error
         if problem:
             raise UserError(f"{who}: {function.__name__} returns {problem}; correct the plugin")
         return result
@@ -220,7 +220,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:
-    """Say that a tensor is not where the arguments are, tensors or objects with tensors."""
+    """Report a tensor on another device than the arguments."""
     if not isinstance(result, Tensor):
         return ""
     parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]
@@ -230,7 +230,7 @@ def _problem_of_device(result: Any, args: Sequence[object]) -> str:
 
 
 def _return_type(function: Any) -> Any:
-    """Return the declared type of a result; `Any` where it is unknown before Lightning is imported."""
+    """Return the declared type of a result, or `Any` if it is unknown before Lightning is imported."""
     try:
         return get_type_hints(function).get("return", Any)
     except NameError:

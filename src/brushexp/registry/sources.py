@@ -1,4 +1,4 @@
-"""Keep the SHA-256 of the files that define users' plugins, as they were when they were imported."""
+"""Record the SHA-256 of the files of users' plugins at their import."""
 
 import sys
 from collections.abc import Iterable
@@ -7,11 +7,11 @@ from pathlib import Path
 from brushexp.registry.families import USER_PACKAGE
 from brushexp.system.reading import digest_of
 
-_digests: dict[str, str] = {}  # module -> SHA-256 of its file when a plugin of it was registered
+_digests: dict[str, str] = {}  # module -> SHA-256 of its file when one of its plugins was registered
 
 
 def note_source(cls: type) -> None:
-    """Compute the SHA-256 of the files behind a class that is being registered."""
+    """Record the SHA-256 of the files behind a class that is being registered."""
     for module in modules_behind(cls):
         path = file_of(module)
         if path is not None and path.is_file():
@@ -25,12 +25,12 @@ def file_of(module: str) -> Path | None:
 
 
 def place_of(cls: type) -> str:
-    """Say where a class is defined, for messages: its file, or the module that is no file."""
+    """Say where a class is defined, for messages: its file, or its module if it has no file."""
     return str(file_of(cls.__module__) or cls.__module__)
 
 
 def modules_behind(cls: type) -> list[str]:
-    """List the module of a class, those of its bases in the same package, and that package's loaded ``_modules``."""
+    """List the module of a class, those of its bases in the same package, and the package's loaded ``_modules``."""
     package = cls.__module__.partition(".")[0]
     bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
     begin = f"{package}."
@@ -45,6 +45,6 @@ def digests_of(classes: Iterable[type]) -> dict[str, str]:
 
 
 def _file_name(module: str) -> str:
-    """Name the file of a module without the folder that it lies in on this machine."""
+    """Name the file of a module without its folder on this machine."""
     name = module.removeprefix(f"{USER_PACKAGE}.").replace(".", "/")
     return f"{name}.py" if module != "__main__" else Path(str(file_of(module))).name

@@ -1,1 +1,1 @@
-"""Tables, whatever they show."""
+"""General tables in several formats."""

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    # A row per element, a column per key, or a data frame, whose index is not shown.
+    # A row per element and a column per key, or a data frame without its index.
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
-MISSING = "–"  # in place of a number that is missing
-NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # a number, or what stands in its place
+MISSING = "–"  # text for a missing number
+NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # a number or its replacement
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """Write a table as CSV; missing numbers are empty, finite floats have ``significant`` digits, None for all."""
+    """Write a table as CSV; missing numbers are empty, floats have ``significant`` digits, or all digits for None."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -31,8 +31,8 @@ def markdown_table(
 ) -> str:
     """Write a table as Markdown.
 
-    ``digits`` are those after the point of numbers by column. ``align`` is "l" or "r" for each column, as in LaTeX;
-    None sets columns of numbers on the right. Without ``escape`` the cells are Markdown themselves.
+    ``digits`` gives the decimals of each column. ``align`` is "l" or "r" for each column, as in LaTeX; None aligns
+    columns of numbers on the right. Without ``escape`` the cells are Markdown already.
     """
     texts = as_text(_frame(rows), digits or {})
     quote = escape_markdown if escape else str
@@ -42,14 +42,14 @@ def markdown_table(
 
 
 def latex_table(rows: Rows, digits: Mapping[str, int] | None = None) -> str:
-    """Write a table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
+    """Write a table as LaTeX with the rules of booktabs; arguments as in `markdown_table`."""
     texts = as_text(_frame(rows), digits or {})
     text = str(texts.to_latex(index=False, escape=True, column_format=_alignment(texts)))
     return text.replace("±", r"$\pm$").replace(MISSING, "--")
 
 
 def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
-    """Format every cell, numbers with the digits of their column."""
+    """Format every cell, numbers with the decimals of their column."""
     return frame.apply(lambda column: column.map(lambda value: _format(value, digits.get(column.name))))
 
 
@@ -66,10 +66,10 @@ def _format(value: Any, digits: int | None) -> str:
 
 
 def _alignment(texts: DataFrame) -> str:
-    """Align columns of numbers on the right: ``"lrr"``."""
+    """Choose the alignment of columns, numbers on the right: ``"lrr"``."""
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 
 def escape_markdown(text: str) -> str:
-    r"""Escape text so that Markdown shows it to the letter: ``a|b_c`` becomes ``a\|b\_c``."""
+    r"""Escape text so that Markdown shows it literally: ``a|b_c`` becomes ``a\|b\_c``."""
     return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))

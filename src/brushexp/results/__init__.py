@@ -1,1 +1,1 @@
-"""Collect runs into one table; write plots, tables and a sheet of pictures of them."""
+"""Collect runs in one table; write plots, tables and a sheet of their pictures."""

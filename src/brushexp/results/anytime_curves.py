@@ -1,4 +1,4 @@
-"""Read how the PSNR of runs rose with time, average it, and tell which setting was ahead."""
+"""Read PSNR over time of runs, average it, and tell which setting was ahead."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Curve = tuple[np.ndarray, np.ndarray]  # seconds of optimisation, rising, and PSNR in dB
-LEAD = 0.1  # dB: by which a run must be better than the leader to take its place
+Curve = tuple[np.ndarray, np.ndarray]  # seconds of optimisation, increasing, and PSNR in dB
+LEAD = 0.1  # dB by which a run must beat the leader to replace it
 
 
 def curve_from(points: Any) -> Curve | None:
-    """Read the curve of pairs that a run has noted as ``anytime``; None if it has no two points."""
+    """Read a curve from the pairs that a run recorded as ``anytime``; None for fewer than two points."""
     try:
         pairs = np.array(points or [], float).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):
@@ -27,14 +27,14 @@ def curve_from(points: Any) -> Curve | None:
 
 
 def mean_curve(curves: Sequence[Curve]) -> Curve:
-    """Average the PSNR of several runs from when all have begun; one that has ended keeps what it has."""
+    """Average the PSNR of several runs from the start of the last one; a finished run keeps its value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """List who had the best picture from which second on; a run that has ended keeps what it has."""
+    """List the leaders and the second at which each took the lead; a finished run keeps its value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]
     names, leader, changes = list(curves), None, []

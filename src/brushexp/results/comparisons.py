@@ -1,4 +1,4 @@
-"""What packages make of the results of several runs: files beside their page, and tables on it."""
+"""Comparisons of runs by packages: files beside the page of a sweep, and tables on it."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `RunCo
 
 @dataclass(frozen=True)
 class PageTable:
-    """A section of the page of a sweep: its ``id`` and heading, what it shows, and at least one row, in words."""
+    """A section of the page of a sweep: ``id``, heading, explanation, and at least one row, as text."""
 
     id: str
     title: str
     text: str
     rows: list[dict[str, Any]]
-    numbers: Sequence[str] = ()  # columns to align as such
+    numbers: Sequence[str] = ()  # columns to align as numbers
 
 
 @dataclass(frozen=True)
 class RunComparison:
-    """What is made of runs, a frame of `brushexp.results.runs`: files in a folder, and a table, if there is one."""
+    """A comparison of runs, a frame of `brushexp.results.runs`, that writes files and may give a table."""
 
     write: Callable[[Path, DataFrame], None]
     table: Callable[[DataFrame], PageTable | None]
 
 
 def comparisons() -> list[RunComparison]:
-    """Load the comparisons of installed packages; a UserError says which one cannot be imported."""
+    """Load the comparisons of installed packages; a UserError names one that cannot be imported."""
     points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

@@ -1,6 +1,6 @@
-"""The exports of a run: files beside its painting, and in ``exports`` a folder for the records of each export.
+"""Manage the exports of a run: files beside its painting, and a folder in ``exports`` for each export's records.
 
-An export notes in its metrics.json, as ``files``, which file of the run is of which format.
+The entry ``files`` in the metrics.json of an export tells which file of the run has which format.
 """
 
 import os
@@ -16,9 +16,9 @@ FOLDER = "exports"  # in the folder of a run
 
 
 def run_around(catalogue: str) -> Path | None:
-    """Return the folder of the run whose painting this is, a folder or its catalogue.h5; None of any other file.
+    """Return the folder of the run of a painting, given as a folder or catalogue.h5; None for other files.
 
-    It is also None if nothing can be written into the folder.
+    It is also None if the folder is read-only.
     """
     path = Path(catalogue).expanduser()
     folder = path if path.is_dir() else path.parent
@@ -27,32 +27,31 @@ def run_around(catalogue: str) -> Path | None:
 
 
 def exported(run: Path) -> dict[Path, str]:
-    """Map each file that earlier exports have written beside a painting, and that still exists, to its format."""
+    """Map each existing file that earlier exports wrote beside a painting to its format."""
     files: dict[Path, str] = {}
     for record in sorted((run / FOLDER).glob(f"*/{METRICS_FILE}")):
         try:
             noted = json_of(read_text(record, ""))["files"]
             files |= {run / Path(name).name: str(kind) for kind, names in noted.items() for name in names}
         except (UserError, KeyError, TypeError, AttributeError):
-            continue  # of an export that went elsewhere, or damaged
+            continue  # records of an export to another folder, or damaged ones
     return {path: kind for path, kind in files.items() if path.is_file()}
 
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
-    """Refuse (UserError) an export in formats of which earlier files lie beside the painting."""
+    """Refuse (UserError) an export in formats that already have files beside the painting."""
     for path, kind in exported(run).items():
         if kind in kinds:
             raise UserError(
-                f"{path} is of an earlier export; replace it with overwrite=true, or choose another folder: output=..."
+                f"{path} exists already; replace it with overwrite=true, or choose another folder: output=..."
             )
 
 
 def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
-    """Move new files of an export beside the painting, and return where they are.
+    """Move the new files of an export beside the painting and return their paths.
 
-    A file that an earlier export has written is replaced. Next to any other file of the same name, such as
-    ``painting.png`` of the painting itself, the new one is ``painting_export.png``. If that name is taken, too, the
-    file stays where it is.
+    Files of earlier exports are replaced. If another file has the name, such as the run's own ``painting.png``, the new
+    file becomes ``painting_export.png``; if that name is taken too, it stays where it is.
     """
     earlier, moved = exported(run), []
     for path in paths:
@@ -60,6 +59,6 @@ def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
         names = (plain, plain.with_name(f"{path.stem}_export{path.suffix}"))
         free = [name for name in names if name in earlier or not os.path.lexists(name)]
         moved.append(path.replace(free[0]) if free else path)
-    with recorded(run):  # so overwrite=true of the run removes them
+    with recorded(run):  # so that overwrite=true of the run removes them
         note_files(run, [*moved, *{path.parent / MANIFEST for path in paths}])
     return moved

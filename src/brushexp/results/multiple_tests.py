@@ -1,4 +1,4 @@
-"""Correct p-values for the number of tests that they belong to."""
+"""Correct p-values for multiple tests."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct the p-values of several tests, so that one of them is wrong at most as often as its p says.
+    """Correct the p-values of several tests so that they bound the probability of any false positive.
 
     Source: the step-down procedure of Holm, 1979.
 

@@ -14,15 +14,15 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.results.runs import read_result
 from brushexp.system.run_files import METRICS_FILE
 
-PICTURES = ("target", "painting", "flat", "style", "focus")  # a run may have these, as `Finished` names them
+PICTURES = ("target", "painting", "flat", "style", "focus")  # optional pictures of a run, as named by `Finished`
 
 log = logging.getLogger(__name__)
 
 
 def read_painting(folder: Path, job: ExportJob) -> Finished:
-    """Read the pictures and figures of a run; a damaged picture is omitted, with a warning.
+    """Read the pictures and metrics of a run, omitting damaged pictures with a warning.
 
-    A painting that is larger than the picture on which its strokes were optimised is shrunk to that.
+    A painting larger than the picture on which its strokes were optimised is shrunk to that size.
     """
     pictures = dict[str, np.ndarray]()
     for name in PICTURES:

@@ -1,4 +1,4 @@
-"""Say in one line in which versions, commits, machines and plugin files the runs of a table differ."""
+"""Summarise in one line how runs differ in versions, commits, machines and plugin files."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from brushexp.system.reading import in_short
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMMIT_LETTERS = 7  # of a commit that a line shows
-SHOWN = {  # part of a provenance -> how a line names it, and how many letters of its values it shows; None for all
+COMMIT_LETTERS = 7  # characters of a commit to show
+SHOWN = {  # part of a provenance -> its name, and how many characters of its values to show (None for all)
     ("brushexp", "version"): ("brushexp", None),
     ("brushexp", "commit"): ("commit of brushexp", COMMIT_LETTERS),
     ("brushexp", "changes"): ("uncommitted changes of brushexp", 0),
@@ -26,9 +26,9 @@ SHOWN = {  # part of a provenance -> how a line names it, and how many letters o
 
 
 def remark_on_provenance(frame: DataFrame) -> str:
-    """Say in which parts of their provenance the runs of a frame differ; "" if in none, or if no run has one.
+    """Say how the provenance of the runs in a frame differs; "" if it does not, or if no run has one.
 
-    A plugin file counts where two runs use it in different versions.
+    A plugin file counts if two runs use different versions of it.
     """
     records = [one if isinstance(one, dict) else None for one in frame["run", "provenance"]]
     known = [one for one in records if one is not None]
@@ -37,18 +37,18 @@ def remark_on_provenance(frame: DataFrame) -> str:
     parts = differing_parts(known)
     remarks = [f"These runs differ in {'; '.join(parts)}."] if parts else []
     if silent := len(records) - len(known):
-        remarks.append(f"{silent} of {len(records)} runs have no record of the versions that made them.")
+        remarks.append(f"{silent} of {len(records)} runs have no record of their versions.")
     return " ".join(remarks)
 
 
 def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the parts in which provenances differ, with their values: ``PyTorch (2.8.0, 2.9.0)``."""
+    """List the differing parts of provenances with their values: ``PyTorch (2.8.0, 2.9.0)``."""
     parts = [_difference([_at(one, path) for one in records], *shown) for path, shown in SHOWN.items()]
     return [*filter(None, parts)] + [f"plugin file {name}" for name in _changed_plugins(records)]
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Name a part with its values, if these differ."""
+    """Name a part with its values if they differ."""
     texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""
@@ -63,7 +63,7 @@ def _at(record: Mapping[str, Any], path: Sequence[str]) -> object:
 
 
 def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the plugin files that runs use in different versions."""
+    """List the plugin files of which runs use different versions."""
     digests: dict[str, set[str]] = {}
     for record in records:
         plugins = record.get("plugins")

@@ -1,4 +1,4 @@
-"""Name the numbers of metrics.json: how tables, plots and pages show them, and which way each is better."""
+"""Describe the numbers in metrics.json: how tables, plots and pages show them, and which direction is better."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,28 +10,28 @@ from brushexp.registry import Plugin, plugins
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of a run as tables, plots and pages show it."""
+    """A number of a run, as shown in tables, plots and pages."""
 
     title: str
     digits: int  # after the point
     better: str  # "higher", "lower", or "" for neither
     matters: float = 0.0  # smaller differences are negligible
-    ratio: bool = False  # differences are of its logarithm
+    ratio: bool = False  # whether differences are taken between logarithms
     unit: str = ""
     about: str = ""
 
     @property
     def name(self) -> str:
-        """Its title with its unit."""
+        """Title with unit."""
         return f"{self.title}, {self.unit}" if self.unit else self.title
 
     @property
     def label(self) -> str:
-        """Label an axis with the name, and with the end that is better."""
+        """Label for an axis: the name and the better direction."""
         return f"{self.name} ({self.better} is better)"
 
 
-OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
+OTHERS: Mapping[str, Quantity] = {  # numbers of a run that do not come from metrics
     **{f"style_{kind}": Quantity(f"style {kind}", 4, "lower") for kind in ("poly", "linear", "gaussian", "meanstd")},
     "accuracy": Quantity("accuracy", 4, "higher"),
     "auc": Quantity("AUC", 4, "higher"),
@@ -42,7 +42,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
         "higher",
         0.1,
         unit="dB",
-        about="PSNR of the picture that is painted from the file whose bits are counted.",
+        about="PSNR of the picture painted from the file whose bits are counted.",
     ),
     "psnr_alpha": Quantity("PSNR of alpha", 2, "higher", 0.1, unit="dB"),
     "psnr_color": Quantity("PSNR of colour", 2, "higher", 0.1, unit="dB"),
@@ -64,7 +64,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
 
 
 def quantities() -> dict[str, Quantity]:
-    """List the numbers that tables and plots show, in this order; those of metrics come first."""
+    """List the numbers in the order of tables and plots, those of metrics first."""
     rank = {name: place for place, name in enumerate(STANDARD)}
     ranked = sorted(plugins("metric"), key=lambda plugin: rank.get(plugin.name, len(rank)))
     return {key: quantity for plugin in ranked for key, quantity in _quantities_of(plugin).items()} | dict(OTHERS)
@@ -77,5 +77,5 @@ def _quantities_of(plugin: Plugin) -> dict[str, Quantity]:
 
 
 def digits() -> dict[str, int]:
-    """Return the digits after the point of each number."""
+    """Return the decimals of each number."""
     return {key: quantity.digits for key, quantity in quantities().items()}

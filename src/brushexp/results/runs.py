@@ -2,12 +2,12 @@
 
 The frame has a row per run, indexed by its name, and columns in three parts:
 
-- ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file that shows it, if there is one; ``target``,
-  a fingerprint of what was painted; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
-  with what it was made, None of old runs; ``command``, which repeats it; and of runs that are compared ``image``, the
-  name of what was painted ("" of other tasks), and ``label``, the overrides by which it differs from the others of this
-  image, without seeds.
-- ``frame["setting"]``: a column per key that was typed, missing where it was not set; ``loss`` as names of losses.
+- ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file that shows it, if any; ``target``, a
+  fingerprint of the painted picture; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
+  None for old runs; ``command``, which repeats the run; and, for compared runs, ``image``, the name of the painted
+  picture ("" for other tasks), and ``label``, the overrides except seeds that distinguish it from other runs of this
+  image.
+- ``frame["setting"]``: a column per typed key, missing where it was not set; ``loss`` as names of losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
 """
 
@@ -34,50 +34,50 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Result = dict[str, Any]
-JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
+JOBS = ".hydra/jobs.json"  # file in the folder of a sweep with the typed words and those of each job
 REMOVED = "(removed)"  # value of an override "~key"
-TEXTS = ("status", "error", "loss", "picture", "verdict")  # keys of a result that are words
-LARGEST_NUMBER = 1e300  # larger numbers of a result are taken for missing
-LONGEST_VALUE = 40  # letters of a value in a label; a longer one is cut at its beginning
+TEXTS = ("status", "error", "loss", "picture", "verdict")  # entries of a result that are words
+LARGEST_NUMBER = 1e300  # larger numbers in a result count as missing
+LONGEST_VALUE = 40  # characters of a value in a label; longer values lose their beginning
 
 
 def gather(folders: Iterable[Path], into: Path) -> DataFrame:
-    """Gather all runs at or below some folders, those of a sweep by their numbers, named as seen from ``into``.
+    """Gather all runs at or below some folders, sorted by job number, with names relative to ``into``.
 
-    A folder without a run is a UserError.
+    A UserError names a folder without a run.
     """
     into = into.resolve()
     results: dict[str, Result] = {}
     for folder in folders:
         paths = sorted(_runs_below(folder.resolve()), key=_job_order)
         if not paths:
-            reason = "no finished run in it" if folder.is_dir() else "no such folder"
+            reason = "no finished run" if folder.is_dir() else "no such folder"
             raise UserError(f"runs={folder}: there is {reason}; give the folder of a run or of a sweep")
         results |= {os.path.relpath(path, into): read_result(path) for path in paths}
     return frame_of(into, results)
 
 
 def has_finished(folder: Path) -> bool:
-    """Tell whether a run has come to its end and has written all its files."""
+    """Tell whether a run has finished and written all its files."""
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in UNFINISHED
 
 
 def has_ended(folder: Path) -> bool:
-    """Tell whether a run has finished or failed, and was not killed or interrupted."""
+    """Tell whether a run finished or failed, rather than being killed or interrupted."""
     goes_on = (Status.INTERRUPTED, Status.AT_WORK)
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in goes_on
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return the number of a run that has this name; a UserError lists the numbers of the run."""
+    """Return a number of a run by name, or raise a UserError that lists all numbers of the run."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
-        raise UserError(f"objective={name} is no number of this run; choose one of {', '.join(values)}")
+        raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
     return values[name]
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame of results by name (see the top of this module); each run lies in ``folder / name``."""
+    """Make the data frame (see the top of this module) from results by name; runs lie in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -98,7 +98,7 @@ def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
 
 
 def make_unique(names: Iterable[str]) -> list[str]:
-    """Number names that occur again: ``a``, ``b``, ``a (2)``."""
+    """Number repeated names: ``a``, ``b``, ``a (2)``."""
     counts: Counter[str] = Counter()
     unique = []
     for name in names:
@@ -108,7 +108,7 @@ def make_unique(names: Iterable[str]) -> list[str]:
 
 
 def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
-    """List the overrides by which each run differs from the others: ``("steps=100", "~frames")``."""
+    """List the overrides that distinguish each run from the others: ``("steps=100", "~frames")``."""
     keys = dict.fromkeys(key for one in chosen for key in one)
     values = {key: list(dict.fromkeys(one.get(key, "") for one in chosen)) for key in keys}
     words = {key: shorten(several) for key, several in values.items() if len(several) > 1}
@@ -119,7 +119,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten each value of a setting, as long as values differ: paths to their ends, and long ones."""
+    """Shorten the values of a setting while they remain distinct: paths to their ends, and long values."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -128,7 +128,7 @@ def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, st
 
 
 def _tail(value: str, depth: int) -> str:
-    """Cut a path to its last parts; a list keeps its bracket."""
+    """Cut a path to its last ``depth`` parts; a list keeps its bracket."""
     path = value.lstrip('["')
     return value.removesuffix(path) + "/".join(path.split("/")[-depth:])
 
@@ -141,7 +141,7 @@ def parse_overrides(words: Iterable[str]) -> dict[str, str]:
 
 
 def _part(rows: Sequence[Mapping[str, Any]], *always: str) -> DataFrame:
-    """Make a column for every key of some row, and at least these."""
+    """Make a column for every key of any row, and at least for the given keys."""
     import pandas as pd  # noqa: PLC0415
 
     columns = dict.fromkeys([*(key for row in rows for key in row), *always])
@@ -164,19 +164,19 @@ def _run_columns(folder: Path, result: Result) -> dict[str, Any]:
 def _metrics(result: Result) -> dict[str, Any]:
     metrics = {k: v for k, v in result.items() if k not in (*TEXTS, "overrides") and not isinstance(v, list | dict)}
     if metrics.get("psnr") is None and metrics.get("l1") == 0:
-        metrics["psnr"] = math.inf  # JSON knows no infinity
+        metrics["psnr"] = math.inf  # JSON has no infinity
     return metrics
 
 
 def command_of(folder: Path) -> str:
-    """Write the command that repeats a run, without its folder; a study that is a sweep then runs once."""
+    """Write the command that repeats a run, without its folder; a job of a study is repeated alone."""
     typed = words_of(folder)
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
     return shlex.join(["brushexp", *(word for word in typed if not word.startswith("output=")), *single])
 
 
 def words_of(folder: Path) -> list[str]:
-    """Read the overrides of a run as typed, none if they were not recorded."""
+    """Read the overrides of a run as typed, empty if they were not recorded."""
     try:
         return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
     except UserError:
@@ -184,7 +184,7 @@ def words_of(folder: Path) -> list[str]:
 
 
 def look_of(folder: Path) -> str:
-    """Name the look of a run, as Hydra recorded it; nothing if it was not recorded."""
+    """Name the look of a run as Hydra recorded it; "" if it did not."""
     try:
         recorded: Any = yaml_of(read_text(folder / ".hydra" / "hydra.yaml", ""))
     except UserError:
@@ -195,7 +195,7 @@ def look_of(folder: Path) -> str:
 
 
 def image_name(run: Any) -> str:
-    """Write the name and the size of what a run painted, as far as the folder has them."""
+    """Write the name and size of the painted picture, as far as the folder has them."""
     name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"
@@ -203,7 +203,7 @@ def image_name(run: Any) -> str:
 
 
 def setting_of(run: Any, key: str) -> Any:
-    """Return the value of a key as typed, or as the config of the run has it, or None."""
+    """Return the value of a key as typed or from the config of the run, or None."""
     if key in run["overrides"]:
         return run["overrides"][key]
     with suppress(UserError):
@@ -219,7 +219,7 @@ def _runs_below(folder: Path) -> Iterator[Path]:
 
 
 def read_result(folder: Path) -> Result:
-    """Read the metrics.json of a run and its overrides; one that cannot be read is a failed run."""
+    """Read the metrics.json of a run and its overrides; an unreadable file makes it a failed run."""
     overrides, data = parse_overrides(words_of(folder)), None
     with suppress(UserError):
         data = json_of(read_text(folder / METRICS_FILE, ""))
@@ -232,7 +232,7 @@ def read_result(folder: Path) -> Result:
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:
-    """Read the columns of a table of curves, NaN where there is no number; none if there is no table."""
+    """Read the columns of a table of curves, NaN for missing numbers; empty if there is no table."""
     rows = read_table(path)
     return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
 
@@ -245,7 +245,7 @@ def _float(text: str | None) -> float:
 
 
 def _value(value: Any) -> Any:
-    """Replace a number that is not finite or too large by None."""
+    """Replace a number that is not finite, or too large, by None."""
     return None if isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER else value
 
 

@@ -1,4 +1,4 @@
-"""Measure a painting's strokes: the measures of `strokes.measures`, visible shares and neighbours."""
+"""Measure the strokes of a painting: `strokes.measures`, visible shares and neighbours."""
 
 import math
 from dataclasses import replace
@@ -31,8 +31,8 @@ SIZE_MEASURES = ("length", "width", "area", "elongatedness")  # the settings of 
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
-    "visible": Measure("visible share", "of the stroke's paint on the canvas, what no later stroke hides", high=1.0),
-    "neighbours": Measure("neighbours", "strokes whose centres are within the radius", LI),
+    "visible": Measure("visible share", "share of the stroke's paint that no later stroke hides", high=1.0),
+    "neighbours": Measure("neighbours", "number of strokes with centres within the radius", LI),
     "aligned": Measure(
         "aligned neighbours",
         f"of the {NEIGHBOURS} nearest, those that differ by {math.degrees(ALIGNED_WITHIN):.0f}° or less", LI,
@@ -42,16 +42,17 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure N strokes, all of which count as neighbours of each other; see `strokes.measures.is_visible`.
+    """Measure N strokes, all of which count as neighbours; use `strokes.measures.is_visible` to select some first.
 
-    ``depth`` (N,) are ranks, 0 is the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
-    are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches.
+    ``depth`` (N,) are ranks, 0 for the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
+    are counted within ``radius`` pixels, None for ``RADIUS_PITCHES`` pitches.
 
     Returns:
-        (N,) records of float64: x and y, the centre of the curve in pixels from the left and the top, and ``MEASURES``,
-        angles in radians, orientation clockwise in [0, pi). Undefined ones are NaN: elongatedness without width;
-        deviation, coherence and homogeneity without neighbours; straightness and orientation of a dot, shorter than
-        `ruler.POINT_LENGTH`, whose length and curvature are 0.
+        (N,) records of float64: x and y of the curve's centre in pixels from the left and the top, and ``MEASURES``,
+        with
+            angles in radians, orientation clockwise in [0, pi). Undefined measures are NaN: elongatedness without
+            width; deviation, coherence and homogeneity without neighbours; straightness and orientation of dots shorter
+            than `ruler.POINT_LENGTH`, whose length and curvature are 0.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)
@@ -81,12 +82,12 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
     }
     columns = [value.double().numpy() for value in measures.values()]
     table = np.rec.fromarrays(columns, dtype=[(name, np.float64) for name in measures])
-    table.orientation = table.orientation % math.pi % math.pi  # rounding makes pi of a tiny negative angle
+    table.orientation = table.orientation % math.pi % math.pi  # rounding turns a tiny negative angle into pi
     return table
 
 
 def _count_within(centre: Tensor, radius: float) -> Tensor:
-    """Count the others (N,) of the centres (N, 2) within a radius of each."""
+    """Count the other centres (N, 2) within a radius of each: (N,)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -95,11 +96,11 @@ def _count_within(centre: Tensor, radius: float) -> Tensor:
 
 
 def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
-    """Compute the share (N,) of the paint of each stroke on the canvas that later strokes let through, in [0, 1].
+    """Compute the visible share (N,), 0 to 1, of each stroke's paint on the canvas, below later strokes.
 
-    That is sum(alpha T) / sum(alpha) over the pixels of the canvas, T being the share of light that the strokes above
-    let through, drawn by ``renderer=analytic`` for all paintings. The picture is linear in the colour of each stroke,
-    so both sums are slopes of its brightness in that colour; the second with strokes that are almost transparent.
+    It is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the light that the strokes above let
+    through, always drawn by ``renderer=analytic``. The picture is linear in the colour of each stroke, so both sums are
+    derivatives of its brightness with respect to that colour, the second with almost transparent strokes.
     """
     if not len(strokes):
         return torch.zeros(0)
@@ -113,7 +114,7 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
 
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
-    """Sum over the canvas what each stroke (N,) adds to the picture per unit of its colour."""
+    """Sum over the canvas the contribution (N,) of each stroke to the picture per unit of its colour."""
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
         layers = Analytic()(replace(strokes, color=color, drift=torch.zeros_like(color)))
@@ -123,10 +124,10 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def sizes_set_by(saved: Saved) -> str:
-    """Name the setting that gave painted strokes their ``SIZE_MEASURES``, such as ``init=slic``; "" if no setting did.
+    """Name the setting that determined the ``SIZE_MEASURES`` of painted strokes, such as ``init=slic``; "" if none did.
 
-    Gradient descent hardly changes the sizes that strokes begin with, so that they say nothing of a painter's brushes.
-    Strokes that were recovered from a picture, and those of no run, have sizes of their own.
+    Gradient descent hardly changes initial sizes, so they say nothing about a painter's brushes. Strokes recovered from
+    a picture, and strokes without a run, have sizes of their own.
     """
     config = config_of(saved)
     chosen = {
@@ -145,7 +146,7 @@ def sizes_set_by(saved: Saved) -> str:
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Compute shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; bin 0 is about 0."""
+    """Compute shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; bin 0 surrounds 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     shares = np.bincount(number, weight, DIRECTION_BINS)
     return shares / (shares.sum() or 1)

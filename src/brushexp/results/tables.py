@@ -1,4 +1,4 @@
-"""Write the tables of a sweep: a row per run, and means over seeds."""
+"""Write the tables of a sweep: one row per run, and means over seeds."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from brushexp.system.status import Status
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LONGEST_ERROR = 200  # letters of an error message in table.md
+LONGEST_ERROR = 200  # characters of an error message in table.md
 
 
 def write_run_tables(folder: Path, frame: DataFrame) -> None:
-    """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``."""
+    """Write ``table.csv`` (all columns in full precision), ``table.md`` and, for papers, ``table.tex``."""
     metrics = frame["metric"].dropna(axis=1, how="all")
     settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", "status", "error", *metrics])
     every = frame["run"][["status", "error"]].join(settings).join(metrics).rename_axis("run").reset_index()
@@ -37,7 +37,7 @@ def write_run_tables(folder: Path, frame: DataFrame) -> None:
 
 
 def runs_table(frame: DataFrame) -> DataFrame:
-    """Make a row per run: the settings that vary, how it ended, and the metrics that are shown."""
+    """Make a row per run: varying settings, status, and shown metrics."""
     metrics = shown_metrics(frame)
     settings = _settings(frame, list(varying_settings(frame)), ["run", "status", *metrics]).fillna("")
     errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
@@ -45,7 +45,7 @@ def runs_table(frame: DataFrame) -> DataFrame:
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
-    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if seeds do not vary."""
+    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if there is one seed."""
     keys = list(varying_settings(frame))
     if "seed" not in keys:
         return None
@@ -57,23 +57,23 @@ def means_table(frame: DataFrame) -> DataFrame | None:
 
 
 def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> DataFrame:
-    """Select settings; one with the name of another column becomes ``override.<name>``."""
+    """Select settings; a name that clashes with another column becomes ``override.<name>``."""
     return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in others})
 
 
 def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
-    """List the settings in which runs differ, and the values of each in order of appearance; "" where not set."""
+    """Map the settings in which runs differ to their values in order of appearance, "" if not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
 
 def is_album(frame: DataFrame) -> bool:
-    """Tell whether each of several runs has painted a picture of its own by the same settings."""
+    """Tell whether several runs painted different pictures with the same settings."""
     return bool(frame["run", "target"].is_unique) and list(varying_settings(frame)) == ["image"]
 
 
 def numbers(frame: DataFrame) -> DataFrame:
-    """Convert the metrics that are shown to finite numbers; ``psnr`` and ``seconds`` at least."""
+    """Convert the shown metrics, at least ``psnr`` and ``seconds``, to finite numbers."""
     import pandas as pd  # noqa: PLC0415
 
     metrics = frame["metric"][[key for key in quantities() if key in frame["metric"]]]
@@ -82,10 +82,10 @@ def numbers(frame: DataFrame) -> DataFrame:
 
 
 def over_seeds(frame: DataFrame) -> DataFrame:
-    """Average runs that differ in the seed alone: a row per setting, by image and label.
+    """Average runs that differ only in their seed: a row per setting, by image and label.
 
-    Columns are in four parts: "run" (``command`` of the first, and ``runs``, how many), "setting", "mean" and "std" (of
-    a sample; missing for a single run) of each metric.
+    Columns have four parts: "run" (``command`` of the first, and ``runs``, their number), "setting", and "mean" and
+    "std" of each metric (of a sample; missing for a single run).
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -98,11 +98,11 @@ def over_seeds(frame: DataFrame) -> DataFrame:
 
 
 def shown_metrics(frame: DataFrame) -> DataFrame:
-    """Select the metrics that are shown and that some run has."""
+    """Select the shown metrics that at least one run has."""
     return frame["metric"][[key for key in quantities() if key in frame["metric"]]].dropna(axis=1, how="all")
 
 
 def run_count(frame: DataFrame) -> str:
-    """Count the runs, and those that failed, in words."""
+    """Count the runs and the failed ones in words."""
     failed = (frame["run", "status"] == Status.FAILED).sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

@@ -1,1 +1,1 @@
-"""Runs: their folders, the Trainer, resumed runs, sweeps, trackers."""
+"""Runs: their folders, the Trainer, resuming, sweeps, trackers."""

@@ -1,4 +1,4 @@
-"""Say at the end of a run where it is, how to look at it or to go on with it, and one thing to try next."""
+"""Say at the end of a run where it is, how to view or continue it, and one thing to try next."""
 
 import logging
 import shlex
@@ -19,31 +19,31 @@ from brushexp.system.terminal import as_shown
 from brushexp.system.words import table_of_words
 
 log = logging.getLogger(__name__)
-EXPORTS = "to"  # key of what is exported of a finished painting
-NAMED = 4  # files that a line names
+EXPORTS = "to"  # key of exports of a finished painting
+NAMED = 4  # most files that a line names
 
 
 def say_where(folder: Path, strokes: int, start: float | None) -> None:
-    """Name the painting of ``strokes`` and its page; ``start`` is `time.monotonic` at the start of the program.
+    """Report a painting of ``strokes`` and its page; ``start`` is `time.monotonic` at the start of the program.
 
-    A job of a sweep says the first in a line; from Python nothing is said.
+    A job of a sweep reports only the painting; from Python, nothing is reported.
     """
     if not HydraConfig.initialized():
         return
     took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
     log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
     if not is_job():
-        say_page(folder, "how it was painted")
+        say_page(folder, "see how it was painted")
         log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
 
 
 def is_job() -> bool:
-    """Whether this run is a job of a sweep."""
+    """Tell whether this run is a job of a sweep."""
     return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
 
 
 def how_to_go_on(folder: Path, task: str) -> str:
-    """Say what an interrupted run has finished, and what to type to go on with it or to begin it anew."""
+    """Say what an interrupted run has finished, and what to type to continue or restart it."""
     place = as_shown(folder)
     if (folder / CHECKPOINT).is_file():
         return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
@@ -52,11 +52,11 @@ def how_to_go_on(folder: Path, task: str) -> str:
     more = f" and {len(whole) - NAMED} more" if len(whole) > NAMED else ""
     kept = f"{place} has {', '.join(whole[:NAMED])}{more}" if whole else "nothing is finished"
     words = [f"output={place}", *["overwrite=true"] * (METRICS_FILE in names)]
-    return f"{kept}; to begin anew, type the same and: {shlex.join(words)}"
+    return f"{kept}; to start over, repeat the command with: {shlex.join(words)}"
 
 
 def say_page(folder: Path, what: str) -> None:
-    """Name the page of a run or sweep, if there is one, and how to look at it."""
+    """Report the page of a run or sweep, if there is one, and how to view it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()
         look = "".join(f"; {words}: {command}" for command, words in table_of_words("page").items())
@@ -65,10 +65,10 @@ def say_page(folder: Path, what: str) -> None:
 
 
 def suggestion(words: Sequence[str], folder: Path) -> str:
-    """Choose one thing to try after a painting that these words of a command line made.
+    """Choose one thing to try after a painting made by these words of a command line.
 
-    The files of words list what may be proposed in their tables ``[next.WORD]``: ``gives`` says what the word gives,
-    ``after`` names the words after which alone it fits, and ``unless`` the keys beside which it does nothing.
+    The files of words list proposals in tables ``[next.WORD]``: ``gives`` describes the result, ``after`` limits the
+    proposal to paintings with one of these words, and ``unless`` lists keys with which it has no effect.
 
     >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
     'only what matters, in fewer and larger strokes: brushexp photo.jpg abstract'
@@ -91,7 +91,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
 
 
 def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
-    """Whether a proposal says something new after these words."""
+    """Tell whether a proposal is new after these words."""
     typed = {_family(one) for one in words}
     if "after" in proposal:
         matches = any(one in words if "=" in one else one in typed for one in proposal["after"])
@@ -101,7 +101,7 @@ def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
 
 
 def _command(word: str, words: Sequence[str], folder: Path) -> list[str]:
-    """Write the command of a proposal: an export of the finished painting, or the same painting with one word more."""
+    """Write the command of a proposal: an export of the painting, or the same painting with one more word."""
     if _family(word) == EXPORTS:
         return _export(folder, word)
     dropped = {"output", "overwrite", _family(word)}
@@ -114,7 +114,7 @@ def _export(folder: Path, word: str) -> list[str]:
 
 
 def _family(word: str) -> str:
-    """Name the key of a word, or the family of whose member it sets an option.
+    """Return the key of a word, or the family of the member whose option it sets.
 
     >>> _family("palette.values=5"), _family("+metric=lpips"), _family("abstract")
     ('palette', 'metric', 'abstraction')
@@ -123,6 +123,6 @@ def _family(word: str) -> str:
 
 
 def _unquoted(word: str) -> str:
-    """Write a word as it was typed before it was put in the quotes of Hydra's grammar."""
+    """Write a word as typed, without the quotes of Hydra's grammar."""
     key, _, value = word.partition("=")
     return f"{key}={parse_value(value)}" if value.startswith('"') else word

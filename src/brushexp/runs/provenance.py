@@ -1,4 +1,4 @@
-"""Record with what a run was made: versions, commits, machine, and the files of users' plugins."""
+"""Record the provenance of a run: versions, commits, machine, and files of users' plugins."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +16,9 @@ Provenance = dict[str, Any]
 
 
 def provenance_of(cfg: DictConfig) -> Provenance:
-    """Record with what a run of these settings is made, as docs/formats.md lists it; call it when the run begins.
+    """Record the provenance of a run, as listed in docs/formats.md; call it when the run begins.
 
-    Of plugins it has those that the settings name and that do not come with brushexp, as they were imported.
+    It includes the user's plugins that the settings name, as imported.
     """
     chosen = [plugin.cls for plugin in plugins_in(cfg) if not plugin.is_ours]
     return {
@@ -32,7 +32,7 @@ def provenance_of(cfg: DictConfig) -> Provenance:
 
 
 def plugins_in(cfg: DictConfig) -> Iterator[Plugin]:
-    """Yield the plugins that the settings of a run name."""
+    """Yield the plugins named in the settings of a run."""
     yield from _plugins_in(OmegaConf.to_container(cfg, resolve=False), "")
 
 

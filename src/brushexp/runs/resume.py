@@ -1,4 +1,4 @@
-"""Restore an interrupted run from its checkpoint, and check that its files and sets are unchanged."""
+"""Restore an interrupted run from its checkpoint, and check that its inputs are unchanged."""
 
 import logging
 import os
@@ -27,35 +27,35 @@ from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import use_threads
 
 RECORD_KEY = "brushexp"  # key of the settings in a checkpoint
-VERSION = 1  # of that record; raise it when a new one would mislead an older program
+VERSION = 1  # version of that record; increase it if a new record would mislead older programs
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
 log = logging.getLogger(__name__)
 
 
 def restore_run(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
-    """Return the settings and the checkpoint of the run that ``resume`` names; without ``resume``, ``cfg`` and None."""
+    """Return the settings and checkpoint of the run that ``resume`` names; without ``resume``, ``cfg`` and None."""
     return (cfg, None) if cfg.get("resume") is None else interrupted_run(Path(cfg.resume), cfg)
 
 
 class RunRecord(L.Callback):
-    """Put the settings of a run into its checkpoints, with the digests of the files that they name."""
+    """Store the settings of a run in its checkpoints, with digests of the files that they name."""
 
     def __init__(self, cfg: DictConfig, folder: Path | None) -> None:
         self.record = {} if folder is None else record_of(cfg, folder)  # without a folder there are no checkpoints
         self.begun = False
 
     def on_train_batch_end(self, *_: object) -> None:
-        self.begun = True  # what a checkpoint holds has been used
+        self.begun = True  # the checkpoint has been used
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         checkpoint[RECORD_KEY] = self.record
 
 
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
-    """Return the settings and the checkpoint of a run that is to be continued.
+    """Return the settings and checkpoint of a run to continue.
 
-    The checkpoint may be a stranger's: nothing in it is run, and its settings are plain values. A UserError tells of a
-    setting of the command line that must not change, or of a file or set that has changed since the run began.
+    The checkpoint is untrusted: nothing in it is executed, and its settings are plain values. A UserError names a
+    setting on the command line that must not change, or an input that has changed since the run began.
     """
     path = folder / CHECKPOINT
     try:
@@ -66,7 +66,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         chosen = _chosen_keys(words)
         task = settings.get("task")
         if task not in TASKS:
-            raise UserError("its settings name no task of this program; start anew")
+            raise UserError("its settings do not name a task; start a new run")
         if task != cfg.task:
             raise UserError(f"this is a run of task={task}; add task={task}")
         settings = with_types(TASKS[task], settings)
@@ -78,51 +78,51 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         _tell_of_others(folder, check_plain(record.get("provenance")), settings)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
-    except Exception as error:  # whatever the file holds instead
-        raise UserError(f"resume={folder}: {path} is no checkpoint of this program; start anew") from error
-    if settings.threads:  # the command line need not repeat them; networks round by the number of threads
+    except Exception as error:  # the file may hold anything
+        raise UserError(f"resume={folder}: {path} is not a checkpoint of this program; start a new run") from error
+    if settings.threads:  # the command line need not repeat them; the number of threads affects rounding in networks
         use_threads(settings.threads)
     note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # the words of the whole run
     return settings, path
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the keys of the command line; a UserError tells of one that changes what the run's ``words`` have set."""
+    """Return the keys of the command line; refuse (UserError) one that changes a setting of the run's ``words``."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
-            raise UserError(f"a run goes on with its own settings; drop {shortened([override])[0]}")
+            raise UserError(f"a resumed run keeps its own settings; drop {shortened([override])[0]}")
     return set(chosen)
 
 
 def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
-    """Refuse (UserError) files that differ from the ``record``, and make their paths in the settings absolute."""
+    """Refuse (UserError) files that differ from the ``record``, and make paths in the settings absolute."""
     files = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
     if not files.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
-        raise UserError(f"{path} names files that its settings do not name; start anew")
+        raise UserError(f"{path} lists files that its settings do not name; start a new run")
     for key, (file, digest) in files.items():
         if not file.is_file() or digest_of(file) != digest:
-            raise UserError(f"{key}={file} is not the file that the run began with; put it back")
-        if file.suffix:  # else it may be the name of something that ships; the working folder may be another
+            raise UserError(f"{key}={file} has changed since the run began; restore it")
+        if file.suffix:  # otherwise it may be the name of something shipped; the working folder may have changed
             OmegaConf.update(settings, todays_key(key, record["settings"]), str(file))
 
 
 def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
-    """Refuse (UserError) inputs that are others than when the run began."""
+    """Refuse (UserError) inputs that have changed since the run began."""
     for name, is_now in now.items():
         if before.get(name) != is_now:
-            raise UserError(f"{name} has {is_now} now, and the run began with {before.get(name)}; put it back")
+            raise UserError(f"{name} has {is_now} now, but the run began with {before.get(name)}; restore it")
 
 
 def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
-    """Warn that a run continues under other versions, plugin files or hardware than it began with, if it noted them."""
+    """Warn if a run continues with other versions, plugin files or hardware than recorded at its start."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
-        line = "resume=%s continues under other versions than it began with: %s; for a comparable run, start anew"
+        line = "resume=%s continues with other versions than it began with: %s; for a comparable run, start a new one"
         log.warning(line, folder, "; ".join(parts))
 
 
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """Describe a run for its checkpoint: settings, digests of their files, other inputs, and the words typed."""
+    """Describe a run for its checkpoint: settings, digests of their files, other inputs, and typed words."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     paths = {key: Path(value) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)}
     files = {key: (str(path.resolve()), digest_of(path)) for key, path in paths.items()}

@@ -1,4 +1,4 @@
-"""Lock the folder of a run, refuse to replace a finished run, and remove the files that earlier runs left there."""
+"""Lock the folder of a run, protect finished runs, and remove files that earlier runs left there."""
 
 import logging
 import os
@@ -32,47 +32,47 @@ from brushexp.system.run_files import (
 )
 
 HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # written before a task
-N_JOBS = "hydra.launcher.n_jobs="  # with a launcher, what jobs= is short for
+N_JOBS = "hydra.launcher.n_jobs="  # with a launcher: what jobs= stands for
 log = logging.getLogger(__name__)
-_locks: list[Any] = []  # held until this process ends
+_locks: list[Any] = []  # locks held until this process ends
 
 
 class RunFolder(Callback):
-    """Take a folder before Hydra writes anything into it; `begin_sweep` does it for a sweep."""
+    """Take the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # output=x/${seed}
         try:
             if config.hydra.sweeper.get("resume"):
-                raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
+                raise UserError("resume=sweep is for sweeps; repeat the whole command, including -m")
             check_place(config)
             check(config, words)
             warn_of_launcher(config)
             take_folder(take_name(config, Path(config.hydra.run.dir)), config)
-        except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra would only warn
+        except (UserError, OmegaConfBaseException, OSError) as error:  # Hydra itself would only warn
             is_theirs = isinstance(error, OmegaConfBaseException | OSError)
             message = explanation(error, folders_in(config), words) if is_theirs else " ".join(str(error).split())
             raise SystemExit(f"brushexp: {message}") from error
 
 
 def check_place(cfg: DictConfig) -> None:
-    """Refuse (UserError) a run that is moved away from the files that its words name."""
+    """Refuse (UserError) to change the working folder, on which paths in the settings depend."""
     if cfg.hydra.job.chdir:
-        raise UserError("hydra.job.chdir=true moves a run away from the files that its words name; drop it")
+        raise UserError("hydra.job.chdir=true would break relative paths in the settings; drop it")
 
 
 def warn_of_launcher(cfg: DictConfig) -> None:
-    """Log that a typed launcher has no effect on a single run."""
+    """Warn that a typed launcher has no effect on a single run."""
     words = [word for word in cfg.hydra.overrides.hydra if word.startswith(("hydra/launcher=", N_JOBS))]
     if words:
         typed = words[-1].replace(N_JOBS, "jobs=")
-        log.warning("%s has no effect on one run; it is for several pictures, or for a sweep: -m seed=0,1", typed)
+        log.warning("%s has no effect on a single run; use it for several pictures or a sweep: -m seed=0,1", typed)
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:
-    """Make the folder of a run or sweep; where nobody has chosen ``output``, and another has the name, ``x_2``.
+    """Make the folder of a run or sweep; if the default ``output`` is taken, add a number, ``x_2``.
 
-    The name is the moment of the run, which every job of a sweep reads again: it becomes that moment.
+    The default name is the time of the run, which every job of a sweep reads again, so it is fixed here.
     """
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
     if plain["output"] not in (BY_TIME, BESIDE_PAINTING) or folder != Path(cfg.output):
@@ -89,18 +89,18 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 
 
 def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
-    """Lock a folder until this process ends, remove what an aborted run has written there, and note new files.
+    """Lock a folder until this process ends, remove the files of an aborted run, and record new files.
 
-    A UserError tells of another run at work there, or of one that has finished or can go on, unless this run
+    A UserError reports another run at work there, or a run that is finished or can be continued, unless this run
     ``goes_on`` with it (by the key ``resume`` or as a growing set of strokes) or replaces it (``overwrite``).
     """
     lock(folder)
     source = cfg.get("resume")
     if source is not None and Path(source).resolve() != folder.resolve():
-        with suppress(UserError):  # another run may be at work there, or nothing can be written
+        with suppress(UserError):  # another run may be at work there, or the folder is read-only
             check_free(Path(source))
     goes_on = goes_on or (source is not None and Path(source).resolve() == folder.resolve())
-    if not goes_on and "trainer" in cfg:  # a fit, whose results have the usual names
+    if not goes_on and "trainer" in cfg:  # a fit, whose results have standard names
         check_inputs(folder, cfg)
     if not goes_on and not TASKS[cfg.task].grows(cfg, folder):
         if not cfg.overwrite:
@@ -110,24 +110,24 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
 
 
 def _check_replaceable(folder: Path) -> None:
-    """Refuse (UserError) a folder with a run, or a job of a sweep, that has finished or can go on."""
+    """Refuse (UserError) a folder with a run or job that is finished or can be continued."""
     own = [folder / name for name in (CHECKPOINT, METRICS_FILE) if (folder / name).is_file()]
     jobs = [path for path in files_written(folder) if path.name in (CHECKPOINT, METRICS_FILE)]
     if not (results := [*own, *jobs]):
         return
     cure = f"continue it with resume={folder}, or " if results[0] == folder / CHECKPOINT else ""
     if (folder / "multirun.yaml").is_file():
-        cure = "type the same and resume=sweep to continue a sweep, or "
+        cure = "repeat the command with resume=sweep to continue the sweep, or "
     raise UserError(
-        f"output={folder} holds a run already ({results[0].relative_to(folder)}); {cure}choose another folder, "
+        f"output={folder} already holds a run ({results[0].relative_to(folder)}); {cure}choose another folder, "
         "or replace the run with overwrite=true"
     )
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Take the folder of a job, in the process that runs it and has locked the folder.
+    """Take the folder of a job in the process that runs it.
 
-    A job that was killed here goes on from its checkpoint (``cfg.resume`` is set) or starts anew.
+    A killed job continues from its checkpoint (``cfg.resume`` is set) or starts over.
     """
     if "resume" in cfg and (folder / CHECKPOINT).is_file():
         cfg.resume = str(folder)
@@ -140,7 +140,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
-    """Refuse (UserError) to read a file of this folder that has the name of a result of the run."""
+    """Refuse (UserError) inputs in this folder that results of the run would replace."""
     for key, value, path in _inputs(cfg):
         is_result = path.stem in TASKS[cfg.task].results or (path.suffix == ".safetensors" and cfg.task != "paint")
         if is_result and path.parent == folder.resolve() and path.is_file():
@@ -148,7 +148,7 @@ def check_inputs(folder: Path, cfg: DictConfig) -> None:
 
 
 def _inputs(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
-    """Yield key, value and absolute path of whatever a run may read, and of each picture of a sweep."""
+    """Yield the key, value and absolute path of every possible input of a run and of each picture of a sweep."""
     for key, value in leaves(OmegaConf.to_container(cfg)):
         is_picture = key.startswith("hydra.sweeper.pictures.")
         is_other = key.startswith(("hydra.", "output")) and not is_picture
@@ -175,7 +175,7 @@ def release_folder(folder: Path) -> None:
 
 
 def lock(folder: Path) -> None:
-    """Lock a folder until this process ends, or raise a UserError; files that a killed process left half-written go."""
+    """Lock a folder until this process ends, or raise a UserError; remove half-written files of killed processes."""
     from filelock import FileLock, Timeout  # noqa: PLC0415
 
     try:
@@ -183,14 +183,14 @@ def lock(folder: Path) -> None:
         _locks.append(FileLock(folder / ".hydra" / "lock", timeout=0, is_singleton=True))
         _locks[-1].acquire()
     except Timeout:
-        raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
+        raise UserError(f"another run is at work in output={folder}; wait for it, or choose another folder") from None
     except OSError as error:
         raise UserError(f"cannot write into output={folder}: {error.strerror}; choose another folder") from error
     remove_half_written(folder)
 
 
 def remove_half_written(folder: Path) -> None:
-    """Remove what killed processes were writing into a locked folder, and into those below where runs have written."""
+    """Remove half-written files of killed processes from a locked folder and the folders of runs below it."""
     places = {folder, *(path for path in folder.glob("*") if path.is_dir())}
     places |= {path.parent for path in files_written(folder)}
     for path in [path for place in places for path in place.glob(TEMPORARY)]:
@@ -207,9 +207,9 @@ def check_free(folder: Path) -> None:
 
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
-    """Remove the files that runs have written into a folder, ``besides`` these, and folders that are empty then.
+    """Remove the files that runs wrote into a folder, except ``besides``, and folders left empty.
 
-    A UserError tells of one that the present run reads.
+    A UserError reports a file that the current run needs.
     """
     spared = [folder / name for name in besides]
     files = [path for path in dict.fromkeys(files_written(folder)) if path not in spared]
@@ -219,7 +219,7 @@ def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
         if path in replaced:
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:
-        path.unlink()  # where it is a link to a file elsewhere, the link goes
+        path.unlink()  # a link to a file elsewhere is removed, not the file
     for path in sorted(folders - {folder}, reverse=True):
         if not path.is_symlink() and not any(path.iterdir()):
             path.rmdir()

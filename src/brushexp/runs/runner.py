@@ -1,4 +1,4 @@
-"""Run the task of a config, and turn what ends it into an exit code or a message to the user."""
+"""Run the task of a config, and turn errors and interruptions into exit codes or messages."""
 
 import gc
 import importlib
@@ -42,14 +42,14 @@ from brushexp.system.runtime import (
 )
 from brushexp.system.status import Status
 
-NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of torch and NumPy
-MEMORY_KEYS = ("resolution", "strokes", "batch_size", "n")  # keys that decide on the memory of a run
+NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of PyTorch and NumPy
+MEMORY_KEYS = ("resolution", "strokes", "batch_size", "n")  # keys on which the memory of a run depends
 
 log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run ``cfg.task``, and return its figures or the one that ``objective`` names.
+    """Run ``cfg.task`` and return its metrics, or the metric that ``objective`` names.
 
     ``start`` is `time.monotonic` at the start of the program.
     """
@@ -69,7 +69,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
 
 
 def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
-    """Run a job of a sweep; its metrics.json says why it failed. An interruption ends the sweep."""
+    """Run a job of a sweep; if it fails, its metrics.json says why. An interruption ends the sweep."""
     start, folder, sweep = time.monotonic(), Path(hydra.runtime.output_dir).resolve(), Path(hydra.sweep.dir).resolve()
     forget_peak_memory()
     lock(folder)
@@ -80,12 +80,12 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
     except BaseException as error:
         note_failure(folder, error)
         if isinstance(error, KeyboardInterrupt):
-            log.warning("interrupted; to go on, type the same and: output=%s resume=sweep", hydra.sweep.dir)
+            log.warning("interrupted; to continue, repeat the command with: output=%s resume=sweep", hydra.sweep.dir)
             pass_signal_on()
         raise
     finally:
         release_folder(folder)
-    if was_signalled():  # in its last step: this job has finished, and the sweep ends
+    if was_signalled():  # interrupted in its last step: this job is finished, and the sweep ends
         raise KeyboardInterrupt
     return result
 
@@ -94,9 +94,9 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
     """Run the task of a checked config in the folder of its run."""
     with hidden("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
-    if TASKS[cfg.task] not in (PaintTask, ExportTask):  # others show progress of their own, or wait for people
+    if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for people
         heartbeat.end()
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it reports its hardware in every run
     if not gc.isenabled():  # the program disables it until its first job
         gc.freeze()
         gc.enable()
@@ -108,7 +108,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Run a task in its folder, and write its figures as ``metrics.json`` unless it has done that itself."""
+    """Run a task in its folder, and write its metrics to ``metrics.json`` unless the task does so itself."""
     with explaining_to_users(cfg):
         provenance = None if TASKS[cfg.task].writes_metrics else provenance_of(cfg)
         result: dict[str, object] = task.run(cfg, folder, start)
@@ -121,7 +121,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 @contextmanager
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
-    """Raise a UserError for what a user can mend: too little memory, a full disk, or a plugin."""
+    """Turn errors that a user can fix into a UserError: too little memory, a full disk, a plugin."""
     try:
         with naming_plugins():
             yield
@@ -132,23 +132,23 @@ def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
 
 
 def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
-    """Return the error to raise instead; Lightning turns an interruption into a SystemExit."""
-    if take_lost():  # Numba fails where it was lost
+    """Return the error to raise instead; Lightning turns interruptions into SystemExit."""
+    if take_lost():  # Numba fails where an interruption was lost
         return KeyboardInterrupt()
     if isinstance(error, SystemExit):
         if isinstance(error.__context__, KeyboardInterrupt):
             return KeyboardInterrupt()
-        return UserError(f"something ends the program (exit code {error.code})")
+        return UserError(f"a library ended the program (exit code {error.code})")
     if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
         smaller = " or ".join(f"{key}=" for key in MEMORY_KEYS if key in cfg)
-        return UserError(f"there is not enough memory; take a smaller {smaller}")
+        return UserError(f"there is not enough memory; choose a smaller {smaller}")
     if isinstance(error, OSError) and error.filename is None and error.errno is not None:
         return UserError(f"cannot write into {cfg.output}: {error.strerror}; choose another folder with output=...")
     return error
 
 
 def _threads_per_job(hydra: HydraConf) -> int:
-    """Return the number of cores for this job: all, or its share of them beside other jobs."""
+    """Return the number of cores for this job: all, or its share beside other jobs."""
     if "cpus_per_task" in hydra.launcher:  # submitit has one core by default, as Slurm has
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

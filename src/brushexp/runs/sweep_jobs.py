@@ -1,4 +1,4 @@
-"""Check, note and launch the jobs of a sweep, for sweepers and launchers of Hydra."""
+"""Check, record and launch the jobs of a sweep, for Hydra's sweepers and launchers."""
 
 import logging
 import shlex
@@ -23,9 +23,9 @@ from brushexp.system.heartbeat import heartbeat
 from brushexp.system.reading import in_short, json_of, read_text
 from brushexp.system.run_files import CHECKPOINT
 
-ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors tell of jobs that were killed
+ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors mean that jobs were killed
 PICTURE = "image="
-INTERNAL = ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true", "hydra.searchpath=")  # words that nobody types
+INTERNAL = ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true", "hydra.searchpath=")  # words that users do not type
 SUBFOLDER = "hydra.sweep.subdir="  # the word that names the folder of a job
 Words = Sequence[str]
 
@@ -33,16 +33,16 @@ log = logging.getLogger(__name__)
 
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
-    """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be.
+    """Refuse (UserError) a sweep if any of its jobs would be refused, or, if ``lenient``, if all of them would be.
 
-    No two jobs may have one folder. Return these folders, below that of the sweep.
+    No two jobs may share a folder. Return the folders of the jobs, relative to that of the sweep.
     """
     refused, composed, places = [], dict[tuple[str, ...], DictConfig](), list[str]()
     alike = () if "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep) else (PICTURE, SUBFOLDER)
     for number, job in enumerate(jobs):
         try:
             others = tuple(word for word in job if not word.startswith(alike))
-            if others not in composed:  # composing takes a while, and the picture changes nothing else
+            if others not in composed:  # composing is slow, and the picture affects nothing else
                 composed[others] = loader.load_sweep_config(config, list(job))
             cfg = composed[others].copy()
             cfg.hydra.job.num = number
@@ -51,24 +51,24 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
                     OmegaConf.update(cfg, word.partition("=")[0], override_value(word))
             if (place := str(cfg.hydra.sweep.subdir)) in places:
                 cure = "drop it, or type 'hydra.sweep.subdir=job${hydra.job.num}'"
-                raise UserError(f"{SUBFOLDER}{place} is the folder of an earlier job, too; {cure}")
+                raise UserError(f"{SUBFOLDER}{place} is also the folder of an earlier job; {cure}")
             places.append(place)
             check(cfg, job)
         except UserError as error:
-            is_plain = lenient and str(error).startswith(PICTURE)  # a picture of a folder: it says which
+            is_plain = lenient and str(error).startswith(PICTURE)  # for a picture of a folder, the message names it
             refused.append(f"{error}" if is_plain else f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):
                 raise UserError(refused[0]) from error
-    drop_built()  # each job builds its own
+    drop_built()  # each job builds its own plugins
     for reason in refused:
         log.warning("%s; it is skipped", reason)
     return places
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Take the folder of a sweep and note its jobs there; a sweep that ``goes_on`` must have the same (UserError).
+    """Take the folder of a sweep and record its jobs; a sweep that ``goes_on`` must have the same jobs (UserError).
 
-    A ``lenient`` one may have others, but none in the folder of an earlier job.
+    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job.
     """
     check_place(config)
     folder = take_name(config, Path(config.hydra.sweep.dir))
@@ -76,7 +76,7 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
     if goes_on:
         check_same(folder, words, lenient)
     take_folder(folder, config, goes_on)
-    overrides: Any = OmegaConf.to_container(config.hydra.overrides, resolve=False)  # ``${...}`` is left to each job
+    overrides: Any = OmegaConf.to_container(config.hydra.overrides, resolve=False)  # jobs resolve ``${...}``
     typed = _without_output([*overrides["hydra"], *overrides["task"]])
     typed = [word for word in typed if not word.startswith(INTERNAL)]
     write_json(folder / JOBS, {"typed": typed, "jobs": words})
@@ -87,12 +87,12 @@ def _without_output(words: Words) -> list[str]:
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Refuse (UserError) to go on with a folder that is not of a sweep with just these jobs."""
+    """Refuse (UserError) to continue a folder that does not hold a sweep with exactly these jobs."""
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
     except (UserError, KeyError, TypeError, ValueError) as error:
-        raise UserError(f"resume=sweep: output={folder} holds no sweep; give the folder of one") from error
+        raise UserError(f"resume=sweep: output={folder} does not hold a sweep; give the folder of a sweep") from error
     before, jobs = ([[word for word in job if word != ALL_PIXELS] for job in some] for some in (before, jobs))
     if lenient and all(job[-1].startswith(SUBFOLDER) for job in jobs):
         places = {job[-1]: job for job in before if job}
@@ -103,10 +103,10 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
         was, now = (in_short(" ".join(some[number])) if number < len(some) else "not there" for some in (before, jobs))
         if lenient:
             cure = "choose another one with output=..., or replace them with overwrite=true"
-            raise UserError(f"{folder} has paintings with other settings: '{was}', which would be '{now}'; {cure}")
+            raise UserError(f"{folder} has paintings with other settings, '{was}' in place of '{now}'; {cure}")
         command = shlex.join(["brushexp", "-m", *words, f"output={folder}", "resume=sweep"])
         raise UserError(
-            f"resume=sweep goes on with the same settings, but job {number} was '{was}' and would be '{now}'; "
+            f"resume=sweep needs the same settings, but job {number} was '{was}' and would be '{now}'; "
             f"type: {command}, or choose another folder"
         )
 
@@ -114,25 +114,25 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
 def launch_jobs(
     launch: Callable[..., Sequence[JobReturn]], config: DictConfig, batch: Sequence[Words], first: int, goes_on: bool
 ) -> None:
-    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, those that have not finished.
+    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, only unfinished ones.
 
-    One UserError names the jobs that have failed, after all have ended.
+    After all have ended, one UserError names the failed jobs.
     """
     folder = Path(config.hydra.sweep.dir)
     jobs = {number: list(job) for number, job in enumerate(batch, first)}
-    if goes_on:  # numbers then have gaps
+    if goes_on:  # numbers have gaps then
         jobs = {number: job for number, job in jobs.items() if not _is_done(folder / str(override_value(job[-1])))}
-        log.info("%d of %d jobs have finished already", len(batch) - len(jobs), len(batch))
+        log.info("%d of %d jobs are already finished", len(batch) - len(jobs), len(batch))
     heartbeat.end()
     try:
         results = launch(list(jobs.values()), initial_job_idx=min(jobs)) if jobs else []
     except Exception as error:
         if not type(error).__module__.startswith(ENGINES):
             raise
-        raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
+        raise UserError(f"a job ended without a result ({first_line(error)}); continue with resume=sweep") from error
     finally:
         renew_sweep_report(folder)
-    say_page(folder, "all of them on one page")
+    say_page(folder, "see all of them on one page")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         table = folder / "table.md"
@@ -140,20 +140,20 @@ def launch_jobs(
 
 
 def moved(job: Words, place: str) -> list[str]:
-    """Move a job to a folder, which its last word names."""
+    """Set the folder of a job by its last word."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 
 def override_value(word: str) -> Any:
-    """Return the value of a word of the command line."""
+    """Return the value in a word of the command line."""
     return OverridesParser.create().parse_override(word).value()
 
 
 def _is_done(folder: Path) -> bool:
-    """Tell whether the job of a folder has finished; a UserError if it is at work."""
+    """Tell whether the job of a folder is finished; raise a UserError if it is running."""
     if (folder / ".hydra").is_dir():
         check_free(folder)
     if not has_finished(folder):
         return False
-    (folder / CHECKPOINT).unlink(missing_ok=True)  # it may have been killed just before it did so
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # it may have been killed just before releasing it
     return True

@@ -1,4 +1,4 @@
-"""Write the page, tables, sheet and plots of a sweep after its jobs; imported with the program, so it loads little."""
+"""Write the page, tables, sheet and plots of a sweep after its jobs; imported at startup, so it loads little."""
 
 import logging
 import time
@@ -19,33 +19,33 @@ from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.status import Status
 
-REPORT_SHARE = 0.1  # largest share of a sweep's time that its reports take
+REPORT_SHARE = 0.1  # largest share of a sweep's time for its reports
 
 log = logging.getLogger(__name__)
-_next_report = time.monotonic() + 30  # seconds: what a report needs takes two to load
+_next_report = time.monotonic() + 30  # seconds: the imports of a report take two
 
 
 class SweepReport(Callback):
-    """Log the failure of a run, and write the report of a sweep after its jobs.
+    """Log failures of jobs, and write the report of a sweep after its jobs.
 
-    Hydra 1.3 tells no callback of the end of a sweep with a failed job.
+    Hydra 1.3 does not tell callbacks about the end of a sweep with a failed job.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         run_folder = Path(config.hydra.runtime.output_dir)
         sweep = config.hydra.mode is RunMode.MULTIRUN
-        failed = isinstance(job_return._return_value, Exception)  # Hydra 1.4 comes here after Ctrl-C, too
+        failed = isinstance(job_return._return_value, Exception)  # Hydra 1.4 also comes here after Ctrl-C
         if failed:
             _log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep and (failed or time.monotonic() >= _next_report):
             try:  # Hydra would turn an exception into a warning
                 renew_sweep_report(run_folder.parent)
             except Exception as error:
-                log.error("no report of this sweep: %s", error, exc_info=not isinstance(error, UserError))
+                log.error("the report of this sweep failed: %s", error, exc_info=not isinstance(error, UserError))
 
 
 def note_failure(folder: Path, error: BaseException) -> None:
-    """Add the error that ended a job to its ``metrics.json``."""
+    """Write the error that ended a job into its ``metrics.json``."""
     path, numbers = folder / METRICS_FILE, {}
     with suppress(UserError):
         numbers = json_of(read_text(path, ""))
@@ -56,7 +56,7 @@ def note_failure(folder: Path, error: BaseException) -> None:
 
 
 def renew_sweep_report(folder: Path) -> None:
-    """Write the report of a sweep from the results of all its runs, if there are any; one process at a time."""
+    """Write the report of a sweep from the results of all its runs, if any, in one process at a time."""
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
@@ -80,7 +80,7 @@ def _write_report(folder: Path) -> None:
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Log an error in the run's file, and ``everywhere`` on the terminal, where Hydra shows the first of a sweep."""
+    """Log an error in the run's file or ``everywhere``; Hydra shows a sweep's first error on the terminal."""
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"
     record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)

@@ -1,4 +1,4 @@
-"""Open the loggers of a run, pass its curves and results on, and drop a logger that fails."""
+"""Open the loggers of a run, pass on its curves and results, and drop loggers that fail."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 class Trackers(LightningLogger):
-    """Passes on, as one logger of Lightning open inside ``with``, to all trackers of a run; drops one that fails."""
+    """A Lightning logger that passes everything on to all trackers of a run, dropping those that fail."""
 
     name = version = ""
 
@@ -63,7 +63,7 @@ class Trackers(LightningLogger):
                 act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
-        """Note the figures, pictures, frames and files that the trackers get when the run ends; see `Run`."""
+        """Record the metrics, pictures, frames and files that trackers get at the end of the run; see `Run`."""
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -72,7 +72,7 @@ class Trackers(LightningLogger):
         status = Status(told) if told in UNFINISHED else Status.COMPLETED
         if status == Status.DIVERGED:
             status = Status.FAILED
-        if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
+        if kind is not None:  # Lightning turns a second Ctrl-C into SystemExit
             status = Status.INTERRUPTED if issubclass(kind, KeyboardInterrupt | SystemExit) else Status.FAILED
         for name, tracker in self.chosen.items():
             with self._caught(name):
@@ -88,13 +88,13 @@ class Trackers(LightningLogger):
         except (Exception, SystemExit) as error:
             if name not in self.stopped:
                 reason = shorten(f"{type(error).__name__}: {error}", 200)
-                log.warning("logger=%s stopped: %s; the run goes on without it", name, reason)
+                log.warning("logger=%s failed: %s; the run continues without it", name, reason)
             log.debug("logger=%s", name, exc_info=True)
             self.stopped.add(name)
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make the trackers of a config, for a run in ``folder`` or a part of one; without a folder none."""
+    """Make the trackers of a config for a run in ``folder`` or a part of it; empty without a folder."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

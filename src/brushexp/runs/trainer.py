@@ -1,4 +1,4 @@
-"""Make the Lightning Trainer of a task, fit a module with it, and conclude the fit."""
+"""Make the Lightning Trainer of a task, fit a module, and conclude the fit."""
 
 import logging
 import warnings
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class NoProfiler(PassThroughProfiler):
-    """Measures nothing: the profiler of a Trainer that has none enters forty contexts a step, each by a generator."""
+    """Measures nothing, unlike Lightning's default, which enters forty generator contexts per step."""
 
     nothing = nullcontext()
 
@@ -44,11 +44,11 @@ def make_trainer(
     cfg: DictConfig, device: torch.device, folder: Path | None, loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, clips: bool = True, **options: Any,
 ) -> L.Trainer:  # fmt: skip
-    """Make a Trainer with a progress bar and a clean end at Ctrl-C; in a ``folder`` it writes ``checkpoints``.
+    """Make a Trainer with a progress bar and a clean end at Ctrl-C that writes ``checkpoints`` into a ``folder``.
 
-    Of ``cfg`` it reads ``trainer`` (which wins over ``options``), ``checkpoint_every`` and, with a folder,
-    ``callbacks``. It does not clip gradients of a module that clips them itself (``clips=False``), as one with manual
-    optimisation has to. A UserError names options that Lightning refuses.
+    It uses ``trainer`` (which overrides ``options``), ``checkpoint_every`` and, with a folder, ``callbacks`` of
+    ``cfg``. With ``clips=False`` it does not clip gradients, because modules with manual optimisation must do so
+    themselves. A UserError names options that Lightning refuses.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)
@@ -69,12 +69,12 @@ def make_trainer(
             callbacks=[*callbacks, *chosen, *own],
             **all_options,
         )
-    except Exception as error:  # a checkpoint's options may be anything
+    except Exception as error:  # options in a checkpoint may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
 
 
 class ProfileFile(L.Callback):
-    """Write ``profile.txt``, the table of the Trainer's profiler, which Lightning only logs."""
+    """Write the table of the Trainer's profiler, which Lightning only logs, to ``profile.txt``."""
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
@@ -83,40 +83,40 @@ class ProfileFile(L.Callback):
         table = trainer.profiler.summary()  # type: ignore[attr-defined]
         if table and self.folder is not None:
             write_text(self.folder / PROFILE, table)
-            log.info("%s  where the time was spent", as_shown(self.folder / PROFILE))
+            log.info("%s  time spent in each part", as_shown(self.folder / PROFILE))
 
 
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
-    """Fit a module, from a ``checkpoint`` if there is one; write its results then, and call `conclude`.
+    """Fit a module, from a ``checkpoint`` if given; afterwards write its results and call `conclude`.
 
-    An error before the first step is raised; a later one is returned, with `Status.FAILED` as ``module.stop``.
+    Errors before the first step are raised; later ones are returned, with `Status.FAILED` as ``module.stop``.
     """
     record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
     try:
         trainer.fit(module, data, ckpt_path=None if checkpoint is None else str(checkpoint))
     except (Exception, SystemExit) as error:
         if record.begun and trainer.global_step and not isinstance(error.__context__, KeyboardInterrupt):
-            log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
+            log.error("step %d failed, results so far will be written: %s", trainer.global_step + 1, first_line(error))
             module.stop = Status.FAILED
             return error
         is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error)
         if checkpoint is None or record.begun or is_known:
             raise
         reason = in_short(f"{type(error).__name__}: {error}")
-        raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
+        raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start a new run") from error
     return None
 
 
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
-    """End a fit whose results are on disk: remove its checkpoint, or raise what ended it before its last step."""
+    """End a fit with its results on disk: remove the checkpoint, or raise the error that ended it early."""
     if module.stop == Status.INTERRUPTED:
         if folder is not None and (folder / CHECKPOINT).is_file():
             raise KeyboardInterrupt(f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}")
-        raise KeyboardInterrupt  # the runner says what there is
+        raise KeyboardInterrupt  # the runner reports the files
     if failure is not None:
         raise failure
     if module.stop == Status.DIVERGED:
-        place = "" if folder is None else f"{folder} has what was there before it; "
+        place = "" if folder is None else f"{folder} has the result before it; "
         raise UserError(f"{module.trouble}; {place}lower the rate, or choose others")
     if folder is not None:
         (folder / CHECKPOINT).unlink(missing_ok=True)

@@ -1,1 +1,1 @@
-"""Define a stroke: its numbers and units, the mathematics of its curve, and which strokes are valid."""
+"""Define strokes: their parameters and units, the mathematics of their curves, and which strokes are valid."""

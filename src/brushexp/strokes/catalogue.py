@@ -1,4 +1,4 @@
-"""Hold the numbers of strokes that are optimised, with their units and bounds."""
+"""Hold the parameters of strokes during optimisation, with their units and bounds."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from brushexp.errors import UserError
 
 @dataclass(frozen=True)
 class Field:
-    """Shape and range of one field of a stroke."""
+    """Shape, unit and range of one field of a stroke."""
 
-    size: int  # numbers per stroke; 0 means a plain (N,) tensor
+    size: int  # numbers per stroke; 0 for a plain (N,) tensor
     low: float
     high: float
     unit: str
@@ -26,13 +26,13 @@ class Field:
         return (n, self.size) if self.size else (n,)
 
     def nearest(self, value: Tensor) -> Tensor:
-        """Compute the nearest values in range; a NaN becomes 0 (or the nearest bound)."""
+        """Clamp values to the range; a NaN becomes 0 or the nearest bound."""
         return value.nan_to_num(0.0).clamp_(self.low, self.high)
 
 
-PRECISE = (torch.float32, torch.float64)  # strokes of these types are optimised, and drawn as they are
-FARTHEST_POSITION = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
-BRUSH_COUNT = 2**31  # brushes: files have them in 32 bits
+PRECISE = (torch.float32, torch.float64)  # precisions in which strokes are optimised and drawn
+FARTHEST_POSITION = 1e6  # pixels, beyond which float32 coordinates are coarser than a tenth of a pixel
+BRUSH_COUNT = 2**31  # number of brushes that fits into 32 bits, as in files
 FIELDS = {
     "position": Field(2, -FARTHEST_POSITION, FARTHEST_POSITION, "centre of the window, pixels, x right, y down"),
     "scale": Field(0, 1e-3, FARTHEST_POSITION, "side of the stroke's window in pixels"),
@@ -46,16 +46,20 @@ FIELDS = {
     "widening": Field(0, -1.0, 1.0, "growth of the thickness from the middle to the end; the start shrinks as much"),
     "drift": Field(3, -0.5, 0.5, "colour at the end less that in the middle; the start differs as much the other way"),
 }
-LATER_FIELDS = {"softness": 3, "widening": 3, "drift": 4}  # first version of catalogues that has it; before, it is 0
-SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit of position
+LATER_FIELDS = {
+    "softness": 3,
+    "widening": 3,
+    "drift": 4,
+}  # first version of catalogues with this field; earlier ones imply 0
+SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # the unit of position
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
+    """N strokes as tensors of one dtype on one device; see ``FIELDS`` for units and ranges. Pixel centres lie at +0.5.
 
-    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go. Few
-    renderers draw `LATER_FIELDS`; optimisers leave these at 0 unless their ``units`` say otherwise.
+    A stroke keeps its ``brush``, by which renderers with several textures choose, when other strokes are added or
+    removed. Few renderers draw `LATER_FIELDS`; optimisers leave these at 0 unless their ``units`` say otherwise.
 
     >>> import torch
     >>> level = Strokes(
@@ -93,7 +97,7 @@ class Strokes:
         return self.position.shape[0]
 
     def __getitem__(self, index: Tensor | slice | int) -> Strokes:
-        """Select strokes by a slice, a mask (N,) or numbers; a single number gives the one stroke, ``len`` 1.
+        """Select strokes by a slice, a mask (N,) or indices; a single index gives one stroke, of ``len`` 1.
 
         >>> import torch
         >>> from brushexp.strokes.prior import sample_prior
@@ -102,25 +106,27 @@ class Strokes:
         (1, 2, True)
         """
         if isinstance(index, Integral):
-            number = range(len(self))[int(index)]  # an IndexError ends a loop over strokes
+            number = range(len(self))[int(index)]  # an IndexError ends loops over strokes
             index = slice(number, number + 1)
         return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
-        """Yield names and tensors, in the order of ``FIELDS``."""
+        """Yield names and tensors in the order of ``FIELDS``."""
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """Apply a function to each field, which may change dtype and device, but not N (UserError)."""
+        """Apply a function to each field; it may change dtype and device, but not N (UserError)."""
         changed = {name: function(value) for name, value in self.items()}
         if (count := len(changed["position"])) != len(self):
             cure = "select strokes with strokes[:1], a mask or numbers"
-            raise UserError(f"map changes the numbers of {len(self)} strokes, and the function makes {count}; {cure}")
+            raise UserError(
+                f"map must keep the number of strokes, {len(self)}, but the function returned {count}; {cure}"
+            )
         return Strokes(**changed, brush=self.brush.to(changed["position"].device))
 
     @torch.no_grad()
     def clamp(self) -> Strokes:
-        """Bring every number into its range, in place, as after a step of an optimiser; a NaN becomes 0 or a bound.
+        """Clamp all values to their ranges in place, as after a step of an optimiser; a NaN becomes 0 or a bound.
 
         >>> import torch
         >>> from brushexp.strokes.prior import sample_prior
@@ -136,30 +142,30 @@ class Strokes:
         return self
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
-        """Enlarge by ``zoom``, and then move by ``shift`` (x, y) pixels."""
+        """Scale by ``zoom``, then move by ``shift`` (x, y) pixels."""
         position = self.position * zoom + self.position.new_tensor(shift)
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """Put ``others`` in place of the strokes number ``rows``; each row keeps its brush."""
+        """Replace the strokes ``rows`` by ``others``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        """Join strokes; the brushes of a later part count on from the number of strokes before it."""
+        """Concatenate strokes; the brushes of each part are offset by the number of strokes before it."""
         before = accumulate((len(part) for part in parts), initial=0)
         brush = torch.cat([part.brush + count for part, count in zip(parts, before, strict=False)])
         return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS}, brush=brush)
 
     @staticmethod
     def none(like: Tensor | None = None) -> Strokes:
-        """Make no strokes, of the dtype and device of ``like``."""
+        """Make an empty set of strokes with the dtype and device of ``like``."""
         like = torch.empty(0) if like is None else like
         return Strokes(**{name: like.new_empty(field.shape(0)) for name, field in FIELDS.items()})
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Refuse strokes of a wrong shape, not finite, or outside ``FIELDS``: a UserError names field and first stroke."""
+    """Refuse strokes with a wrong shape or values not finite or out of range; the UserError names field and stroke."""
     wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
@@ -176,14 +182,14 @@ def check_strokes(strokes: Strokes) -> None:
     beyond = (brush < 0) | (brush >= BRUSH_COUNT)
     if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(beyond.any()):
         needed = f"a whole number (int64) from 0 to {BRUSH_COUNT - 1} of each stroke"
-        raise UserError(f"brush is not {needed}; mend it or leave it out")
+        raise UserError(f"brush is not {needed}; correct it or leave it out")
 
 
 def drawable(strokes: Strokes) -> Strokes:
-    """Convert strokes of 16 bits to float32, as renderers take them; their gradients come back in 16 bits.
+    """Convert 16-bit strokes to float32 for renderers; their gradients return in 16 bits.
 
-    What is farther away than float16 can tell (65,504 px, an infinity) is off any canvas, and stays there. UserError
-    for other numbers that 16 bits cannot hold, and for strokes of whole or complex numbers.
+    Positions beyond the range of float16 (65,504 px, an infinity) are off any canvas and stay there. A UserError
+    refuses other values that overflow 16 bits, and integer or complex strokes.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:
@@ -201,7 +207,7 @@ def drawable(strokes: Strokes) -> Strokes:
 
 
 def check_units(units: Mapping[str, float]) -> None:
-    """Refuse (UserError) units of an unknown field, and of two fields of which only one can move."""
+    """Refuse (UserError) units of unknown fields, and of both position and scale, of which only one can move."""
     if unknown := sorted(set(units) - set(FIELDS)):
         raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
     if units.get("scale") and units.get("position"):
@@ -209,7 +215,7 @@ def check_units(units: Mapping[str, float]) -> None:
 
 
 class Catalogue(nn.Module):
-    """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
+    """Owns the strokes as parameters: keeps them finite and in range, adds and removes them.
 
     An optimiser sees each field divided by its unit, so that one learning rate serves all fields: under Adam a step of
     ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field
@@ -236,13 +242,13 @@ class Catalogue(nn.Module):
         return len(self.scale)
 
     def is_finite(self) -> bool:
-        """Test whether all parameters are finite, by their sums, which is quicker than `isfinite`."""
+        """Test whether all parameters are finite by summing them, which is faster than `isfinite`."""
         sums = [value.detach().sum(dtype=torch.float64) for value in self.parameters()]
         return not sums or bool(torch.stack(sums).isfinite().all())  # a GPU is waited for once
 
     @torch.no_grad()
     def keep_in_range(self) -> None:
-        """Project every moving field into its range; a NaN becomes 0 (or the nearest bound)."""
+        """Clamp every moving field to its range; a NaN becomes 0 or the nearest bound."""
         for name, field in FIELDS.items():
             if self.units[name]:
                 value, unit = getattr(self, name), self._unit(name)
@@ -250,7 +256,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def replace(self, strokes: Strokes) -> None:
-        """Write other numbers for the same strokes into the parameters that an optimiser holds."""
+        """Write new values of the same strokes into the parameters that an optimiser holds."""
         before = self()
         for name in SCALE_FIRST:
             value = getattr(strokes, name)
@@ -259,21 +265,21 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def part(self, rows: Tensor) -> Catalogue:
-        """Copy strokes number ``rows`` (A,) into a catalogue of their own."""
+        """Copy the strokes ``rows`` (A,) into a separate catalogue."""
         part = Catalogue(self()[rows], self.units)
-        for name in FIELDS:  # the very bits: a field is its parameter times its unit, rounded
+        for name in FIELDS:  # copies bits, because a field is its parameter times its unit, rounded
             getattr(part, name).copy_(getattr(self, name)[rows])
         return part
 
     @torch.no_grad()
     def put(self, rows: Tensor, part: Catalogue) -> None:
-        """Write what has become of a `part` into strokes number ``rows``."""
+        """Write a changed `part` back into the strokes ``rows``."""
         for name in FIELDS:
             getattr(self, name)[rows] = getattr(part, name)
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
-        """Drop the strokes where ``keep`` (N,) is false and append ``new``; the others keep their optimiser state.
+        """Drop strokes where ``keep`` (N,) is false and append ``new`` ones; the others keep their optimiser state.
 
         State that is not one number per parameter (the history of L-BFGS) starts afresh.
         """
@@ -290,7 +296,7 @@ class Catalogue(nn.Module):
                 optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
 
     def resize(self, n: int) -> None:
-        """Make room for ``n`` strokes that are about to be loaded."""
+        """Resize the catalogue for ``n`` strokes that will be loaded next."""
         if n != len(self):
             blank = {name: self.scale.new_full(field.shape(n), max(field.low, 0)) for name, field in FIELDS.items()}
             self._store(Strokes(**blank))
@@ -300,7 +306,7 @@ class Catalogue(nn.Module):
         return 0.5 * unit * self.scale[:, None] if name == "position" and self.units[name] else unit
 
     def _store(self, strokes: Strokes) -> None:
-        """Take over strokes: fields that move become parameters, the others buffers."""
+        """Store strokes: moving fields become parameters, the others buffers."""
         check_strokes(strokes)
         self.register_buffer("brush", strokes.brush.clone())
         for name in SCALE_FIRST:
@@ -314,7 +320,7 @@ class Catalogue(nn.Module):
 
 
 def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
-    """Keep optimiser state of the strokes that stay, with zeros for the new ones; counters stay as they are."""
+    """Keep the optimiser state of remaining strokes, with zeros for new ones; counters do not change."""
     if value.ndim == 0:
         return value
     carried = value.new_zeros(parameter.shape)

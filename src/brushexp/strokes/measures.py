@@ -1,4 +1,4 @@
-"""Measures of strokes are defined here once, for `task=analyse`, `style.brushwork` and the losses.
+"""Define the measures of strokes for `task=analyse`, `style.brushwork` and the losses.
 
 All are differentiable, and finite with finite gradients for any strokes. Curves are (N, 3, 2) control points in pixels.
 Directions are doubled: (cos 2 theta, sin 2 theta), the same for both ways along a stroke (Batschelet, 1981).
@@ -20,11 +20,11 @@ from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 NEIGHBOURS = 10  # strokes around a stroke
-POINT_LENGTH = 0.1  # pixels: a curve much shorter is a point, and loses curvature and direction smoothly
-LEG_SOFTENING = 1e-4  # a leg shorter than about this share of the curve does not count as a turn
-ISOTROPY_SOFTENING = 1e-3  # a curve that spreads about alike in all directions loses its direction smoothly
-MIN_OPACITY = 0.1  # fainter strokes do not count
-MIN_WIDTH_PITCHES = 0.02  # thickness of a stroke that counts, pitches
+POINT_LENGTH = 0.1  # pixels: a much shorter curve is a point, and smoothly loses curvature and direction
+LEG_SOFTENING = 1e-4  # share of the curve below which a leg does not count as a turn
+ISOTROPY_SOFTENING = 1e-3  # a curve with about equal spread in all directions smoothly loses its direction
+MIN_OPACITY = 0.1  # opacity below which strokes do not count
+MIN_WIDTH_PITCHES = 0.02  # thickness in pitches from which strokes count
 LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 
@@ -34,27 +34,27 @@ class Measure:
 
     name: str
     meaning: str
-    source: str = ""  # author and year; "" for one that is plain geometry
-    unit: str = ""  # it is shown in this unit; "" for a share or a number
-    high: float = math.inf  # upper end of its range, as shown; the lower end is 0
-    power: int = 0  # the power of pixels in it: 1 for a length, 2 for an area
-    axial: bool = False  # whether it is a direction, which comes round after half a turn
+    source: str = ""  # author and year; "" for plain geometry
+    unit: str = ""  # displayed unit; "" for a share or a plain number
+    high: float = math.inf  # upper end of its displayed range; the lower end is 0
+    power: int = 0  # power of pixels: 1 for a length, 2 for an area
+    axial: bool = False  # whether it is a direction, with a period of half a turn
 
 
 MEASURES = {
     "length": Measure("length", "arc length of the curve, without the round ends", LI, "px", power=1),
     "width": Measure("width", "full thickness (broadness)", LI, "px", power=1),
     "area": Measure(
-        "area", "length x width + pi/4 width^2, hidden parts and those beyond the canvas too", LI, "px^2", power=2
+        "area", "length x width + pi/4 width^2, including hidden parts and parts beyond the canvas", LI, "px^2", power=2
     ),
     "elongatedness": Measure("elongatedness", "length / width", LI),
     "straightness": Measure("straightness", "distance of the ends / length; 1 is straight", BATSCHELET, high=1.0),
     "curvature": Measure(
-        "curvature", "total curvature, by how much the stroke turns from end to end; a half circle turns by 180°",
+        "curvature", "total curvature, the turn of the stroke from end to end; a half circle turns by 180°",
         "Milnor, 1950", "°", 180.0,
     ),
     "orientation": Measure(
-        "orientation", "principal axis of the curve, clockwise; 0° lies level, 45° falls to the right", LI, "°", 180.0,
+        "orientation", "principal axis of the curve, clockwise; 0° is level, 45° falls to the right", LI, "°", 180.0,
         axial=True,
     ),
     "coherence": Measure(
@@ -88,12 +88,12 @@ def curvature_of(curve: Tensor) -> Tensor:
 
 
 def centre_of(curve: Tensor) -> Tensor:
-    """Compute the mean (N, 2) of the points of a curve, which is that of its control points."""
+    """Compute the centre (N, 2) of curves, the mean of their control points."""
     return curve.mean(1)
 
 
 def direction_of(curve: Tensor) -> Tensor:
-    """Compute the doubled direction (N, 2) of the principal axis of curves, 1 long; shorter for points.
+    """Compute the doubled direction (N, 2) of the principal axis of curves, of length 1, or less for points.
 
     The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as complex
     numbers; squaring doubles angles.
@@ -115,45 +115,47 @@ def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exclude_self: bool) -> Tensor:
-    """Find indices (Q, k) of the k nearest of ``centres`` (N, 2) to ``points`` (Q, 2); of all if they are fewer.
+    """Find indices (Q, k) of the k nearest ``centres`` (N, 2) to ``points`` (Q, 2), or of all if they are fewer.
 
-    With ``exclude_self`` the points are the centres themselves, and none is its own neighbour.
+    With ``exclude_self`` the points are the centres, and none is its own neighbour.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     k = min(k, len(centres) - exclude_self)
     if k < 1:
         return torch.empty(len(points), 0, dtype=torch.long, device=points.device)
-    places, around = (x.detach().cpu().double().numpy() for x in (points, centres))  # numpy has no bfloat16
+    places, around = (x.detach().cpu().double().numpy() for x in (points, centres))  # NumPy has no bfloat16
     index = torch.from_numpy(cKDTree(around).query(places, k=k + exclude_self, workers=torch.get_num_threads())[1])
     index = index.reshape(len(points), k + exclude_self).to(points.device)
-    if exclude_self:  # where strokes share a place, the stroke itself need not come first, nor be index at all
+    if exclude_self:  # if strokes coincide, the stroke itself need not come first, or be included at all
         own = index == torch.arange(len(points), device=points.device)[:, None]
         index = index[:, 1:] if own[:, 0].all() else index.gather(1, own.long().argsort(dim=1, stable=True))[:, :k]
     return index
 
 
 def neighbours_of(strokes: Strokes, shape: Tensor, k: int = NEIGHBOURS) -> Tensor:
-    """Find indices (N, k) of the strokes whose curves (`bezier.shape_of`) have the nearest centres."""
+    """Find indices (N, k) of the strokes with the nearest centres of curves (`bezier.shape_of`)."""
     centre = strokes.position + centre_of(shape)
     return nearest_strokes(centre, centre, k, exclude_self=True)
 
 
 def with_self(near: Tensor) -> Tensor:
-    """Put each stroke's own index before those of its neighbours: (N, k) becomes (N, 1 + k)."""
+    """Prepend each stroke's own index to those of its neighbours: (N, k) becomes (N, 1 + k)."""
     return torch.cat([torch.arange(len(near), device=near.device)[:, None], near], dim=1)
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), at most 1 long; points do not count."""
+    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), of length 1 at most; points do not count."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
-    table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())  # its slope is faster than that of []
+    table = torch.cat([direction, weight], dim=1).index_select(
+        0, near.flatten()
+    )  # its gradient is faster than that of []
     total = table.reshape(*near.shape, 3).sum(1)
     return total[:, :2] / total[:, 2:].clamp_min(torch.finfo(direction.dtype).tiny)
 
 
 def coherence_of(direction: Tensor, near: Tensor) -> Tensor:
-    """Compute the length (N,) of the mean direction around strokes; 1 is parallel, disorder of n sqrt(pi / 4 n)."""
+    """Compute the length (N,) of the mean direction around strokes: 1 if parallel, about sqrt(pi / 4 n) in disorder."""
     mean = mean_direction(direction, with_self(near))
     return (mean.square().sum(1) + torch.finfo(mean.dtype).eps ** 2).sqrt()
 
@@ -174,5 +176,5 @@ def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
 
 
 def is_visible(strokes: Strokes, pitch: float) -> Tensor:
-    """Decide which strokes (N,) are opaque and thick enough to be seen, whether or not others hide them."""
+    """Decide which strokes (N,) are opaque and thick enough to be visible, whether or not others hide them."""
     return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)

@@ -1,4 +1,4 @@
-"""Draw from the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); turn strokes into numbers and back."""
+"""Sample the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); convert strokes to parameters and back."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,11 +13,11 @@ from torch import Tensor
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
-WINDOW = 64.0  # pixels on the side of the window of a simulated stroke
+WINDOW = 64.0  # side in pixels of the window of a simulated stroke
 THINNEST, THICKEST = 0.03, 0.2  # widths of valid strokes, in sides of the window
-INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
+INSET = 0.7  # factor that shrinks strokes towards the window's centre, so that its edge cuts none
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
-TOUCHING = 1e-6  # half-windows or pixels: ends nearer than this have no direction between them
+TOUCHING = 1e-6  # half-windows or pixels: closer ends have no direction between them
 SHORTEST_CHORD = 4 * THINNEST * INSET  # distance from start to end of the shortest valid stroke, half-windows
 
 Array = NDArray[np.float64]
@@ -25,13 +25,12 @@ Value = TypeVar("Value", float, Tensor)
 
 
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
-    """Draw valid strokes number ``first`` to ``first + n - 1``; each depends on ``seed`` and its own number alone.
+    """Draw valid strokes number ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
 
     Start and end are uniform in the window and the thickness w in [``THINNEST``, ``THICKEST``], redrawn until
     |s - e| >= 2 w (in sides of the window); the control point is normal about the middle with variances ``SPREAD``,
     redrawn until it lies in the window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU,
-    opaque, of uniform colours, at position 0. Differs from the source: its eq. 6.1 prints the inequality the other way
-    round.
+    opaque, with uniform colours, at position 0. Differs from the source: its eq. 6.1 prints the inequality reversed.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -43,7 +42,7 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
 
 
 def width_of(parameter: Tensor) -> Tensor:
-    """Convert the width parameter of strokes, in [-1, 1] for valid ones, to sides of the window."""
+    """Convert the width parameter of strokes, in [-1, 1] if valid, to sides of the window."""
     return THINNEST + (THICKEST - THINNEST) * 0.5 * (parameter + 1)
 
 
@@ -53,13 +52,13 @@ def width_parameter(width: Value) -> Value:
 
 
 def parameters_of(strokes: Strokes) -> Tensor:
-    """Describe strokes in their windows as (N, 10): start, control, end, width, colour; valid ones lie in [-1, 1]."""
+    """Describe strokes in their windows by (N, 10): start, control, end, width, colour; in [-1, 1] if valid."""
     width = width_parameter(strokes.width[:, None])
     return torch.cat([strokes.start, strokes.control, strokes.end, width, 2 * strokes.color - 1], dim=1)
 
 
 def strokes_of(parameters: Tensor) -> Strokes:
-    """Invert `parameters_of`: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
+    """Invert `parameters_of`: make opaque strokes at position 0 in windows of 64 pixels from (N, 10)."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
     where = torch.zeros_like(start), WINDOW * one, start, control, end
@@ -67,11 +66,11 @@ def strokes_of(parameters: Tensor) -> Strokes:
 
 
 def clamp_to_prior(strokes: Strokes) -> Strokes:
-    """Bring points and widths to the edge of the box that `sample_prior` draws from; what is clamped has no gradient.
+    """Clamp points and widths to the range of `sample_prior`; clamped values have no gradient.
 
-    The box is +-``INSET`` half-windows for the points, [``THINNEST``, ``THICKEST``] for widths, chords of
-    ``SHORTEST_CHORD`` or more, and no stroke thicker than half its length (but at least the
-    thinnest), as the source's eq. 6.1 asks.
+    The range is +-``INSET`` half-windows for points, [``THINNEST``, ``THICKEST``] for widths, ``SHORTEST_CHORD`` or
+    more for chords, and at most half the length for the thickness (but at least ``THINNEST``), as in the source's eq.
+    6.1.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
@@ -83,7 +82,7 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
 
 
 def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute the direction (N, 2), to the right for a point, and the length (N,) of chords (N, 2)."""
+    """Compute the direction (N, 2), to the right for points, and length (N,) of chords (N, 2)."""
     length = torch.linalg.vector_norm(chord, dim=1)
     right = torch.tensor([1.0, 0.0]).to(chord)
     return torch.where((length > TOUCHING)[:, None], chord / length.clamp_min(TOUCHING)[:, None], right), length
@@ -91,23 +90,23 @@ def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def rewindow(strokes: Strokes) -> Strokes:
-    """Choose windows for strokes in which `clamp_to_prior` has as little as possible to change; valid ones stay.
+    """Choose windows for strokes so that `clamp_to_prior` changes as little as possible; valid strokes do not change.
 
-    A window is centred on the control points, and its side is the valid one nearest to what it was. Two kinds of stroke
-    fit into no window, and are changed so that they cover as much of the canvas as before: one too short for its
-    thickness becomes longer and thinner, one too thin for its length thicker and shorter. On a painting of 655 strokes,
-    one in four of them such, this cost 1.3 dB; thinning the short ones alone cost 3.5 dB.
+    A window is centred on the control points, and its side is the valid one nearest to the old side. Two kinds of
+    strokes fit no window and are changed at constant area: those too short for their thickness become longer and
+    thinner, those too thin for their length thicker and shorter. For a painting of 655 strokes, a quarter of them of
+    these kinds, this cost 1.3 dB; only thinning the short ones cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
     centre, extent = 0.5 * (low + high), (high - low).amax(1)
     smallest = torch.maximum(extent / INSET, thickness / THICKEST).clamp_min(1e-3)
-    largest = (thickness / THINNEST).clamp_min(1)  # no window below a pixel: nothing to see there
+    largest = (thickness / THINNEST).clamp_min(1)  # windows below a pixel show nothing
     scale = torch.maximum(torch.minimum(strokes.scale, largest), smallest)
     scale = torch.where(smallest > largest, (smallest * largest).sqrt(), scale)
     shrink = (scale / smallest).clamp_max(1)
     points = (curve - centre[:, None]) * (2 * shrink / scale)[:, None, None]
-    start, control, end = points.clamp(-INSET, INSET).unbind(1)  # what is left to clamp is rounding
+    start, control, end = points.clamp(-INSET, INSET).unbind(1)  # only rounding is left to clamp
     width = (thickness / scale).clamp_min(THINNEST)
     new = replace(strokes, position=centre, scale=scale, start=start, control=control, end=end, width=width)
     valid = (parameters_of(strokes) == parameters_of(clamp_to_prior(strokes))).all(1)
@@ -119,12 +118,12 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """Compute the `control_offset` (N, 2) of strokes, as if no chord were shorter than ``SHORTEST_CHORD``."""
+    """Compute the `control_offset` (N, 2) of strokes, with chords of at least ``SHORTEST_CHORD``."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 
 def control_offset(curve: Tensor, shortest: float) -> Tensor:
-    """Measure control points (N, 2) along and across s - e, from its middle, in |s - e| or at least ``shortest``."""
+    """Measure control points (N, 2) along and across s - e, from its middle, in units of |s - e| or ``shortest``."""
     start, control, end = curve.unbind(1)
     chord, offset = start - end, control - 0.5 * (start + end)
     across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
@@ -133,10 +132,10 @@ def control_offset(curve: Tensor, shortest: float) -> Tensor:
 
 
 def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengthen and thin curves (N, 3, 2) that are shorter than 2 ``INSET`` thicknesses (N,), at the same area."""
+    """Lengthen and thin curves (N, 3, 2) shorter than 2 ``INSET`` thicknesses (N,), at constant area."""
     start, control, end = curve.unbind(1)
     along, length = _along(end - start)
-    least = 2 * INSET * (1 + 1e-5)  # a little more than valid, so that rounding does not make it invalid
+    least = 2 * INSET * (1 + 1e-5)  # slightly more than the limit, so that rounding does not make it invalid
     thinner = ((length * thickness + 0.25 * np.pi * thickness.square()) / (least + 0.25 * np.pi)).sqrt()
     short = length < 2 * INSET * thickness
     middle, half = 0.5 * (start + end), 0.5 * (least * thinner)[:, None] * along
@@ -145,7 +144,7 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
-    """Draw numbers (n, columns) in the open interval (0, 1); row i depends on seed, stream and first + i alone.
+    """Draw numbers (n, columns) in the open interval (0, 1); row i depends only on seed, stream and first + i.
 
     Philox (Salmon et al., 2011) gives four words per step of its counter, so ``columns`` must be a multiple of 4.
     """
@@ -155,7 +154,7 @@ def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
 
 
 def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
-    """Replace rows of ``draw(0)`` that are not valid by those of ``draw(1)``, ``draw(2)`` and so on."""
+    """Replace invalid rows of ``draw(0)`` by those of ``draw(1)``, ``draw(2)`` and so on."""
     rows, attempt = draw(0), 0
     while (wrong := ~valid(rows)).any():
         attempt += 1
@@ -169,7 +168,7 @@ def _long_enough(body: Array) -> NDArray[np.bool_]:
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:
-    """Draw control points (n, 2) from two of the uniform numbers (n, 4) each (Box and Muller, 1958)."""
+    """Draw control points (n, 2) from uniform numbers (n, 4), two for each coordinate pair (Box and Muller, 1958)."""
     radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
     along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)
     across = np.sqrt(SPREAD[1]) * radius * np.sin(angle)

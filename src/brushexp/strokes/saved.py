@@ -1,4 +1,4 @@
-"""The record of a finished painting, and its form as JSON (docs/formats.md), which people read, edit and write."""
+"""Record a finished painting, and convert it to and from JSON for people to edit (docs/formats.md)."""
 
 import json
 from base64 import b64decode, b64encode
@@ -21,18 +21,18 @@ from brushexp.system.reading import check_format_version, check_yaml, in_short, 
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
-VERSION = 4  # raise it whenever a file of the new kind would mislead an older reader
-VERSION_WITHOUT = 2  # of files without `LATER_FIELDS`
+VERSION = 4  # increase it when a new file would mislead an older reader
+VERSION_WITHOUT = 2  # version of files without `LATER_FIELDS`
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
-AT_ONCE = 4096  # strokes whose text is in memory at a time
+AT_ONCE = 4096  # strokes held as text at a time
 KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 
 @dataclass(frozen=True)
 class Saved:
-    """A finished catalogue and where it came from, as a file stores it."""
+    """A finished catalogue and its origin, as stored in a file."""
 
     strokes: Strokes  # N strokes, float32
     depth: Tensor  # (N,) int32 ranks, a permutation of 0 to N - 1; 0 is the bottom stroke
@@ -41,20 +41,20 @@ class Saved:
     renderer: str  # name of the renderer plugin
     renderer_hash: str = ""  # hash of its checkpoint; empty when it has none
     seed: int = 0  # seed of the run
-    config: str = ""  # settings of the run as YAML: text from a file, of which only plugins may be built
-    alpha: Tensor | None = None  # (h, w) uint8: how much of the painting there is, stretched over the canvas; None: all
+    config: str = ""  # settings of the run as YAML, untrusted text from which only plugins may be built
+    alpha: Tensor | None = None  # (h, w) uint8 alpha of the painting, stretched over the canvas; None if opaque
 
     def with_strokes(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
-        """Record other strokes of the same run, in the order ``front_to_back`` (N,), the uppermost first."""
+        """Replace the strokes, in the order ``front_to_back`` (N,), uppermost first."""
         depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
         return replace(self, strokes=strokes.map(Tensor.cpu), depth=depth, background=background.cpu())
 
     def check(self) -> Self:
-        """Return the record; a UserError says what is wrong with it."""
+        """Return the record if it is valid; a UserError says what is wrong."""
         check_strokes(self.strokes)
         count, ranks = len(self.strokes), self.depth.detach().cpu().sort().values
         if tuple(self.depth.shape) != (count,) or not torch.equal(ranks, torch.arange(count, dtype=ranks.dtype)):
-            raise UserError(f"depth is not an order of the strokes; each rank from 0 to {count - 1} is needed once")
+            raise UserError(f"depth is not an order of the strokes; give each rank from 0 to {count - 1} once")
         if not all(1 <= side <= LARGEST_SIDE for side in self.size):
             raise UserError(
                 f"the canvas is {self.size[0]} x {self.size[1]} pixels; each side must lie in [1, {LARGEST_SIDE}]"
@@ -74,7 +74,7 @@ class Saved:
 
 
 def config_of(saved: Saved) -> dict[str, Any]:
-    """Read the config of a run; it is empty unless it is plain data."""
+    """Read the config of a run, empty unless it is plain data."""
     try:
         config: dict[str, Any] = yaml_of(saved.config)
     except UserError:
@@ -83,7 +83,7 @@ def config_of(saved: Saved) -> dict[str, Any]:
 
 
 def json_lines(saved: Saved) -> Iterator[str]:
-    """Write a catalogue as text, piece by piece; the config (YAML) is written as a list of its lines."""
+    """Write a catalogue as text, piece by piece, with the config (YAML) as a list of lines."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     attributes = {"height": saved.size[0], "width": saved.size[1], "renderer": saved.renderer}
     attributes |= {"renderer_hash": saved.renderer_hash, "seed": saved.seed}
@@ -95,7 +95,7 @@ def json_lines(saved: Saved) -> Iterator[str]:
         head["alpha"] = b64encode(png_of(saved.alpha)).decode()
     yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
-    exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
+    exact = "%.9g"  # as short as possible: nine digits distinguish all float32 values
     sizes = {name: FIELDS[name].size for name in names}
     slots = {name: f"[{', '.join([exact] * size)}]" if size else exact for name, size in sizes.items()}
     line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "brush": %d, "depth": %d}'
@@ -112,18 +112,18 @@ def json_lines(saved: Saved) -> Iterator[str]:
 
 
 def fields_in(strokes: Strokes) -> tuple[list[str], int]:
-    """List the fields that a file of strokes needs, and its version: later ones are left out where they are all 0."""
+    """List the fields needed in a file of strokes, and its version; later fields are left out if all are 0."""
     needed = [first for name, first in LATER_FIELDS.items() if bool(getattr(strokes, name).any())]
     version = max(needed, default=VERSION_WITHOUT)
     return [name for name in FIELDS if LATER_FIELDS.get(name, 0) <= version], version
 
 
 def parse(text: str) -> Saved:
-    """Read what `json_lines` has written; a UserError says where a text differs from that form."""
+    """Read the text of `json_lines`; a UserError says where it differs from the format."""
     try:
         data = json_of(text)
     except UserError as error:
-        raise UserError(f"{error}; mend it there, or export it again with to=json") from error
+        raise UserError(f"{error}; correct it there, or export again with to=json") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
     check_format_version(_typed(data, "format_version", int), VERSION)
@@ -145,7 +145,7 @@ def png_of(alpha: Tensor) -> bytes:
 
 
 def alpha_of(png: bytes) -> Tensor:
-    """Unpack what `png_of` has packed; a UserError if it is something else, or too large."""
+    """Unpack the alpha of `png_of`; refuse (UserError) anything else or too large a picture."""
     try:
         with Image.open(BytesIO(png), formats=["PNG"]) as picture:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
@@ -154,14 +154,14 @@ def alpha_of(png: bytes) -> Tensor:
     except UserError:
         raise
     except Exception as error:  # decoders have a dozen kinds
-        raise UserError("alpha is no PNG that can be read; mend it, or leave it out") from error
+        raise UserError("alpha is not a readable PNG; correct it, or leave it out") from error
 
 
 def _base64(text: str) -> bytes:
     try:
         return b64decode(text, validate=True)
     except ValueError as error:
-        raise UserError("alpha is not base64; mend it, or leave it out") from error
+        raise UserError("alpha is not base64; correct it, or leave it out") from error
 
 
 def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
@@ -178,19 +178,19 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
         column = [_numbers(zeros | row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
     brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
-    within = [min(max(brush, -1), BRUSH_COUNT) for brush in brushes]  # `check_strokes` refuses what lies outside
+    within = [min(max(brush, -1), BRUSH_COUNT) for brush in brushes]  # `check_strokes` refuses values out of range
     strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
     if not any("depth" in row for row in rows):
         return strokes, torch.arange(len(rows))
     ranks = [_typed(row, "depth", int, f"stroke {index}: ") for index, row in enumerate(rows)]
     rank, times = Counter(ranks).most_common(1)[0]
     if times > 1:
-        raise UserError(f"{times} strokes have depth {rank}; give each another one, or leave it out of all")
+        raise UserError(f"{times} strokes have depth {rank}; give each its own, or leave depth out of all")
     return strokes, torch.tensor(ranks).argsort().argsort()
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """Check that a value is as many numbers as a field has; size 0 is one that is not in a list."""
+    """Check that a value has as many numbers as a field; size 0 is a single number without a list."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:
@@ -201,6 +201,6 @@ def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any
 
 def _typed(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
     value = data.get(name)
-    if type(value) is not kind:  # true is no number
+    if type(value) is not kind:  # true is not a number
         raise UserError(f"{where}{name} is {shortened(value)}; {KINDS[kind]} is needed")
     return value

@@ -1,8 +1,8 @@
-"""Store a finished catalogue as HDF5, with all that is needed to render it again; docs/formats.md.
+"""Store a finished catalogue as HDF5 with everything needed to redraw it (docs/formats.md).
 
-Packages may publish further forms of catalogues, by the endings of their files.
+Packages may publish further formats of catalogues by file extension.
 
-Texts have a fixed length, because HDF5 has no checksums for others: one wrong byte there can make it loop for ever.
+Texts have a fixed length, because HDF5 has no checksums for others, in which one wrong byte can cause an infinite loop.
 """
 
 import io
@@ -35,13 +35,13 @@ from brushexp.system.spellings import find_path
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
 CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
-MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
+MOST_STROKES = 10_000_000  # most strokes in a file; they take 0.7 GB
 ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
-LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
+LARGEST_TEXT = 2**29  # most bytes of a JSON catalogue, two million strokes
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
-    """Write a catalogue whole or not at all; same catalogue, same bytes. What cannot be loaded again is refused."""
+    """Write a catalogue completely or not at all, deterministically; refuse what could not be loaded again."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     replace(saved, strokes=strokes).check()
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
@@ -66,18 +66,18 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read and check a catalogue (UserError), by its path, the folder of its run, or the name of a shipped one.
+    """Read and check a catalogue (UserError), given by path, folder of a run, or name of a shipped one.
 
-    ``option`` is the key that sets it, for messages.
+    ``option`` is its key, for messages.
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
     path = find_path(path)
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
-    if path.is_dir():  # the folder of a run stands for its catalogue
+    if path.is_dir():  # a folder of a run stands for its catalogue
         path = path / CATALOGUE_NAME
         if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # of a sweep, or of a film
-            cure = f"give one of those below it, {option}={others[0]}"
+            cure = f"give one of the folders below it, {option}={others[0]}"
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):

@@ -1,1 +1,1 @@
-"""Use the machine: files, HDF5, checkpoints, processes and threads."""
+"""Handle files, HDF5, checkpoints, processes, threads, memory and terminals."""

@@ -1,4 +1,4 @@
-"""Choose where libraries keep what they have compiled or looked up, also for a user whose home cannot be written."""
+"""Choose cache folders for libraries, even for users without a writable home."""
 
 import os
 import stat
@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 CODE = Path(__file__).parents[1]
-KERNELS = "NUMBA_CACHE_DIR"  # variable of the environment: where machine code is kept
-CACHES = "XDG_CACHE_HOME"  # that of all caches of a user (XDG Base Directory Specification)
-OF_LIBRARIES = {  # variables of libraries that heed no such standard, and what each keeps in its folder
+KERNELS = "NUMBA_CACHE_DIR"  # environment variable: folder for machine code
+CACHES = "XDG_CACHE_HOME"  # environment variable: all caches of a user (XDG Base Directory Specification)
+OF_LIBRARIES = {  # variables of libraries that ignore this standard, and their subfolders
     "MPLCONFIGDIR": "matplotlib",
     "TRITON_CACHE_DIR": "triton",
     "WANDB_CACHE_DIR": "wandb-cache",
@@ -17,14 +17,14 @@ OF_LIBRARIES = {  # variables of libraries that heed no such standard, and what 
 }
 TEMPORARY_PLACES = ("TMPDIR", "TEMP", "TMP")  # variables that name them
 USUAL_PLACES = ("/tmp", "/var/tmp", "/usr/tmp")  # and where they are without these
-PRIVATE = 0o700  # mode of a folder that others can neither write into nor read
+PRIVATE = 0o700  # mode of a folder that only its owner can read and write
 
 
 def settle_caches() -> None:
-    """Give libraries a place to write into where they would find none; call it before they are imported.
+    """Give libraries writable cache folders if they would find none; call it before importing them.
 
-    Machine code is kept where `NUMBA_CACHE_DIR` says, else beside the program's code, else in the cache of the user,
-    else in a private temporary folder; other libraries use the latter two. Nothing is kept where none can be written.
+    Machine code goes to `NUMBA_CACHE_DIR`, or beside the program's code, or into the user's cache, or into a private
+    temporary folder, whichever is writable first; other libraries use the last two. Without any, nothing is cached.
     """
     for variable in (KERNELS, CACHES):
         _settle_typed(variable)
@@ -36,7 +36,7 @@ def settle_caches() -> None:
     if private is None:
         return
     if not has_home():
-        os.environ["HOME"] = str(private)  # else libraries make a folder named ~
+        os.environ["HOME"] = str(private)  # otherwise libraries make a folder named ~
     if is_settled:
         return
     os.environ[CACHES] = str(private)
@@ -47,7 +47,7 @@ def settle_caches() -> None:
 
 
 def _settle_typed(variable: str) -> None:
-    """Write a place of caches that somebody has typed in full, and forget it if nothing can be written there."""
+    """Expand a cache folder set by the user, and unset it if it is not writable."""
     typed = os.environ.pop(variable, "")
     path = os.path.expanduser(typed)
     is_whole = os.path.isabs(path) or (variable == KERNELS and not path.startswith("~"))
@@ -57,31 +57,31 @@ def _settle_typed(variable: str) -> None:
 
 @cache
 def has_home() -> bool:
-    """Tell whether the user has a home, as it was when this was first asked: `settle_caches` lends libraries one."""
-    return os.path.isabs(os.path.expanduser("~"))  # unlike that of pathlib it never raises
+    """Tell whether the user had a home at the first call, before `settle_caches` gives libraries one."""
+    return os.path.isabs(os.path.expanduser("~"))  # unlike pathlib's version, it never raises
 
 
 def home_folder() -> Path | None:
-    """Return the home of the user; None if there is none, or only the root of the file system."""
+    """Return the home of the user; None if there is none or it is the root of the file system."""
     path = os.path.expanduser("~")
     return Path(path) if has_home() and os.path.normpath(path) != os.sep else None
 
 
 def can_hold(folder: Path) -> bool:
-    """Test whether files can be written into a folder, which may have to be made."""
+    """Test whether files can be written into a folder, creating it if necessary."""
     try:
         while not folder.exists():
             folder = folder.parent
-        tempfile.TemporaryFile(dir=folder).close()  # rights say too much: of root, of /proc, of read-only disks
+        tempfile.TemporaryFile(dir=folder).close()  # permissions are unreliable for root, /proc and read-only disks
     except OSError:
         return False
     return True
 
 
 def private_folder() -> Path | None:
-    """Make a temporary folder of this user that nobody else can read or write; None if there can be none.
+    """Make a temporary folder that only this user can read or write; None if that is impossible.
 
-    What others could have put there is never trusted: machine code is loaded from it.
+    Folders that others could have written into are never trusted, because machine code is loaded from them.
     """
     if not hasattr(os, "getuid"):
         return None  # Windows, where rights say nothing about who may write

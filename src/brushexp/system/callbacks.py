@@ -1,7 +1,7 @@
-"""Callbacks of every fit: the progress bar, checkpoints by time, Ctrl-C.
+"""Callbacks of every fit: progress bar, timed checkpoints, Ctrl-C.
 
-Of a LightningModule they read ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()`` (step, loss and
-quality in a few words) and ``stop`` (why the fit ends before its last step, else None), which they also set.
+They use these members of a LightningModule: ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()``
+(step, loss and quality in a few words) and ``stop`` (why the fit ends early, or None), which they also set.
 """
 
 import logging
@@ -23,14 +23,14 @@ from brushexp.system.runtime import interruptible
 from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
-FIRST_CHECKPOINT = 10  # seconds until the first checkpoint, at most
+FIRST_CHECKPOINT = 10  # longest time until the first checkpoint in seconds
 REFRESH_SECONDS = (
-    0.25  # between two updates of the bar, as between two points of a curve: both read the PSNR of one step
+    0.25  # seconds between two updates of the bar, as between two points of a curve: both read the PSNR of one step
 )
 
 
 class ProgressBar(L.Callback):
-    """Show the state of the module and the time left in a bar, or in a few lines of the log without a terminal."""
+    """Show the state of the module and the remaining time in a bar, or in a few log lines without a terminal."""
 
     def __init__(self) -> None:
         self.bar, self.title, self.refreshed = ExitStack(), "", -math.inf
@@ -59,10 +59,10 @@ class ProgressBar(L.Callback):
 
 
 class TimedCheckpoint(Checkpoint):
-    """End the fit after the present step at Ctrl-C, and write a file from which it continues exactly.
+    """Write checkpoints for exact continuation at regular times, and end the fit after the current step at Ctrl-C.
 
-    The file is written to ``path``, if there is one, ``every`` so many seconds, or only at an interruption if that is
-    None. Lightning calls this kind of callback after all others, whose states of the step the file thus has.
+    The file is written to ``path``, if given, ``every`` so many seconds, or only at an interruption if that is None.
+    Lightning calls this kind of callback after all others, so the file has their states after the step.
     """
 
     def __init__(self, path: Path | None, every: float | None) -> None:
@@ -76,17 +76,17 @@ class TimedCheckpoint(Checkpoint):
         self.loaded = checkpoint["loops"]["fit_loop"]["state_dict"].get("combined_loader", ())
 
     def on_train_start(self, trainer: L.Trainer, *_: object) -> None:
-        for state in self.loaded:  # Lightning forgets it where a file was written at the end of an epoch
+        for state in self.loaded:  # Lightning forgets it if a file was written at the end of an epoch
             trainer.train_dataloader.load_state_dict(state)  # type: ignore[union-attr]
-        promise = "stopping after this step" + "; what is done so far will be written" * (self.path is not None)
+        promise = "stopping after this step" + "; the result so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        if not trainer.is_last_batch:  # where Lightning's counters cannot be continued
+        if not trainer.is_last_batch:  # a point from which Lightning's counters cannot continue
             self._act(trainer, pl_module)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        if trainer.num_training_batches == 1:  # the only batch is the last one
+        if trainer.num_training_batches == 1:  # an epoch has one batch only
             self._act(trainer, pl_module)
 
     def _act(self, trainer: L.Trainer, pl_module: Any) -> None:
@@ -105,9 +105,9 @@ class TimedCheckpoint(Checkpoint):
             with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
             for logger in trainer.loggers:
-                logger.save()  # a run that goes on writes later values again
-        except UserError as error:  # a disk may have room again before the end
-            log.warning("no checkpoint at step %d: %s", trainer.global_step, error)
+                logger.save()  # a resumed run writes later values again
+        except UserError as error:  # the disk may have space again later
+            log.warning("could not write a checkpoint at step %d: %s", trainer.global_step, error)
 
     def on_train_end(self, *_: object) -> None:
         self.handler.close()
@@ -121,7 +121,7 @@ class TimedCheckpoint(Checkpoint):
 
 
 def find_limit(trainer: L.Trainer) -> Status:
-    """Find the limit of the Trainer that has ended a fit; `Status.STOPPED_EARLY` if a callback has."""
+    """Find which limit of the Trainer ended a fit; `Status.STOPPED_EARLY` if a callback did."""
     times = [timer.time_remaining() for timer in trainer.callbacks if isinstance(timer, Timer)]  # type: ignore[attr-defined]
     limits = {
         Status.MAX_STEPS_REACHED: 0 <= trainer.max_steps <= trainer.global_step,

@@ -1,6 +1,6 @@
 """Write and read trained weights: ``<name>.safetensors`` and, beside it, ``<name>.json``, the recipe that made them.
 
-docs/formats.md has the keys of the recipe. Nothing in either file is ever run.
+docs/formats.md lists the keys of the recipe. Nothing in either file is ever executed.
 """
 
 import hashlib
@@ -18,26 +18,26 @@ from brushexp.system.files import write_bytes, write_json
 from brushexp.system.reading import check_format_version, check_plain, in_short, json_of, read_text
 from brushexp.system.reading_tensors import read_safetensors
 
-VERSION = 1  # raise it when a new file would mislead an older reader
+VERSION = 1  # increase it when a new file would mislead an older reader
 PROGRAM = "brushexp "  # first word of every format
 
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """The kind of a checkpoint, and the words for it in messages."""
+    """A kind of checkpoint and its words for messages."""
 
-    noun: str  # what messages call the network, "renderer"
-    family: str  # family of its plugins, a key of the recipe
-    key: str  # that names it, "renderer.checkpoint"; the plugin's other options stand beside it
-    task: str  # the task that trains it, as one would type it
-    without: str  # the meaning of null in its place; "" where it is needed
-    folders: Callable[[], Sequence[Path]]  # where those lie that come with the program, and with other packages
+    noun: str  # name of the network in messages, "renderer"
+    family: str  # family of its plugins, as in the recipe
+    key: str  # key that names it, "renderer.checkpoint", beside the plugin's other options
+    task: str  # task that trains it, as typed
+    without: str  # meaning of null in its place; "" if a checkpoint is required
+    folders: Callable[[], Sequence[Path]]  # folders of shipped checkpoints, including those of packages
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
-        """Put trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
+        """Load trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
 
-        A UserError tells of ``options`` that differ from the recipe, or of a file that is missing, damaged or of
-        another plugin. The hash of the weights is returned; a checkpoint of None changes nothing, and returns "".
+        A UserError reports ``options`` that differ from the recipe, or a file that is missing, damaged or of another
+        plugin. Returns the hash of the weights; a checkpoint of None changes nothing and returns "".
         """
         module.eval()
         if checkpoint is None:
@@ -46,28 +46,28 @@ class CheckpointFormat:
         recipe = self.read_recipe(path)
         family, trained = recipe[self.family], recipe["options"]
         if family != name:
-            raise UserError(f"{where} is of {self.family}={in_short(family)}, not of {name}; set the one or the other")
+            raise UserError(f"{where} is for {self.family}={in_short(family)}, not for {name}; change one of them")
         for key, value in plain_options(options).items():
             typed = f"{self.key.rpartition('.')[0]}.{key}"
             if key not in trained:
-                raise UserError(f"{where} was trained before there was {typed}; train it again with {self.task}")
+                raise UserError(f"{where} was trained before {typed} existed; train it again with {self.task}")
             if trained[key] != value:
                 typed += "=" + in_short(json.dumps(trained[key]).strip('"'))
                 raise UserError(f"{where} was trained with {typed}, not {value}; set {typed}")
         try:
-            module.load_state_dict(read_safetensors(path, "pickles are refused, because they can run code"))
+            module.load_state_dict(read_safetensors(path, "pickle files are refused, because they can run code"))
         except RuntimeError as error:
             cure = f"train it again with {self.task}"
-            raise UserError(f"{where} is of another {self.noun}; {cure}: {in_short(error)}") from error
+            raise UserError(f"{where} belongs to another {self.noun}; {cure}: {in_short(error)}") from error
         if weights_hash(module) != recipe["hash"]:
-            raise UserError(f"{path.with_suffix('.json')} describes other weights; copy both files of a checkpoint")
+            raise UserError(f"{path.with_suffix('.json')} describes other weights; copy both files of the checkpoint")
         return str(recipe["hash"])
 
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
-        """Write ``path`` (.safetensors) and the recipe beside it; the module then holds the weights as written.
+        """Write ``path`` (.safetensors) and its recipe; afterwards the module holds the weights as written.
 
         The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats that fit
-        have 16 bits. The hash of the weights is returned.
+        are stored in 16 bits. Returns the hash of the weights.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 
@@ -83,7 +83,7 @@ class CheckpointFormat:
         return digest
 
     def path_of(self, checkpoint: str) -> Path:
-        """Return the .safetensors file of a checkpoint, the plain name of a shipped one or a path."""
+        """Return the .safetensors file of a checkpoint, given by the name of a shipped one or by a path."""
         is_name = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
         shipped = {file.stem: file for folder in self.folders() for file in folder.glob("*.safetensors")}
         path = shipped.get(checkpoint, Path()) if is_name else Path(checkpoint)
@@ -91,20 +91,20 @@ class CheckpointFormat:
             return path
         where = f"{self.key}={checkpoint}"
         if not is_name:
-            raise UserError(f"{where}: there is no such file; give the .safetensors of {self.task}")
+            raise UserError(f"{where}: there is no such file; give the .safetensors file of {self.task}")
         names = ", ".join(sorted(shipped)) or "none"
         cure = "give the path of a .safetensors file" + f", or null for {self.without}" * bool(self.without)
-        raise UserError(f"{where} does not come with the program (there are: {names}); {cure}")
+        raise UserError(f"{where} is not a shipped checkpoint (there are: {names}); {cure}")
 
     def shipped_name(self, name: str) -> str | None:
-        """Return the name if a checkpoint of that name comes with the program, else None."""
+        """Return the name if it is that of a shipped checkpoint, otherwise None."""
         return name if any((folder / f"{name}.safetensors").is_file() for folder in self.folders()) else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
-        """Read the recipe of the checkpoint at ``path`` (.safetensors), or raise a UserError."""
-        file, cure = path.with_suffix(".json"), "copy it again from where the checkpoint came from"
+        """Read the recipe of the checkpoint at ``path`` (.safetensors); raise a UserError if it is missing or wrong."""
+        file, cure = path.with_suffix(".json"), "copy it again from the source of the checkpoint"
         if not file.is_file():
-            raise UserError(f"{path} has no recipe beside it; copy {file.name} there too")
+            raise UserError(f"{path} has no recipe beside it; also copy {file.name} there")
         text = read_text(file, cure)
         try:
             recipe = check_plain(json_of(text))
@@ -123,7 +123,7 @@ class CheckpointFormat:
 
 
 def weights_hash(module: nn.Module) -> str:
-    """Compute the SHA-256 of all weights, names and shapes (as 32-bit floats); "" for a module without weights."""
+    """Compute the SHA-256 of all weights (as 32-bit floats), names and shapes; "" for a module without weights."""
     state = module.state_dict()
     if not state:
         return ""
@@ -136,7 +136,7 @@ def weights_hash(module: nn.Module) -> str:
 
 
 def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert the options that weights depend on to values of JSON: an `Enum` to its name, tuples to lists."""
+    """Convert options to JSON values: an `Enum` to its name, tuples to lists."""
     chosen = {key: value for key, value in options.items() if key != "checkpoint" and not key.startswith("_")}
     plain: dict[str, Any] = json.loads(json.dumps(chosen, default=lambda choice: choice.name))
     return plain

@@ -1,35 +1,39 @@
-"""Bring settings and checkpoints that earlier versions have recorded to what this version reads."""
+"""Convert settings and checkpoints of earlier versions to those of this version."""
 
 from collections.abc import Mapping
 from typing import Any
 
-OF_TUBES = ("tubes", "mixtures", "brushes", "width_cm", "load")  # keys of what was task=tubes
-TASKS = {"guided": "guides", "repaint": "region", "tubes": "tubes"}  # tasks that are changes now
-REMOVED = ("lpips_backbone", "lpips_weights", "model")  # keys that no task has any more
-OF_TRAININGS = (  # options of Lightning's Trainer that only trainings have now
+OF_TUBES = ("tubes", "mixtures", "brushes", "width_cm", "load")  # keys of the former task=tubes
+TASKS = {"guided": "guides", "repaint": "region", "tubes": "tubes"}  # former tasks that are changes now
+REMOVED = ("lpips_backbone", "lpips_weights", "model")  # keys that no longer exist
+OF_TRAININGS = (  # Trainer options that only training tasks have now
     *("accumulate_grad_batches", "check_val_every_n_epoch", "limit_train_batches", "limit_val_batches"),
     *("max_epochs", "min_epochs", "min_steps", "val_check_interval"),
 )
-KEYS = {"guides": "change.guides.lines", "region": "change.region.mask", "tubes": "change.tubes.tubes"}  # of files
+KEYS = {
+    "guides": "change.guides.lines",
+    "region": "change.region.mask",
+    "tubes": "change.tubes.tubes",
+}  # keys that name files
 
 
 def is_earlier(settings: Mapping[str, Any]) -> bool:
-    """Tell whether recorded settings are of a version in which changes of a painting had keys of their own."""
+    """Tell whether recorded settings come from a version before changes existed."""
     return "change" not in settings and bool({"variety", "wet", "tubes"} & settings.keys())
 
 
 def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """Return recorded settings of a painting under the keys of today; today's own stay as they are.
+    """Convert recorded settings of a painting to current keys; current settings are returned unchanged.
 
-    What was a task, a callback or a key of its own may be a change: ``variety: 0.4`` of old is
+    Former tasks, callbacks and keys may have become changes: the old ``variety: 0.4`` is now
     ``change: {variety: {amount: 0.4}}``.
 
     >>> todays_settings({"task": "paint", "variety": 0.4, "wet": 0})
     {'task': 'paint', 'change': {'variety': {'amount': 0.4, '_target_': 'change/variety'}}}
     """
     settings = {key: value for key, value in recorded.items() if key not in REMOVED}
-    if "pixels_per_stroke" in settings:  # of a painting
-        settings.setdefault("working_resolution", None)  # all pixels were
+    if "pixels_per_stroke" in settings:  # settings of a painting
+        settings.setdefault("working_resolution", None)  # the behaviour of earlier versions
     if not is_earlier(settings):
         return settings
     if "trainer" in settings:
@@ -60,31 +64,31 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def todays_key(key: str, recorded: Mapping[str, Any]) -> str:
-    """Return the key of today for one of recorded settings that names a file."""
+    """Return the current key for a recorded key that names a file."""
     return KEYS.get(key, key) if is_earlier(recorded) else key
 
 
 def _mapping(value: Any) -> dict[str, Any]:
-    """Copy a mapping; whatever else a record holds is an empty one."""
+    """Copy a mapping; other values become empty mappings."""
     return dict(value) if isinstance(value, Mapping) else {}
 
 
 def _member(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the node of a member."""
+    """Write the config node of a member."""
     return {**options, "_target_": f"change/{name}"}
 
 
 def _wet_options(amount: float, looks: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of wet paint of which steps may have known by a callback, ``looks``."""
+    """Return the options of wet paint, which steps may have seen through a callback, ``looks``."""
     own = looks.get("wet")
     options = {key: looks[key] for key in ("every", "after") if key in looks}
     return {"amount": amount if own is None else own} | options
 
 
 def todays_loops(loops: dict[str, Any]) -> None:
-    """Bring the loops of Lightning in a checkpoint, which is changed, to those of painters that optimise by hand.
+    """Convert Lightning's loops in a checkpoint, in place, to those of painters with manual optimisation.
 
-    Earlier ones were optimised by Lightning, which counted the steps elsewhere, and had a loader with a state.
+    Earlier painters used Lightning's automatic optimisation, which counts steps elsewhere, and a stateful loader.
     """
     loops["state_dict"]["combined_loader"] = []
     before = loops["epoch_loop.automatic_optimization.optim_progress"]["optimizer"]["step"]

@@ -1,4 +1,4 @@
-"""Describe the software and the hardware that a run uses, without any path of the machine."""
+"""Describe the software and hardware of a run, without paths of the machine."""
 
 import hashlib
 import os
@@ -13,14 +13,14 @@ from typing import Any
 
 from brushexp import __version__
 
-LONGEST_GIT = 5.0  # seconds after which a call of git is given up
+LONGEST_GIT = 5.0  # seconds after which a call of git is abandoned
 PACKAGE = Path(__file__).parents[1]  # the folder of brushexp
-LIBRARIES = ("torch", "numba")  # whose versions change the bits of a painting
+LIBRARIES = ("torch", "numba")  # libraries whose versions may change the bits of a painting
 QUIET = {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
 
 
 def versions() -> dict[str, str | None]:
-    """List the versions of Python and of the libraries that compute; None for one that is not installed."""
+    """Map Python and the numerical libraries to their versions; None if not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}}
 
 
@@ -33,7 +33,7 @@ def _version(name: str) -> str | None:
 
 @cache
 def processor() -> str:
-    """Name the processor, such as "Intel(R) Xeon(R) Processor"; only its architecture where no name is known."""
+    """Name the processor, such as "Intel(R) Xeon(R) Processor", or its architecture if no name is known."""
     if sys.platform == "linux":
         try:
             lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
@@ -48,13 +48,13 @@ def processor() -> str:
 
 @cache
 def code_state() -> dict[str, Any]:
-    """Describe this brushexp: its ``version``, and as `git_state` does the checkout that it was imported from."""
-    is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # else it lies in an environment in some repository
+    """Describe this brushexp: its ``version``, and the `git_state` of the checkout that it was imported from."""
+    is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # not an environment inside an unrelated repository
     return {"version": __version__, **((git_state(PACKAGE) or {}) if is_tracked else {})}
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Describe the repository of a folder as `git_state` does; None if there is none, or if it is that of brushexp."""
+    """Describe the repository of a folder by `git_state`; None if there is none or if it is brushexp's own."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None
@@ -62,10 +62,10 @@ def project_state(folder: Path) -> dict[str, Any] | None:
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """Describe what is checked out: ``commit``, whether it is ``dirty``, and ``changes``; None without a repository.
+    """Describe a checkout: ``commit``, whether it is ``dirty``, and ``changes``; None without a repository.
 
-    It is dirty if a file that git tracks differs from the commit; ``changes`` is the SHA-256 of ``git diff HEAD`` then,
-    so that two states of one commit are told apart. Files that git does not track do not count.
+    It is dirty if a tracked file differs from the commit; then ``changes`` is the SHA-256 of ``git diff HEAD``, which
+    distinguishes states of one commit. Untracked files do not count.
     """
     commit = _git(folder, "rev-parse", "HEAD")
     if commit is None:
@@ -78,16 +78,16 @@ def git_state(folder: Path) -> dict[str, Any] | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """Return what git says about a folder; None if it says nothing, is not installed, or takes too long.
+    """Return the output of git about a folder; None if it fails, is not installed, or takes too long.
 
-    Nothing that a repository configures is run, and variables that name another repository are left out.
+    Programs configured by the repository are not run, and variables that name another repository are removed.
     """
     others = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
     return _output("git", "-C", str(folder), "-c", "core.fsmonitor=false", *words, environment=others | QUIET)
 
 
 def _output(*words: str, environment: Mapping[str, str] | None = None) -> str | None:
-    """Return what a program prints; None if it fails."""
+    """Return the output of a program; None if it fails."""
     try:
         done = subprocess.run(words, capture_output=True, check=True, timeout=LONGEST_GIT, env=environment)
         return done.stdout.decode(errors="surrogateescape").strip()

@@ -1,4 +1,4 @@
-"""Write files whole or not at all, and convert numbers to pixels and JSON."""
+"""Write files completely or not at all, and convert numbers to pixels and JSON."""
 
 import io
 import json
@@ -18,16 +18,16 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
-TEMPORARY = ".brushexp-*"  # pattern of files that are being written
+TEMPORARY = ".brushexp-*"  # pattern of files being written
 PNG: dict[str, Any] = {"format": "PNG", "compress_type": zlib.Z_RLE}  # as small as by default, in a quarter of the time
 
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
-    """Yield a temporary path beside ``path``, whose file replaces that of ``path`` in the end.
+    """Yield a temporary path beside ``path``; at the end its file replaces ``path``.
 
-    At any error, Ctrl-C included, the temporary file is removed and the previous one is untouched. If the file cannot
-    be written, a UserError proposes another place with ``key``.
+    On any error, including Ctrl-C, the temporary file is removed and the previous file is untouched. If the file cannot
+    be written, a UserError suggests another place for ``key``.
     """
     temporary = path.with_name(f"{TEMPORARY[:-1]}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -41,29 +41,29 @@ def replacing(path: Path, key: str = "output") -> Iterator[Path]:
         if not isinstance(error, OSError):
             raise
         reason = error.strerror or error
-        raise UserError(f"cannot write {path}: {reason}; mend that or choose another folder with {key}=...") from error
+        raise UserError(f"cannot write {path}: {reason}; fix that or choose another folder with {key}=...") from error
 
 
 def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
-    """Write a file as `replacing` does."""
+    """Write a file by `replacing`."""
     with replacing(path, key) as temporary:
         temporary.write_bytes(data)
 
 
 def write_text(path: Path, text: str | Iterable[str]) -> None:
-    """Write a UTF-8 file of one text or piece by piece; odd bytes of file names are escaped."""
+    """Write a UTF-8 file from a text or piece by piece, escaping odd bytes from file names."""
     pieces = [text] if isinstance(text, str) else text
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.writelines(piece.encode("utf-8", "backslashreplace") for piece in pieces)
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write strict JSON; a number that is not finite becomes null."""
+    """Write strict JSON; non-finite numbers become null."""
     write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
-    """Write a PNG of a tensor (3, H, W) in [0, 1], or of bytes (H, W, 3)."""
+    """Write a PNG from a tensor (3, H, W) in [0, 1] or from bytes (H, W, 3)."""
     pixels = to_bytes(image) if isinstance(image, Tensor) else image
     encoded = io.BytesIO()  # in memory: Pillow does not say why writing to a file failed
     Image.fromarray(pixels).save(encoded, **PNG)
@@ -71,7 +71,7 @@ def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
 
 
 def to_bytes(image: Tensor) -> np.ndarray:
-    """Round a picture (3, H, W) to 8 bits (H, W, 3): clipped to [0, 1], halves upwards, NaN to 0."""
+    """Round a picture (3, H, W), clipped to [0, 1], to 8 bits (H, W, 3): halves round up, NaN becomes 0."""
     levels = image.detach().to(torch.float32, copy=True).nan_to_num_(0.0).clamp_(0, 1).mul_(255).add_(0.5)
     return levels.to(torch.uint8).permute(1, 2, 0).contiguous().cpu().numpy()
 

@@ -1,4 +1,4 @@
-"""Read parts of untrusted HDF5 files; a UserError says what is wrong with the file."""
+"""Read parts of untrusted HDF5 files; a UserError says what is wrong with a file."""
 
 import zlib
 from pathlib import Path
@@ -10,17 +10,17 @@ import numpy as np
 from brushexp.errors import UserError
 from brushexp.system.reading import check_file, explaining, in_short
 
-HDF5 = "v110"  # version of the format that is written: the first with checksums of everything but free text
+HDF5 = "v110"  # version of the format for writing, the first with checksums of everything except free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
-LARGEST_CHUNK = 2**26  # bytes of a chunk when unpacked: 16 pictures of 1024 x 1024
-GZIP, SHUFFLE, CHECKSUM = 1, 2, 3  # filters; HDF5 would load a library for others
-INFLATION = 1032  # most bytes that gzip unpacks from one
+LARGEST_CHUNK = 2**26  # most bytes of an unpacked chunk: 16 pictures of 1024 x 1024
+GZIP, SHUFFLE, CHECKSUM = 1, 2, 3  # allowed filters; HDF5 would load libraries for others
+INFLATION = 1032  # most bytes that gzip unpacks from one byte
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
 SPARE = 2**12  # most bytes by which small data grow when packed
 
 
 def fixed(text: str) -> np.ndarray:
-    """Encode a text for an attribute of fixed length."""
+    """Encode a text for a fixed-length attribute."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
@@ -37,9 +37,9 @@ def opened(path: Path, cure: str, **options: Any) -> h5py.File:
 def dataset_of(
     file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
 ) -> h5py.Dataset:
-    """Return a dataset of the file itself, if it is as the format says; its numbers are not read yet.
+    """Return a dataset of the file if it fits the format, without reading its numbers.
 
-    Without a ``shape`` it has one axis of at most ``most`` values.
+    Without a ``shape`` it must have one axis of at most ``most`` values.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
         raise UserError(f"has no dataset {name}: it is damaged or incomplete; get it again")
@@ -59,21 +59,21 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset that would unpack to more than it says, or says more than its bytes can hold."""
+    """Refuse a dataset that would unpack to more than it states, or states more than its bytes can hold."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:
-        raise UserError(f"{name} is packed in a way that is not read here; pack it with gzip")
+        raise UserError(f"{name} has an unsupported compression; use gzip")
     if dataset.chunks is not None:
         unpacked = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
         sizes = [0]
         dataset.id.chunk_iter(lambda chunk: sizes.append(chunk.size))
         if unpacked > LARGEST_CHUNK or max(sizes) > 1.01 * unpacked + SPARE:
             raise UserError(
-                f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are; get it again"
+                f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than its data; get it again"
             )
     if dataset.nbytes > held * INFLATION + SPARE:
-        raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; get it again")
+        raise UserError(f"{name} claims {dataset.nbytes} bytes but stores only {held}; get it again")
 
 
 def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
@@ -87,7 +87,7 @@ def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
 
 
 def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
-    """Refuse the chunk at ``offset`` if it unpacks to more than it says: HDF5 would allocate all of it."""
+    """Refuse the chunk at ``offset`` if it unpacks to more than it states, because HDF5 would allocate all of it."""
     layout = dataset.id.get_create_plist()
     kinds = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     skipped, packed = dataset.id.read_direct_chunk(offset)
@@ -96,22 +96,22 @@ def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
     size = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
     if len(zlib.decompressobj().decompress(packed, size + SPARE)) >= size + SPARE:
         raise UserError(
-            f"{dataset.name[1:]} has a chunk that unpacks to more than the {size} bytes that it says; get it again"
+            f"{dataset.name[1:]} has a chunk that unpacks to more than its stated {size} bytes; get it again"
         )
 
 
 def text_of(file: h5py.File, name: str) -> str:
-    """Return an attribute that is text."""
+    """Return a text attribute."""
     return str(attribute_of(file, name, str, "text"))
 
 
 def whole_number_of(file: h5py.File, name: str) -> int:
-    """Return an attribute that is a whole number."""
+    """Return an integer attribute."""
     return int(attribute_of(file, name, np.integer, "a whole number"))
 
 
 def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
-    """Return an attribute of a ``kind``, which messages call ``words``; bytes count as text."""
+    """Return an attribute of a ``kind``, called ``words`` in messages; bytes count as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}: it is damaged or incomplete; get it again")
     stored = file.attrs.get_id(name)

@@ -1,7 +1,7 @@
-"""Show that the program is at work while nothing else does: a line that moves, or on a pipe one now and then.
+"""Show that the program is working when nothing else does: a moving line or, without a terminal, occasional lines.
 
-A program of the command line starts it, and everything that is written or shown puts it off. In a process that is
-forked, and in Python, it does not run.
+The command line starts it, and all other output postpones it. It does not run in forked processes or in the Python
+API.
 """
 
 import os
@@ -12,30 +12,30 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-QUIET_SECONDS = 0.6  # on a terminal, after which the line appears
-LINE_SECONDS = 10.0  # without a terminal: a line at least so often
+QUIET_SECONDS = 0.6  # seconds after which the line appears on a terminal
+LINE_SECONDS = 10.0  # seconds between lines without a terminal, at most
 TICK_SECONDS = 0.2
-MARKS = "|/-\\"  # they show that something moves, on any terminal
+MARKS = "|/-\\"  # moving marks for any terminal
 STDERR = 2  # number of its file
 CLEAR = "\r\x1b[K"
 
 
 class Heartbeat:
-    """A thread that writes what the program is doing, while nothing else is written."""
+    """A thread that shows what the program is doing while there is no other output."""
 
     def __init__(self) -> None:
         self._forget()
 
     def _forget(self) -> None:
-        """Become one that does not run: after a fork, its thread is gone."""
+        """Reset after a fork, in which the thread no longer exists."""
         self._lock = threading.RLock()
-        self._ended: threading.Event | None = None  # None while it does not run
+        self._ended: threading.Event | None = None  # None while it is not running
         self._what, self._is_shown, self._bars = "", False, 0
         self._start = self._written = time.monotonic()
         self._stream: TextIO = sys.stderr
 
     def start(self, what: str) -> None:
-        """Begin to show ``what`` the program does: "preparing"."""
+        """Start to show ``what`` the program does: "preparing"."""
         if self._ended is None:
             self._stream = _own_stderr()
             self._ended, self._start = threading.Event(), time.monotonic()
@@ -43,11 +43,11 @@ class Heartbeat:
         self.say(what)
 
     def say(self, what: str) -> None:
-        """Say what the program does now, if it runs."""
+        """Change what is shown, if it is running."""
         self._what = what
 
     def end(self) -> None:
-        """Stop, and leave no line behind."""
+        """Stop and clear the line."""
         self._stop()
         self.make_way()
 
@@ -57,7 +57,7 @@ class Heartbeat:
             self._ended = None
 
     def make_way(self) -> None:
-        """Take the line away, because something is about to be written."""
+        """Clear the line before other output."""
         with self._lock:
             if self._is_shown:
                 self._write(CLEAR)
@@ -65,7 +65,7 @@ class Heartbeat:
 
     @contextmanager
     def behind_a_bar(self) -> Iterator[None]:
-        """Show nothing while a bar moves on the terminal."""
+        """Pause while a progress bar is on the terminal."""
         self.make_way()
         self._bars += 1
         try:
@@ -100,7 +100,7 @@ class Heartbeat:
 
 
 def _own_stderr() -> TextIO:
-    """Return a stream of its own to where stderr goes now: decoders close that for a while."""
+    """Duplicate stderr, which decoders close for a while."""
     try:
         if sys.stderr.fileno() == STDERR:
             return os.fdopen(os.dup(STDERR), "w", encoding="utf-8", errors="replace")
@@ -110,7 +110,7 @@ def _own_stderr() -> TextIO:
 
 
 def _is_terminal() -> bool:
-    """Whether stderr is a terminal on which a line can be taken back."""
+    """Tell whether stderr is a terminal on which a line can be cleared."""
     return sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
 
 

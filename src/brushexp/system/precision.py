@@ -1,4 +1,4 @@
-"""Convert numbers of half precision."""
+"""Convert half-precision numbers."""
 
 import torch
 from torch import Tensor
@@ -7,7 +7,7 @@ from torch import Tensor
 def at_least_single(value: Tensor) -> Tensor:
     """Convert half precision (bfloat16, float16) to float32; other tensors are returned as they are.
 
-    A mean over a picture overflows in float16, and the difference of two squares (a variance, a determinant) has no
-    correct digit in bfloat16. The gradient has the precision of ``value``.
+    A mean over a picture overflows in float16, and differences of squares (variances, determinants) have no correct
+    digit in bfloat16. The gradient has the precision of ``value``.
     """
     return value.to(torch.promote_types(value.dtype, torch.float32))

@@ -1,4 +1,4 @@
-"""Show the progress of a piece of work in a bar on a terminal, or in a few lines of the log."""
+"""Show the progress of work in a bar on a terminal or in a few log lines."""
 
 import logging
 import time
@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from brushexp.system.heartbeat import heartbeat
 
-LOG_LINES = 5  # for a whole piece of work, without a terminal that can show a bar
-NARROW = 72  # letters of a terminal below which the time that is left has no room beside a bar
+LOG_LINES = 5  # lines for the whole work, without a terminal that can show a bar
+NARROW = 72  # terminal columns below which there is no room for the remaining time
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
@@ -18,10 +18,10 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows the share of the work that is done, its state in a word, and the remaining time.
+    """Yield a function that shows the finished share of the work, its state in a few words, and the remaining time.
 
-    ``done`` is the share at first, and ``what`` the work, "simulating strokes". Figures behind a comma of the state are
-    for run.log alone: "step 6 of 30, 24.80 dB".
+    ``done`` is the initial share, and ``what`` names the work, "simulating strokes". Text after a comma in the state
+    only goes to run.log: "step 6 of 30, 24.80 dB".
     """
     from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
     from rich.progress import (  # noqa: PLC0415
@@ -60,7 +60,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
 @contextmanager
 def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Yield a function that shows how many of ``total`` items are done, and the items/s; see `showing`."""
+    """Yield a function that shows how many of ``total`` items are done and their rate; see `showing`."""
     start, total = time.monotonic(), max(total, 1)
 
     def count(now: int) -> None:
@@ -75,7 +75,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 def with_progress(
     items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
 ) -> Iterator[Item]:
-    """Pass items on and show how many have passed; ``total`` is the sum of their sizes."""
+    """Yield items and show the progress; ``total`` is the sum of their sizes."""
     done = 0
     with counting(what, total) as show:
         for item in items:

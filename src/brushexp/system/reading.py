@@ -1,7 +1,7 @@
-"""Read files as untrusted data: nothing in them is run, and all that they claim is bounded.
+"""Read files as untrusted data: nothing in them is executed, and all sizes are bounded.
 
-docs/security.md lists the files and their limits. A UserError of one line says what is wrong; functions of a path name
-the file in it.
+docs/security.md lists the files and their limits. A one-line UserError says what is wrong; functions that take a path
+name the file in it.
 """
 
 import csv
@@ -24,14 +24,12 @@ from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 
-LONGEST_QUOTE = 160  # letters of a value in a message
-LARGEST_TEXT = 2**24  # bytes of a file of numbers or settings
-LARGEST_YAML = 2**20  # letters: a run's settings have some thousands
+LONGEST_QUOTE = 160  # characters of a value in a message
+LARGEST_TEXT = 2**24  # most bytes of a file of numbers or settings
+LARGEST_YAML = 2**20  # characters; the settings of a run have a few thousand
 DEEPEST = 32  # levels of nested lists and mappings
-MOST_VALUES = 100_000  # in one file of settings
-ODD = re.compile(
-    r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}"
-)  # a byte of a name that is no letter, which the fast loader refuses
+MOST_VALUES = 100_000  # most values in a file of settings
+ODD = re.compile(r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")  # undecodable bytes in names, which the fast loader refuses
 EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ROOTS: dict[type, Any] = {
     dict: (yaml.MappingStartEvent, "mapping of keys to values"),
@@ -40,13 +38,13 @@ ROOTS: dict[type, Any] = {
 
 
 def in_short(value: object) -> str:
-    """Shorten a value of a file, or an error that it caused, to one line of a message."""
+    """Shorten a value from a file, or an error that it caused, to one line for a message."""
     text = " ".join(str(value).split())
     return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
-    """Refuse (UserError, with ``cure``) what is no readable regular file of at most ``largest`` bytes."""
+    """Refuse (UserError, with ``cure``) anything but a readable regular file of at most ``largest`` bytes."""
     try:
         status = path.stat()
         if regular := stat.S_ISREG(status.st_mode):
@@ -63,27 +61,27 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error with a file into a UserError that names it, with ``cure`` unless it has one, behind a ``;``."""
+    """Turn any error with a file into a UserError that names it, with ``cure`` unless it has one after ``;``."""
     try:
         yield
     except UserError as error:
         raise UserError(f"{path}: {error}" + (f"; {cure}" if cure and ";" not in str(error) else "")) from error
     except Exception as error:  # HDF5, pickle, zip and Pillow raise errors of their own
-        reason = getattr(error, "strerror", None)  # what a library says of it in its own words helps nobody
+        reason = getattr(error, "strerror", None)  # messages of libraries are not helpful here
         raise UserError(f"{path} is damaged or cut short{f' ({in_short(reason)})' * bool(reason)}; {cure}") from error
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """Read a text file as `decode_text` does; see `check_file`."""
+    """Read a text file by `decode_text`; see `check_file`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
         return decode_text(path.read_bytes())
 
 
 def decode_text(data: bytes) -> str:
-    r"""Decode text in UTF-8, or in UTF-16 where it begins with the mark of that; lines end in ``\n``, without a mark.
+    r"""Decode UTF-8, or UTF-16 with a byte order mark; the result has ``\n`` line ends and no mark.
 
-    A UserError tells of another encoding. Windows writes all of these: marks, UTF-16 and ``\r\n``.
+    A UserError reports other encodings. Windows writes all of these: byte order marks, UTF-16 and ``\r\n``.
 
     >>> decode_text(b"\xef\xbb\xbfa: 1\r\n"), decode_text("ä".encode("utf-16"))
     ('a: 1\n', 'ä')
@@ -96,7 +94,7 @@ def decode_text(data: bytes) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a CSV file with a column ``step``, of another file none; cells that a row lacks are None."""
+    """Read the rows of a CSV file with a column ``step``, or none from other files; missing cells are None."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -111,7 +109,7 @@ def digest_of(path: Path) -> str:
 
 
 def check_format_version(version: object, known: int) -> None:
-    """Refuse (UserError) a file of a later format than this program knows, or of none.
+    """Refuse (UserError) a file with a newer or invalid format version.
 
     >>> check_format_version(3, 2)
     Traceback (most recent call last):
@@ -119,7 +117,7 @@ def check_format_version(version: object, known: int) -> None:
     brushexp.errors.UserError: has format_version 3, and this brushexp reads 2; update brushexp
     """
     if type(version) is not int or version < 1:  # true is no number
-        raise UserError(f"has format_version {in_short(version)}, which there is not; get it again")
+        raise UserError(f"has an invalid format_version {in_short(version)}; get it again")
     if version > known:
         raise UserError(f"has format_version {version}, and this brushexp reads {known}; update brushexp")
 
@@ -130,7 +128,7 @@ def json_of(text: str) -> Any:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         mapping = dict(pairs)
         if len(mapping) < len(pairs):
-            raise ValueError(f"a key comes twice in {{{', '.join(key for key, _ in pairs)}}}")
+            raise ValueError(f"a key is repeated in {{{', '.join(key for key, _ in pairs)}}}")
         return mapping
 
     try:
@@ -138,23 +136,23 @@ def json_of(text: str) -> Any:
     except json.JSONDecodeError as error:
         raise UserError(f"not JSON (line {error.lineno}, column {error.colno}: {error.msg})") from error
     except RecursionError as error:
-        raise UserError("JSON with too many brackets inside each other") from error
+        raise UserError("JSON with too many nested brackets") from error
     except ValueError as error:
         raise UserError(f"not JSON ({in_short(error)})") from error
 
 
 def check_yaml(text: str, root: type = dict) -> None:
-    """Refuse YAML that is too long or deep, has aliases, or is no mapping (or list), before anything is constructed.
+    """Refuse YAML that is too long or deep, has aliases, or is not a mapping (or list), before constructing anything.
 
-    PyYAML takes minutes for 40 kB of brackets, and aliases of aliases fill any memory.
+    PyYAML takes minutes for 40 kB of brackets, and nested aliases exhaust memory.
     """
     if len(text) > LARGEST_YAML:
-        raise UserError(f"YAML of {len(text)} letters, more than {LARGEST_YAML}")
+        raise UserError(f"YAML of {len(text)} characters, more than {LARGEST_YAML}")
     depth, (kind, name) = 0, ROOTS[root]
     try:
         for event in yaml.parse(ODD.sub("?", text), EVENTS):
             if isinstance(event, yaml.AliasEvent):
-                raise UserError("YAML with an alias, *name; write out what it stands for")
+                raise UserError("YAML with an alias, *name; write out its value")
             if depth == 0 and isinstance(event, yaml.NodeEvent) and not isinstance(event, kind):
                 raise UserError(f"not a YAML {name}")
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -167,11 +165,11 @@ def check_yaml(text: str, root: type = dict) -> None:
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
-    """Parse YAML of a mapping (or list) of plain values, empty for an empty text; interpolations stay text."""
+    """Parse YAML with a mapping (or list) of plain values, empty for an empty text; interpolations stay text."""
     return deepcopy(_yaml_of(text, root))
 
 
-@lru_cache(maxsize=4)  # the settings of a run are read for its catalogue, files and page
+@lru_cache(maxsize=4)  # cached, because the settings of a run are read for its catalogue, files and page
 def _yaml_of(text: str, root: type) -> Any:
     check_yaml(text, root)
     try:
@@ -182,14 +180,14 @@ def _yaml_of(text: str, root: type) -> Any:
 
 
 def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
-    """Return the data if it consists of text, numbers, lists and dictionaries alone, and of at most `MOST_VALUES`."""
+    """Return the data if it consists of at most `MOST_VALUES` texts, numbers, lists and dictionaries."""
     budget = budget or [MOST_VALUES]
     budget[0] -= 1
     if budget[0] == 0 or levels == 0:
         raise UserError(f"settings of more than {MOST_VALUES} values or {DEEPEST} levels")
     plain = isinstance(data, dict | list | tuple | str | int | float | None)
     if not plain or (isinstance(data, int) and abs(data) >= 2**64):
-        raise UserError(f"a value is of the kind {type(data).__name__}; text, lists and numbers of 64 bits are read")
+        raise UserError(f"a value has the type {type(data).__name__}; only text, lists and 64-bit numbers are allowed")
     parts = [*data, *data.values()] if isinstance(data, dict) else data if isinstance(data, list | tuple) else ()
     for part in parts:
         check_plain(part, levels - 1, budget)

@@ -1,4 +1,4 @@
-"""Read files of tensors as untrusted data, as `brushexp.system.reading` reads text."""
+"""Read files of tensors as untrusted data, like `brushexp.system.reading` for text."""
 
 import warnings
 from pathlib import Path
@@ -15,7 +15,7 @@ LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Read the tensors of a .safetensors file by name; all must be finite."""
+    """Read the tensors of a .safetensors file by name; refuse non-finite ones."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -24,15 +24,15 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
 
 
 def read_pickled(path: Path, cure: str) -> Any:
-    """Read a file of torch.save with tensors, numbers, text, lists and dictionaries; other pickles are refused."""
+    """Read a file of torch.save with tensors, numbers, text, lists and dictionaries; refuse other pickles."""
     check_file(path, cure, LARGEST_WEIGHTS)
     with explaining(path, cure):
-        zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
+        zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not zip files and cannot be mapped
         if zipped:
             with ZipFile(path) as file:
                 packed = any(entry.compress_type != ZIP_STORED for entry in file.infolist())
-                if packed or file.testzip() is not None:  # PyTorch itself looks at no checksum
-                    raise UserError(f"parts of it are compressed, or others than were written; {cure}")
+                if packed or file.testzip() is not None:  # PyTorch itself verifies no checksums
+                    raise UserError(f"parts of it are compressed, or have changed since they were written; {cure}")
         with warnings.catch_warnings(action="ignore"):
             data = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
         _check_tensors(data)
@@ -40,15 +40,15 @@ def read_pickled(path: Path, cure: str) -> Any:
 
 
 def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return the tensors if they are finite."""
+    """Return the tensors if all are finite."""
     for name, value in tensors.items():
         if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
-            raise UserError(f"{name} has numbers that are not finite; train it again, or give another file")
+            raise UserError(f"{name} has non-finite numbers; train it again, or give another file")
     return tensors
 
 
 def _check_tensors(data: Any) -> None:
-    """Refuse tensors with more numbers than the file has: those without memory, or of one number that repeats."""
+    """Refuse tensors with more numbers than the file holds: without memory, or with repeated numbers."""
     stack, visited = [data], set()
     while stack:
         value = stack.pop()
@@ -58,4 +58,4 @@ def _check_tensors(data: Any) -> None:
         elif isinstance(value, Tensor):
             held = value.untyped_storage().nbytes() if value.layout is torch.strided and not value.is_meta else -1
             if value.numel() * value.element_size() > held:
-                raise UserError(f"a tensor claims {tuple(value.shape)} numbers that are not there")
+                raise UserError(f"a tensor claims {tuple(value.shape)} numbers that do not exist")

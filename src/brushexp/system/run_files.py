@@ -1,7 +1,8 @@
-"""Note the files that runs create in a folder in its manifest; ``overwrite=true`` removes those and no others.
+"""Record the files that runs create in a folder in its manifest; ``overwrite=true`` removes only those.
 
-Python reports every file that it is about to open or rename (audit hooks, PEP 578), also those of Hydra, Lightning and
-plugins. A library in C reports nothing: its files go through `replacing`, which renames them, or `note_files`.
+Python reports every file that it is about to open or rename (audit hooks, PEP 578), including those of Hydra,
+Lightning and plugins. C libraries report nothing: their files go through `replacing`, which renames them, or
+`note_files`.
 """
 
 import os
@@ -14,28 +15,28 @@ from typing import Any
 
 from brushexp.system.files import TEMPORARY
 
-METRICS_FILE = "metrics.json"  # the ``status`` of a run, and its figures
-CHECKPOINT = "checkpoint.ckpt"  # a run that has not finished has one
-MANIFEST = ".hydra/files.txt"  # one relative path a line
+METRICS_FILE = "metrics.json"  # status and metrics of a run
+CHECKPOINT = "checkpoint.ckpt"  # exists while a run is unfinished
+MANIFEST = ".hydra/files.txt"  # one relative path per line
 UNNOTED = ("files.txt", "lock", "report.lock")  # files of a folder, not of its runs
 _recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """Note each file that this process creates below a folder from now on in its manifest."""
+    """Record every file that this process creates below a folder from now on in its manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()
 
 
 def stop_recording(folder: Path) -> None:
-    """Stop noting the files of a folder."""
+    """Stop recording the files of a folder."""
     _recorded.discard(os.path.realpath(folder))
 
 
 @contextmanager
 def recorded(folder: Path) -> Iterator[None]:
-    """Note each file that is created below a folder inside ``with``."""
+    """Record every file created below a folder inside ``with``."""
     record_files(folder)
     try:
         yield
@@ -54,14 +55,14 @@ def note_files(folder: Path, paths: Iterable[Path]) -> None:
 
 
 def files_written(folder: Path) -> Iterator[Path]:
-    """Yield the files that runs have created in a folder and that still exist; of a sweep, those of its jobs, too."""
+    """Yield the existing files that runs created in a folder, including those of a sweep's jobs."""
     manifest, root = folder / MANIFEST, folder.resolve()
     if not manifest.is_file():
         return
     for name in dict.fromkeys(manifest.read_text(encoding="utf-8", errors="surrogateescape").splitlines()):
         path = folder / name
         if not path.parent.resolve().is_relative_to(root) or ".." in path.parts[len(folder.parts) :]:
-            continue  # a manifest may come from a stranger
+            continue  # a manifest is untrusted
         if path.name == manifest.name and path.parents[1] != folder:  # this is the manifest of a job
             yield from files_written(path.parents[1])
         if path.is_file() or path.is_symlink():
@@ -70,11 +71,11 @@ def files_written(folder: Path) -> Iterator[Path]:
 
 @cache
 def _install_hook() -> None:
-    sys.addaudithook(_on_event)  # once, for Python cannot remove it
+    sys.addaudithook(_on_event)  # only once, because Python cannot remove hooks
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
-    """Note a new file that is about to be created in a recorded folder."""
+    """Record a new file that is about to be created in a recorded folder."""
     if not _recorded or event not in ("open", "os.rename"):
         return
     path, flags = (arguments[0], arguments[2]) if event == "open" else (arguments[1], os.O_CREAT)
@@ -85,5 +86,5 @@ def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
         return
     around = [folder for folder in tuple(_recorded) if whole.startswith(f"{folder}{os.sep}")]
     if around:
-        with suppress(OSError):  # whoever opens the file reports a full disk
+        with suppress(OSError):  # the code that opens the file will report a full disk
             note_files(Path(max(around, key=len)), [Path(whole)])

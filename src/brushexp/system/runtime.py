@@ -1,4 +1,4 @@
-"""Set how this process waits, keeps memory, shares threads and is interrupted."""
+"""Control how this process waits, keeps memory, shares threads and is interrupted."""
 
 import ctypes
 import logging
@@ -28,40 +28,40 @@ OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasat
 NO_LIMIT = 2**44  # MB of memory where the system names no limit
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 MOMENT = 0.05  # seconds
-THREADS = 256  # kernels use no more
-PARTS_PER_THREAD = 4  # each thread gets so many parts of a kernel's work, so that none waits long for another
-_received: list[int] = []  # signals so far
-_lost = threading.Event()  # an interruption in a callback from C
+THREADS = 256  # most threads for kernels
+PARTS_PER_THREAD = 4  # parts of a kernel's work per thread, so that no thread waits long for another
+_received: list[int] = []  # signals received so far
+_lost = threading.Event()  # interruptions in callbacks from C
 _most_threads = [THREADS]
-_used_threads = [1]  # at most, by any job of this process so far
-_earlier_peak = [0.0]  # MB of the jobs before this one
+_used_threads = [1]  # most threads used by a job of this process so far
+_earlier_peak = [0.0]  # peak memory of earlier jobs in MB
 
 
 def let_threads_sleep() -> None:
-    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported."""
+    """Make waiting OpenMP threads sleep, because spinning slows a busy machine; call it before importing torch."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def keep_memory(most: int = 2**30) -> None:
-    """Let glibc keep freed pictures for the next step, of up to ``most`` bytes; larger ones are given back at once."""
+    """Let glibc keep freed blocks of up to ``most`` bytes for the next step; larger ones are returned at once."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
-        if hasattr(libc, "mallopt"):  # musl has none
+        if hasattr(libc, "mallopt"):  # musl has no mallopt
             libc.mallopt(M_MMAP_THRESHOLD, most)
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 
 def give_memory_back() -> None:
-    """Give freed memory back to the system: the holes that one picture leaves do not fit the next, and add up."""
+    """Return freed memory to the system, because fragments left by one picture do not fit the next and add up."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
 
 def share(work: Callable[..., object], n: int, *args: object) -> None:
-    """Call ``work(begin, end, *args)`` for all parts of ``range(n)``, on as many threads as PyTorch has.
+    """Call ``work(begin, end, *args)`` for all parts of ``range(n)`` on as many threads as PyTorch uses.
 
-    Threads run at once where ``work`` lets go of Python's lock, as compiled functions do; which runs which part is left
-    to chance, so that parts must not meet.
+    Threads run in parallel while ``work`` releases Python's lock, as compiled functions do. Any thread may run any
+    part, so parts must be independent.
     """
     import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
 
@@ -70,14 +70,14 @@ def share(work: Callable[..., object], n: int, *args: object) -> None:
         work(0, n, *args)
         return
     count = min(PARTS_PER_THREAD * threads, n)
-    numbers = iter(range(count))  # each goes to one thread
+    numbers = iter(range(count))  # each part goes to one thread
 
     def take_parts() -> None:
         for k in numbers:
             work(k * n // count, (k + 1) * n // count, *args)
 
     helpers = []
-    with suppress(RuntimeError):  # there may be no more threads, as when the program ends
+    with suppress(RuntimeError):  # new threads may be impossible, as at exit
         for _ in range(threads - 1):
             helpers.append(_pool().submit(take_parts))
     take_parts()
@@ -92,7 +92,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and kernels use ``n`` threads; but one in a fork of a process that may have used several."""
+    """Let PyTorch and kernels use ``n`` threads, or one in a fork of a process that may have used several."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
@@ -100,7 +100,7 @@ def use_threads(n: int) -> None:
 
 
 def _begin_anew() -> None:
-    """Forget threads that a fork has not: OpenMP would wait for those of the parent for ever."""
+    """Reset threads after a fork, because OpenMP would wait for the parent's threads forever."""
     _pool.cache_clear()
     if "torch" in sys.modules and max(_used_threads[0], sys.modules["torch"].get_num_threads()) > 1:
         _most_threads[0] = 1
@@ -112,9 +112,9 @@ if hasattr(os, "register_at_fork"):  # Windows does not fork
 
 
 def end_on_signals() -> None:
-    """Let SIGTERM (of clusters) and SIGHUP (of terminals) raise KeyboardInterrupt, unless they are ignored (nohup).
+    """Make SIGTERM (from clusters) and SIGHUP (from terminals) raise KeyboardInterrupt unless ignored (nohup).
 
-    One that a library loses, in a callback from C or where memory is freed, is raised again a moment later.
+    An interruption lost in a library, in a callback from C or while memory is freed, is raised again a moment later.
     """
     others = sys.unraisablehook
 
@@ -136,40 +136,40 @@ def end_on_signals() -> None:
 
 
 def take_lost() -> bool:
-    """Tell whether an interruption was lost and is to be raised again; whoever asks has to raise it."""
+    """Tell whether an interruption was lost, and reset the flag; the caller has to raise it again."""
     was_lost = _lost.is_set()
     _lost.clear()
     return was_lost
 
 
 def was_signalled() -> bool:
-    """Tell whether a signal has asked this process to end."""
+    """Tell whether this process received a signal to end."""
     return bool(_received)
 
 
 def interrupted_code() -> int:
-    """Return the exit code of an interrupted process: 128 and the number of the signal, 130 for Ctrl-C."""
+    """Return the exit code of an interrupted process: 128 plus the number of the signal, 130 for Ctrl-C."""
     return 128 + (_received[-1] if _received else signal.SIGINT)
 
 
 def pass_signal_on() -> None:
-    """Raise the signal of a cluster that has interrupted this process again, for submitit to requeue the job."""
+    """Raise the cluster's signal that interrupted this process again, so that submitit requeues the job."""
     if _received and _received[-1] in OF_CLUSTERS:
         signal.raise_signal(_received[-1])
 
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Let a first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end; a second ends at once.
+    """On a first Ctrl-C, SIGTERM or SIGHUP, call ``stop`` and log the ``promise`` of an end; a second one ends at once.
 
-    So do signals of a cluster for which there is a handler.
+    Signals of a cluster with a handler act in the same way.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
         _received.append(signum)
         stop()
         restore()
-        log.warning("%s (Ctrl-C again: at once)", promise)
+        log.warning("%s (press Ctrl-C again to stop at once)", promise)
 
     def restore() -> None:
         for number, handler in before.items():
@@ -191,7 +191,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 @contextmanager
 def held_back(promise: str) -> Iterator[None]:
-    """Log the ``promise`` of an end at a first Ctrl-C, SIGTERM or SIGHUP; KeyboardInterrupt comes after ``with``."""
+    """On a first Ctrl-C, SIGTERM or SIGHUP, log the ``promise`` of an end; raise KeyboardInterrupt after ``with``."""
     pressed = threading.Event()
     with interruptible(pressed.set, promise):
         yield
@@ -200,20 +200,20 @@ def held_back(promise: str) -> Iterator[None]:
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def jobs_at_once(n_jobs: int) -> int:
-    """Return how many jobs run at once; a negative number counts from all cores, which are -1."""
+    """Return how many jobs run at once; negative numbers count back from all cores (-1)."""
     return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
 
 
 def free_memory() -> float:
-    """Return the MB that this process may still allocate, as far as the system says."""
+    """Return the MB that this process may still allocate, as far as known."""
     limits: list[float] = [NO_LIMIT]
     if resource is not None:
-        limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # no limit is -1
+        limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # -1 means no limit
     limit, info = Path("/sys/fs/cgroup/memory.max"), Path("/proc/meminfo")
     if limit.exists() and (text := limit.read_text().strip()).isdecimal():
         limits.append(int(text) / 2**20)
@@ -224,29 +224,29 @@ def free_memory() -> float:
 
 
 def check_memory(needed: float, what: str, cure: str) -> None:
-    """Refuse (UserError) what takes more bytes than this process may allocate."""
+    """Refuse (UserError) work that needs more bytes than this process may allocate."""
     free = free_memory()
     if needed > free * 2**20:
-        gigabytes = f"{needed / 2**30:.1f} GB of memory, but {free / 1024:.1f} GB are free"
-        raise UserError(f"{what} take at least {gigabytes}; {cure}")
+        gigabytes = f"{needed / 2**30:.1f} GB of memory, but only {free / 1024:.1f} GB are free"
+        raise UserError(f"{what} need at least {gigabytes}; {cure}")
 
 
 def forget_peak_memory() -> None:
     """Reset `peak_memory` for the next job of this process."""
-    with suppress(OSError):  # few systems have it
+    with suppress(OSError):  # exists on few systems
         Path("/proc/self/clear_refs").write_text("5")
     _earlier_peak[0] = _peak()
 
 
 def peak_memory() -> float | None:
-    """Return the peak memory of this process in MB; None if an earlier job had more, or the system does not say."""
+    """Return the peak memory of this process in MB; None if an earlier job used more, or if it is unknown."""
     peak = _peak()
     return peak if peak > _earlier_peak[0] else None
 
 
 def _peak() -> float:
     status = Path("/proc/self/status")
-    if status.exists():  # unlike getrusage it does not count what the parent had before it started us
+    if status.exists():  # unlike getrusage, it excludes the parent's memory before the fork
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
     if resource is None:

@@ -1,6 +1,6 @@
-"""Find files whose names have the same letters in another form of Unicode: é as one sign, or as e and an accent.
+"""Find files whose names have another Unicode form: é as one character, or as e with a combining accent.
 
-A name from a Mac has accents as signs of their own (NFD), one that is typed has none (NFC); to Linux they differ.
+Names from a Mac use combining accents (NFD), typed names do not (NFC); to Linux they differ.
 """
 
 import os
@@ -10,9 +10,9 @@ from pathlib import Path
 
 
 def find_spelling(path: str) -> str:
-    r"""Spell a path as the folders and files that exist are spelt, as far as they do.
+    r"""Spell a path like the existing folders and files, as far as they exist.
 
-    A part that exists as it is stays, and so does one for which two others would do.
+    A part that exists is kept, and so is one with two possible matches.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -33,15 +33,15 @@ def find_spelling(path: str) -> str:
 
 
 def find_path(path: str | os.PathLike[str]) -> Path:
-    """Spell a path as `find_spelling` does."""
+    """Return a path spelled by `find_spelling`."""
     return Path(find_spelling(os.fspath(path)))
 
 
 def composed_name(name: str) -> str:
-    """Write a name with as few signs as Unicode has for it (NFC)."""
+    """Write a name in composed Unicode form (NFC)."""
     return unicodedata.normalize("NFC", name)
 
 
 def both_forms(name: str) -> set[str]:
-    """List a name as it is, with as few signs as possible (NFC), and with accents as signs of their own (NFD)."""
+    """List a name as given, in composed (NFC) and in decomposed (NFD) Unicode form."""
     return {name, composed_name(name), unicodedata.normalize("NFD", name)}

@@ -1,10 +1,10 @@
-"""The states of a run, as ``status`` of its metrics.json has them."""
+"""Define the states of a run for ``status`` in its metrics.json."""
 
 from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How far a run has come, and why it ended."""
+    """Progress of a run, and why it ended."""
 
     AT_WORK = "at work"  # a painting until its timelapse and page are written
     COMPLETED = "completed"
@@ -20,4 +20,9 @@ class Status(StrEnum):
     FAILED = "failed"
 
 
-UNFINISHED = (Status.FAILED, Status.INTERRUPTED, Status.DIVERGED, Status.AT_WORK)  # such runs are not compared
+UNFINISHED = (
+    Status.FAILED,
+    Status.INTERRUPTED,
+    Status.DIVERGED,
+    Status.AT_WORK,
+)  # states of runs that are not compared

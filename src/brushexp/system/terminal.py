@@ -1,4 +1,4 @@
-"""Say on the terminal what a person wants to know, in plain words; run.log has everything, with dates and figures."""
+"""Show what people want to know on the terminal, in plain words; run.log has everything, with dates and numbers."""
 
 import logging
 import os
@@ -9,14 +9,14 @@ from typing import Any
 from brushexp.errors import on_a_line
 from brushexp.system.heartbeat import heartbeat
 
-IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of what the terminal does not show
-LAYOUT = "\n\t"  # of tables and tracebacks
-_said: set[str] = set()  # notes so far: jobs of a sweep often have the same
+IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of messages that the terminal does not show
+LAYOUT = "\n\t"  # whitespace of tables and tracebacks
+_said: set[str] = set()  # warnings shown so far, because jobs of a sweep often repeat them
 HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICAL: "brushexp: "}
 
 
 class Terminal(logging.Handler):
-    """Write messages to the terminal without dates and modules, warnings (each once) and errors to stderr."""
+    """Writes messages to the terminal without dates and modules; warnings (each once) and errors go to stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
@@ -35,6 +35,6 @@ class Terminal(logging.Handler):
 
 
 def as_shown(path: Path) -> str:
-    """Write a path as it is typed from the working folder, if it lies in there."""
+    """Write a path relative to the working folder if it lies inside."""
     near = os.path.relpath(path)
     return str(path) if near.startswith("..") else near

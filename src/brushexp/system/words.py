@@ -1,6 +1,6 @@
-"""Words and presets as data: the folders ``conf`` of the program and of packages, and their files ``words.toml``.
+"""Load words and presets from the ``conf`` folders of the program and of packages, and their ``words.toml``.
 
-A file of words has tables by which the program speaks of what only a package has: spellings, examples, short forms.
+A file of words has tables of spellings, examples and short forms, so that the core need not mention packages.
 """
 
 import tomllib
@@ -12,13 +12,13 @@ from typing import Any
 from brushexp.system.published import published
 
 SHIPPED = Path(__file__).parents[1] / "conf"
-CONF_POINTS = "brushexp.conf"  # entry-point group: package -> its module, which has a folder ``conf``
+CONF_POINTS = "brushexp.conf"  # entry-point group: package -> module with a folder ``conf``
 WORDS_FILE = "words.toml"
 
 
 @cache
 def conf_folders() -> list[Path]:
-    """List the folders of configs that ship, those of the program first, then those of packages."""
+    """List the shipped folders of configs, those of the program first."""
     specs = (find_spec(point.module) for point in published(CONF_POINTS).values())
     places = [place for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
     return [SHIPPED, *sorted(Path(place) / "conf" for place in places)]
@@ -26,7 +26,7 @@ def conf_folders() -> list[Path]:
 
 @cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Read the words of the program and of packages: what others say, and what we say."""
+    """Read the files of words of the program and of packages."""
     tables: dict[str, dict[str, Any]] = {}
     for path in (folder / WORDS_FILE for folder in conf_folders()):
         if path.is_file():
@@ -38,5 +38,5 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def table_of_words(table: str) -> dict[str, Any]:
-    """Return a table of the files of words: ``alone`` maps each word that a painter types alone to what it means."""
+    """Return a table of the files of words; ``alone`` maps words typed alone to their meanings."""
     return dict(_tables().get(table, {}))

@@ -1,1 +1,1 @@
-"""Carry out tasks: one module for each, whose keys are in config/schema.py. Pick one: ``task=paint``."""
+"""Carry out tasks: one module per task, with keys in config/schema.py. Pick one: ``task=paint``."""

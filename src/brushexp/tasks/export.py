@@ -1,4 +1,4 @@
-"""``task=export``: write a saved painting as pictures of any size, vectors and tables, without optimising."""
+"""``task=export``: write a saved painting as pictures of any size, vector files and tables, without optimising."""
 
 import logging
 import time
@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write a catalogue in every form of ``cfg.to``: beside its painting, or into the folder of the export."""
+    """Write a catalogue in every format of ``cfg.to``, beside its painting or into the folder of the export."""
     exporters = {name: take_built(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, take_built(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)
@@ -35,7 +35,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         heartbeat.say(f"writing {exporter.key}")
         paths = exporter.write(job, folder)
         seconds = time.monotonic() - begin
-        note_files(folder, set(paths) - earlier_files)  # a library in C may have written them
+        note_files(folder, set(paths) - earlier_files)  # C libraries may have written them
         if run is not None and folder.parent == (run / FOLDER).resolve():
             paths = move_beside(paths, run)
             beside[str(name)] = [path.name for path in paths if path.parent == run]

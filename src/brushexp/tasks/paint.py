@@ -1,4 +1,4 @@
-"""``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
+"""``task=paint``: optimise strokes until they look like the picture."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -35,17 +35,17 @@ from brushexp.system.runtime import held_back
 from brushexp.system.terminal import IN_LOG
 
 log = logging.getLogger(__name__)
-TRACKED_FRAMES = 8  # frames of the timelapse that loggers get
+TRACKED_FRAMES = 8  # number of timelapse frames for loggers
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint a picture, write everything into the run's folder, and return the figures of metrics.json."""
+    """Paint a picture, write everything into the run's folder, and return the metrics."""
     cfg, checkpoint = restore_run(cfg)
     return paint_into(folder, cfg, None if checkpoint else start, checkpoint).metrics
 
 
 def paint_picture(cfg: DictConfig, callbacks: Sequence[L.Callback] = ()) -> Finished:
-    """Paint from a checked config, in memory."""
+    """Paint from a checked config in memory."""
     cfg = changed_settings(cfg)
     metrics, provenance = metrics_of(cfg), provenance_of(cfg)
     fitted = optimise(cfg, callbacks=callbacks)
@@ -60,9 +60,9 @@ def paint_into(
     checkpoint: Path | None = None,
     callbacks: Sequence[L.Callback] = (),
 ) -> Finished:
-    """Paint from a checked config into the folder of a run, which then also holds a fit that failed.
+    """Paint from a checked config into the folder of a run, which also keeps the result of a failed fit.
 
-    ``start`` is `time.monotonic` at the start of the program, or None for a run that goes on from its ``checkpoint``.
+    ``start`` is `time.monotonic` at the start of the program, or None for a run resumed from its ``checkpoint``.
     """
     cfg = changed_settings(cfg)
     if not is_job():
@@ -72,11 +72,11 @@ def paint_into(
     opening = Opening(cfg, folder)
     with trackers:
         fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint)
-        opening.write(fitted.painter)  # where there were no steps
+        opening.write(fitted.painter)  # in case there were no steps
         finished = write(fitted, cfg, folder, metrics, provenance, start)
         report_painting(trackers, folder, finished)
     write_page_and_film(folder, finished, page=cfg.report)
-    finished.conclude(folder)  # until then the run counts as one at work
+    finished.conclude(folder)  # until now the run counts as running
     log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
     if verdict := finished.metrics.get("verdict"):
         log.info("%s", verdict)
@@ -87,7 +87,7 @@ def paint_into(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A painter after its steps, the frames that were taken on the way, and what ended the steps if that failed."""
+    """A painter after its steps, its timelapse frames, and the error that ended the steps, if any."""
 
     painter: PaintingModule
     timelapse: Timelapse
@@ -101,9 +101,9 @@ def optimise(
     callbacks: Sequence[L.Callback] = (),
     checkpoint: Path | None = None,
 ) -> Fitted:
-    """Build painter, callbacks and Trainer of the settings of a painting, and take the steps.
+    """Build the painter, callbacks and Trainer of a painting, and take the steps.
 
-    The Trainer writes checkpoints into a ``folder``, and goes on from a ``checkpoint``.
+    The Trainer writes checkpoints into a ``folder`` and continues from a ``checkpoint``.
     """
     heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
@@ -121,7 +121,7 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Write what a painting is made from before its first step, because a disk may be full; announce slow steps."""
+    """Before the first step, write the input pictures, in case the disk is full, and announce slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder
@@ -151,18 +151,18 @@ def write(
     provenance: Provenance,
     start: float | None,
 ) -> Finished:
-    """Finish a painting and write its files; an interruption waits until they are there."""
+    """Finish a painting and write its files; interruptions wait until they are written."""
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
     heartbeat.say("writing")
-    with held_back("stopping when painting and catalogue are written"):
+    with held_back("stopping once painting and catalogue are written"):
         finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, provenance=provenance, start=start)
         finished.write(folder)
     return finished
 
 
 def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None:
-    """Write the timelapse, and meanwhile the page: to encode a film leaves Python to others."""
+    """Write the timelapse and, in parallel, the page, because encoding releases Python's lock."""
     assert finished.timelapse is not None
     with ThreadPoolExecutor(1) as beside:
         film = beside.submit(finished.timelapse.write, folder)
@@ -172,9 +172,9 @@ def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None
 
 
 def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> None:
-    """Pass the figures, pictures, frames and files of a painting to the trackers."""
+    """Pass the metrics, pictures, frames and files of a painting to the trackers."""
     frames = {} if finished.timelapse is None else finished.timelapse.frames
-    steps = sorted(frames)[:-1]  # without the last, which is the painting
+    steps = sorted(frames)[:-1]  # without the last frame, which is the painting
     trackers.report(
         finished.metrics,
         pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
@@ -184,10 +184,10 @@ def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> Non
 
 
 def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
-    """Write the page of a run, with its ``film``; an error is logged, and the run goes on."""
+    """Write the page of a run with its ``film``; log an error, but continue the run."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
         write_run_page(folder, finished, film)
     except Exception as error:
-        log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))
+        log.error("report.html could not be written: %s", error, exc_info=not isinstance(error, UserError))

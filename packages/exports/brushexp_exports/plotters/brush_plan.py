@@ -1,4 +1,4 @@
-"""Plan what a machine paints with brushes that it dips: strokes in the order of their depth, each in one movement.
+"""Plan painting with dipped brushes: strokes in the order of depth, each in one movement.
 
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
@@ -21,7 +21,7 @@ MOST_RUNS = 2000  # of strokes of one colour and width
 
 
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan what brushes paint and where they are dipped; a UserError if wells or the paper cannot hold it."""
+    """Plan the strokes and dips of brushes; refuse (UserError) a painting with too many colours or too large a size."""
     strokes, curves, widths, frame, paper = on_paper(job, machine)
     _check_places(machine, frame, paper[1])
     parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
@@ -53,23 +53,23 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
-    """Refuse (UserError) a well, water or a cloth where the painting is; ``frame`` has y down, from above."""
+    """Refuse (UserError) a well, water or cloth inside the painting; ``frame`` has y down from the top."""
     left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
     places: list[tuple[str, float, complex | None]] = [("wells", STIR, place) for place in machine.tray]
     places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
     for name, reach, place in places:
         if place is not None and low < place.imag < high and left < place.real + reach and place.real - reach < right:
             raise UserError(
-                f"{machine.key}.{name}: {place.real:g} x {place.imag:g} mm lies in the painting, which is from "
-                f"{left:g} x {low:g} to {right:g} x {high:g} mm; put it beside, or leave more room: a larger "
+                f"{machine.key}.{name}: {place.real:g} x {place.imag:g} mm lies in the painting, which extends from "
+                f"{left:g} x {low:g} to {right:g} x {high:g} mm; move it outside, or make room: a larger "
                 f"{machine.key}.paper, a smaller {machine.key}.width_mm, a wider {machine.key}.margin_mm"
             )
 
 
 def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: int) -> None:
     if colors > (places := len(machine.tray)):
-        cure = f"give as many, or paint with fewer: tubes=eight mixtures={places}"
-        raise UserError(f"{machine.key}.wells has {places} places, and the painting {colors} colours; {cure}")
+        cure = f"add wells, or paint with fewer colours: tubes=eight mixtures={places}"
+        raise UserError(f"{machine.key}.wells has {places} wells, but the painting has {colors} colours; {cure}")
     if (runs := len([*groupby(kinds)])) > MOST_RUNS:
         raise UserError(f"{machine.key}: brushes and colours change {runs} times; paint with tubes=, or drop wells")
 
@@ -77,7 +77,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Put rinsing, wiping and dipping before the lines of a brush, and dips between them; tell which are dips."""
+    """Add rinsing, wiping and dipping before the lines of a brush, and dips between them; mark the dips."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

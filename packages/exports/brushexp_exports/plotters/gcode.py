@@ -1,4 +1,4 @@
-"""Write stroke plans as G-code, the language of most homemade machines."""
+"""Write stroke plans as G-code, the language of most home-built machines."""
 
 import io
 from copy import deepcopy
@@ -16,18 +16,20 @@ Speed = Annotated[float, between(1, 1_000_000)]
 @register("to", "gcode")
 @dataclass(kw_only=True)
 class Gcode(PenExporter):
-    """``painting.gcode``: a stroke plan for plotters and painting robots that speak G-code, and a picture of it.
+    """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, and a picture of the plan.
 
-    Millimetres from the lower left corner of the paper, y up; written by the plugin vpype-gcode. For a servo as on many
-    plotters: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
+    Coordinates are millimetres from the lower left corner of the paper, y up; the plugin vpype-gcode writes them. For
+    the servo of many plotters: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
 
     Args:
-        feed: mm per minute while drawing.
-        travel: mm per minute between strokes, for the estimate: how fast G0 is, is the machine's own business.
-        up: lifts the pen.
-        down: sets it down.
-        change: waits for another tool; {tool} stands for its number and {color} for its colour. A plan of one pen has
-            no change: it begins in its holder. A machine that changes tools itself takes 'M6 T{tool}', and GRBL not.
+        feed: speed while drawing, in mm per minute.
+        travel: speed between strokes for the time estimate, in mm per minute; the machine itself decides the speed of
+        G0.
+        up: command that lifts the pen.
+        down: command that lowers the pen.
+        change: command that waits for another tool; {tool} is its number and {color} its colour. A plan for one pen has
+            no change, because the pen is in its holder. Machines that change tools themselves accept 'M6 T{tool}'; GRBL
+            does not.
     """
 
     feed: Speed = 1500.0
@@ -44,7 +46,7 @@ class Gcode(PenExporter):
         try:
             self.change.format(tool=1, color="#000000")
         except (LookupError, ValueError, AttributeError, TypeError) as error:
-            wrong = f"to.gcode.change={self.change!r} names more than {{tool}} and {{color}}"
+            wrong = f"to.gcode.change={self.change!r} has fields other than {{tool}} and {{color}}"
             raise UserError(f"{wrong}; write 'to.gcode.change=M6 T{{tool}}'") from error
 
     @property
@@ -81,7 +83,7 @@ class Gcode(PenExporter):
         return {"painting.gcode": text.getvalue()}
 
     def _with_changes(self, plan: PenPlan) -> Any:
-        """Copy the document of a plan, whose layers tell how their tool is taken where it is not held already."""
+        """Copy the document of a plan and add tool changes to layers whose tool is not held already."""
         document = deepcopy(plan.document)
         held = 1 if len(plan.tools) == 1 else None
         for (_, tool, _), number in zip(plan.runs(), sorted(document.ids()), strict=True):

@@ -16,16 +16,16 @@ DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plo
 @register("to", "hpgl")
 @dataclass(kw_only=True)
 class Hpgl(PenExporter):
-    """``painting.hpgl``: a stroke plan for pen plotters, what it needs (``.txt``), and a picture of it (``.svg``).
+    """Writes ``painting.hpgl``, a stroke plan for pen plotters, a report (``.txt``) and a picture (``.svg``).
 
-    Written by vpype, which knows the papers and origins of many plotters. HPGL has no comments that old plotters take,
-    so that what `PenPlan.report` says is beside it. Tools are the pens of the carousel: ``SP1``, ``SP2``, ... The
+    vpype writes it, which knows the papers and origins of many plotters. Old plotters accept no comments in HPGL, so
+    the text of `PenPlan.report` is a separate file. Tools are the pens of the carousel: ``SP1``, ``SP2``, ... The
     plotter's steps of 1/40 mm come on top of ``tolerance_mm``.
 
     Args:
-        plotter: its name in vpype (hp7475a, hp7550, dxy, ...), or in a ~/.vpype.toml of yours; null = any plotter whose
-            origin is the lower left corner of the paper, x to the right, y up.
-        speed: cm per second while drawing; null = the plotter's own.
+        plotter: name of the plotter in vpype (hp7475a, hp7550, dxy, ...) or in your ~/.vpype.toml; null = any plotter
+            with its origin at the lower left corner of the paper, x to the right, y up.
+        speed: speed while drawing, in cm per second; null = the plotter's own.
     """
 
     plotter: str | None = None
@@ -83,17 +83,17 @@ class Hpgl(PenExporter):
         return {"painting.hpgl": text.getvalue(), "painting.hpgl.txt": notes}
 
     def _device(self, name: str) -> tuple[Any, Any]:
-        """Look up the plotter, and the paper on it, among the devices of vpype."""
+        """Look up the plotter and its paper among the devices of vpype."""
         vpype = load_vpype()
         try:
             plotter = vpype.config_manager.get_plotter_config(name)
-        except ValueError as error:  # vpype 1.15 has a slip of the pen in one of its own
-            raise UserError(f"vpype cannot read what it knows of plotter {name} ({error}); choose another") from error
+        except ValueError as error:  # vpype 1.15 has a typo in one of its own files
+            raise UserError(f"vpype cannot read its data about plotter {name} ({error}); choose another") from error
         if plotter is None:
             names = ", ".join(each for each in vpype.config_manager.get_plotter_list() if each != UNKNOWN_PLOTTER)
             raise UserError(f"to.hpgl.plotter={name} is not known to vpype; choose one of {names}")
         paper = plotter.paper_config(self.paper.lower())
         if paper is None:
             names = ", ".join(page.name for page in plotter.paper_configs)
-            raise UserError(f"plotter {name} does not take to.hpgl.paper={self.paper}; it takes {names}")
+            raise UserError(f"plotter {name} does not support to.hpgl.paper={self.paper}; it supports {names}")
         return plotter, paper

@@ -1,6 +1,6 @@
-"""Plan what pens draw: filled strokes, by layer and pen, in a short order.
+"""Plan drawing with pens: filled strokes, by layer and pen, in an order with little travel.
 
-shapely makes outlines and fillings, vpype orders lines; a grid of stroke numbers tells the hidden parts of a stroke.
+shapely makes outlines and fillings, vpype orders lines; a grid of stroke numbers shows the hidden parts of a stroke.
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
 
@@ -29,7 +29,7 @@ MOST_SWAPPED = 20_000  # lines whose order is improved by swaps, which take the 
 
 
 class OnPaper(NamedTuple):
-    """Where N strokes lie on paper, bottom to top."""
+    """Places of N strokes on paper, bottom to top."""
 
     strokes: Strokes  # in pixels
     middles: Array  # (N,) their curves, lines of shapely
@@ -39,7 +39,7 @@ class OnPaper(NamedTuple):
 
 
 def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
-    """Place a painting on the paper of a machine; a UserError if a paper or plan cannot hold it."""
+    """Place a painting on the paper of a machine; refuse (UserError) one too large for paper or plan."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
@@ -49,7 +49,7 @@ def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
 
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan what pens draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+    """Plan the lines that draw a painting with pens; refuse (UserError) one too large for paper or plan."""
     strokes, middles, widths, frame, paper = on_paper(job, machine)
     opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
@@ -83,7 +83,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 class Layer(NamedTuple):
-    """Lines of one tool, a layer of a document of vpype."""
+    """Lines of one tool in one layer of a vpype document."""
 
     number: int  # from 1; AxiDraw takes layers by that with which their name begins
     tool: int  # from 0
@@ -94,7 +94,7 @@ class Layer(NamedTuple):
 
 
 def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
-    """Make a document of layers whose lines are simplified, in an order with little travel, and maybe joined."""
+    """Make a document of layers with simplified lines, ordered for little travel and, if asked, joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
     for number, tool, color, width, also, lines in layers:
@@ -129,18 +129,18 @@ def flatten(curves: Array, tolerance: float) -> Array:
 def _fill_stroke(
     middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
 ) -> list[Array]:
-    """Fill a stroke with round ends by lines (M,), as far as they are on the picture, of points a ``step`` apart.
+    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut at the edges of the picture.
 
-    They are offsets of its curve, from the outline to the middle, at most a pen apart, joined where they stay on the
-    picture. A stroke that is not wider than the pen is its middle.
+    The lines are offsets of its curve, from the outline to the middle, at most a pen width apart, joined where they
+    stay on the picture. A stroke no wider than the pen is its middle line.
     """
     pen = machine.pen_mm
     farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
-    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings beyond are not on the picture
+    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings farther out are not on the picture
     needed = int(np.ceil(2 * radius / pen - 1e-6)) + 1
     count = min(needed, machine.passes or needed)
     offsets = radius - 2 * radius / max(count - 1, 1) * np.arange(count // 2)
-    # Normalised rings begin where x is least: one beside the other.
+    # Normalised rings begin at their smallest x, and so next to each other.
     rings = shapely.normalize(shapely.boundary(shapely.buffer(middle, offsets, quad_segs=16)))
     parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
     parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
@@ -148,7 +148,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next where that begins or ends within ``reach``, then any two that are as near."""
+    """Join each line (M,) to the next one if it begins or ends within ``reach``, then any two as close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
@@ -165,7 +165,7 @@ def _join_lines(lines: list[Array], reach: float) -> list[Array]:
 
 
 class _Grid:
-    """Cells over a picture (``frame``: left, top, right, bottom), about half a ``pen`` wide, that find hidden parts."""
+    """Grid of cells about half a ``pen`` wide over a ``frame`` (left, top, right, bottom), to find hidden parts."""
 
     def __init__(self, frame: tuple[float, ...], pen: float) -> None:
         self.corner, extent = np.array(frame[:2]), np.array(frame[2:]) - np.array(frame[:2])
@@ -173,7 +173,7 @@ class _Grid:
         self.columns, self.rows = (max(1, round(side / self.cell)) for side in extent)
 
     def topmost(self, outlines: Array, chosen: Array) -> Array:
-        """Paint the ``chosen`` strokes with their numbers from 1 on the cells (rows, columns); 0 is none."""
+        """Paint the numbers, from 1, of the ``chosen`` strokes on cells (rows, columns); 0 means none."""
         picture = Image.new("I", (self.columns, self.rows))
         draw = ImageDraw.Draw(picture)
         for k in np.flatnonzero(chosen):
@@ -184,7 +184,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Tell quickly which strokes (N,) have a box in which others leave any cell bare."""
+        """Find strokes (N,) that may be visible: others leave a cell of their bounding box uncovered."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
@@ -192,7 +192,7 @@ class _Grid:
         return np.fromiter(bare, dtype=bool)
 
     def is_visible(self, top: Array, points: Array, k: int) -> Array:
-        """Tell which points (M,) of stroke ``k`` no other stroke hides."""
+        """Tell which points (M,) of stroke ``k`` are not hidden by others."""
         return np.asarray(top[self._cells(points)] <= k + 1)
 
     def _cells(self, points: Array) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class _Grid:
         return row, column
 
     def cut(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
-        """Cut a line (M,) of stroke ``k`` into the parts, ``shortest`` or longer, that no other stroke hides."""
+        """Cut a line (M,) of stroke ``k`` into its visible parts of at least the ``shortest`` length."""
         visible = self.is_visible(top, line, k)
         if visible.all():
             return [line]
@@ -210,7 +210,7 @@ class _Grid:
         return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
 
     def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:
-        """Average a picture where strokes are uppermost, else take their ``own`` colours (N, 3), and count cells."""
+        """Average the picture where each stroke is uppermost, or use its ``own`` colour (N, 3), and count its cells."""
         cells = np.asarray(Image.fromarray(picture).resize((self.columns, self.rows), Image.Resampling.NEAREST)) / 255
         area = np.bincount(top.ravel(), minlength=len(own) + 1)[1:, None]
         sums = [np.bincount(top.ravel(), channel.ravel(), len(own) + 1)[1:] for channel in np.moveaxis(cells, 2, 0)]
@@ -218,7 +218,7 @@ class _Grid:
 
 
 def _choose_inks(colors: Array, area: Array, machine: PenExporter) -> tuple[Array, Array]:
-    """Choose the colours (K, 3) of the tools, from light to dark, and the tool (N,) from 0 of each stroke."""
+    """Choose the colours (K, 3) of the tools, light to dark, and the tool (N,), from 0, of each stroke."""
     if len(colors) == 0:
         return np.empty((0, 3)), np.empty(0, dtype=int)
     lab = to_lab(colors)

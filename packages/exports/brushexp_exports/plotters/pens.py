@@ -1,4 +1,4 @@
-"""Exporters for plotters and painting robots: options, paper, stroke plan, and the files beside the program."""
+"""Base of exporters for plotters and painting robots: options, paper, stroke plan, and accompanying files."""
 
 import io
 import logging
@@ -39,7 +39,7 @@ class PenPlan:
     notes: list[str] = field(default_factory=list)  # more to say in the report
 
     def runs(self) -> list[tuple[int, int, Any]]:
-        """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
+        """Layer and tool, both from 1, and their vpype lines, in drawing order."""
         count = max(1, len(self.tools))
         numbers = sorted(self.document.ids())
         return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
@@ -54,18 +54,18 @@ class PenPlan:
 
     @property
     def travel(self) -> float:
-        """Distance in mm that pens move without drawing, from one line to the next, also of another pen."""
+        """Distance in mm that pens move without drawing, between lines of the same or of different pens."""
         ends = np.array([line[[0, -1]] for _, _, lines in self.runs() for line in lines]).reshape(-1, 2)
         return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """Describe paper, pens and duration of a machine that ``draws`` and ``moves`` at so many mm per minute."""
+        """Describe paper, pens and duration for a machine that ``draws`` and ``moves`` at these mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
             f"stroke plan of {self.source}",
             f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
-            f"{sum(self.strokes)} strokes and {self.left_out} more that cannot be seen, {len(self.tools)} tools, "
+            f"{sum(self.strokes)} strokes and {self.left_out} more that are invisible, {len(self.tools)} tools, "
             f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
             f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
             f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
@@ -84,29 +84,29 @@ class PenPlan:
 
 @dataclass(kw_only=True)
 class PenExporter(Exporter):
-    """A machine that draws with pens, or brushes. Its fields are options of every such exporter.
+    """Base of exporters for machines that draw with pens or brushes; its fields are their options.
 
     Args:
-        paper: a3, a4, letter, ... or a size such as 300x200mm.
-        landscape: true or false; null = as the picture is larger.
-        margin_mm: least margin; the picture is as large as it leaves room for, in the middle of the paper. It is larger
-            where a plotter does not reach so far.
-        width_mm: width of the picture; null = as large as fits.
-        colors: pens at most; their colours are those that suit the picture best.
-        pens: colours of the pens that you have, in place of ``colors``: [black,red,"#20a080"].
-        layers: from the bottom to the top; in each, strokes are drawn pen by pen, from light to dark. With 1 all of the
-            picture is; opaque paint keeps the depth of strokes between layers.
-        pen_mm: width of the pen or brush.
-        passes: lines beside each other in a stroke, at most; null = as many as fill it, 1 = its middle line alone.
-        hidden: cut: what strokes of the same layer hide is left out, so that the order of pens does not matter; skip:
-            strokes that are hidden wholly are left out, the others stay whole, as a brush wants them; draw: all.
-        tolerance_mm: how far a drawn line may be from the curve.
-        wells: places of paints, for a brush that is dipped: 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the middle
-            of the first to that of the last, mm from the lower left corner of the paper. Each stroke is then painted in
-            one movement, in the order of its depth, and tools are brushes: for paintings by ``tubes=``. null = pens.
-        water: place where a brush is rinsed before another colour: 20x80; null = it is not.
-        cloth: place where it is wiped then; null = it is not.
-        load: length that a brush paints with one load, in its widths.
+        paper: paper: a3, a4, letter, ... or a size such as 300x200mm.
+        landscape: whether the paper lies across; null = whichever makes the picture larger.
+        margin_mm: smallest margin in mm; the picture fills the rest, centred. It is larger where a plotter reaches less
+            far.
+        width_mm: width of the picture in mm; null = as large as fits.
+        colors: maximum number of pens, in the colours that fit the picture best.
+        pens: colours of your own pens, in place of ``colors``: [black,red,"#20a080"].
+        layers: number of layers, bottom to top; in each, strokes are drawn pen by pen, light to dark. More layers keep
+            the depth of strokes for opaque paint.
+        pen_mm: width of the pen or brush in mm.
+        passes: maximum number of parallel lines in a stroke; null = as many as fill it, 1 = only its middle line.
+        hidden: treatment of hidden parts: cut omits what strokes of the same layer hide, so that the order of pens does
+            not matter; skip omits only completely hidden strokes, as suits a brush; draw keeps everything.
+        tolerance_mm: largest distance of a drawn line from the curve in mm.
+        wells: places of paints for a dipped brush: 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the centre of the
+            first to that of the last, in mm from the lower left corner of the paper. Each stroke is then painted in one
+            movement, in order of depth, and tools are brushes: for paintings with ``tubes=``. null = pens.
+        water: place where a brush is rinsed before another colour, such as 20x80; null = no rinsing.
+        cloth: place where the brush is wiped afterwards; null = no wiping.
+        load: length that a brush paints with one load, in brush widths.
     """
 
     paper: str = "a4"
@@ -126,22 +126,22 @@ class PenExporter(Exporter):
     load: Annotated[float, between(1, 1000)] = 12.0
 
     def __post_init__(self) -> None:
-        # Refused before anything is drawn:
+        # Refused before anything is drawn.
         self.own_pens, self.tray, self.place("water"), self.place("cloth")
         if self.page[0] <= 2 * self.margin:
             raise UserError(
-                f"margins of {self.margin:g} mm leave nothing of {self.page[0]:g} x {self.page[1]:g} mm; "
+                f"margins of {self.margin:g} mm leave no room on {self.page[0]:g} x {self.page[1]:g} mm; "
                 f"choose a larger paper, {self.key}.paper=a3, or smaller margins, {self.key}.margin_mm=5"
             )
 
     @abstractmethod
     def programs(self, plan: PenPlan) -> dict[str, str]:
-        """Write the names and texts of the files for the machine, the program first."""
+        """Write the names and texts of the files for the machine, program first."""
 
     @property
     @abstractmethod
     def speeds(self) -> tuple[float, float]:
-        """Speed while drawing, and while moving without drawing, mm per minute."""
+        """Speeds while drawing and while moving without drawing, in mm per minute."""
 
     @property
     def margin(self) -> float:
@@ -150,12 +150,12 @@ class PenExporter(Exporter):
     def check(self, count: int, size: tuple[int, int]) -> None:
         self.frame(size)
         if count > MOST_STROKES:
-            excess = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
-            raise UserError(f"{self.key}: {excess}; paint with fewer (strokes=), or take to=svg")
+            excess = f"{count} strokes are more than the {MOST_STROKES} that a plan can hold"
+            raise UserError(f"{self.key}: {excess}; paint with fewer (strokes=), or use to=svg")
 
     @cached_property
     def page(self) -> tuple[float, float]:
-        """Shorter and longer side of the paper, mm."""
+        """Shorter and longer side of the paper in mm."""
         vpype, text = load_vpype(), self.paper.lower()
         names = sorted(name for name, (short, _) in vpype.PAGE_SIZES.items() if short > 0)
         sides = [0.0]
@@ -171,7 +171,7 @@ class PenExporter(Exporter):
 
     @cached_property
     def own_pens(self) -> Array | None:
-        """Return the colours (K, 3) in [0, 1] of the user's pens; None for pens of any colour."""
+        """Return the colours (K, 3), in [0, 1], of the user's pens; None if pens may have any colour."""
         if self.pens is None:
             return None
         if not 1 <= len(self.pens) <= 256:
@@ -183,27 +183,27 @@ class PenExporter(Exporter):
 
     @cached_property
     def tray(self) -> list[complex]:
-        """Places of the wells, row by row, mm from the lower left corner of the paper; none for pens."""
+        """Places of the wells, row by row, in mm from the lower left corner of the paper; empty for pens."""
         if self.wells is None:
             return []
         found = re.fullmatch(f"({PLACE}):({PLACE}):([0-9]{{1,3}})x([0-9]{{1,3}})", self.wells)
         if found is None or not 1 <= int(found[3]) * int(found[4]) <= MOST_WELLS:
             cure = f"try {self.key}.wells=20x15:230x45:8x3, from the first to the last of 8 x 3"
-            raise UserError(f"{self.key}.wells={self.wells} is no tray of 1 to {MOST_WELLS} wells; {cure}")
+            raise UserError(f"{self.key}.wells={self.wells} is not a tray of 1 to {MOST_WELLS} wells; {cure}")
         first, last = (_place(found[k]) for k in (1, 2))
         columns, rows = (np.linspace(0, 1, int(found[k])) for k in (3, 4))
         return [complex(first.real + x * (last - first).real, first.imag + y * (last - first).imag)
                 for y in rows for x in columns]  # fmt: skip
 
     def place(self, name: str) -> complex | None:
-        """Read the place that an option names, mm from the lower left corner of the paper."""
+        """Read the place in an option, in mm from the lower left corner of the paper."""
         text = getattr(self, name)
         if text is not None and not re.fullmatch(PLACE, text):
-            raise UserError(f"{self.key}.{name}={text} is no place in mm; try {self.key}.{name}=20x80")
+            raise UserError(f"{self.key}.{name}={text} is not a place in mm; try {self.key}.{name}=20x80")
         return None if text is None else _place(text)
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Compute paper size (mm), upper left corner (2,) of a centred picture (H, W) on it (mm), and mm per pixel."""
+        """Compute paper size, upper left corner (2,) of a centred picture (H, W), both in mm, and mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
@@ -226,19 +226,21 @@ def _place(text: str) -> complex:
 
 
 def load_vpype() -> ModuleType:
-    """Import the optional library vpype, which is slow, or raise a UserError."""
+    """Import the optional library vpype, which is slow; raise a UserError if it is missing."""
     try:
         with quiet_vpype():
             import vpype  # noqa: PLC0415
             import vpype_cli  # noqa: F401, PLC0415
     except ImportError as error:
-        raise UserError("to=hpgl and to=gcode need vpype, which is not here; pip install 'brushexp[plot]'") from error
+        raise UserError(
+            "to=hpgl and to=gcode need vpype, which is not installed; pip install 'brushexp[plot]'"
+        ) from error
     return vpype
 
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Mute the messages of vpype to the root logger, and leave that as it was: vpype sets its level and handlers."""
+    """Mute vpype's messages to the root logger, and restore its level and handlers, which vpype changes."""
     level, handlers = logging.root.level, [*logging.root.handlers]
     logging.disable(logging.INFO)
     try:

@@ -36,7 +36,7 @@ class Kind:
         return np.log(np.maximum(values, SMALLEST_SIZE)) if self.is_factor else values
 
     def outer(self, values: Array, pitch: float) -> Array:
-        """Bring measures back to their unit."""
+        """Convert measures back to their unit."""
         return (np.exp(values) if self.is_factor else values) * pitch**self.power
 
     def limited(self, values: Array) -> Array:

@@ -10,11 +10,11 @@ from brushexp.contracts.tasks import CATALOGUE, Task, key
 
 @dataclass
 class AnalyseTask(Task):
-    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
+    """Measure the brushwork of a painting, or compare two: table, summary, figures."""
 
     module = "brushexp_studies.analysis.task"
     alone = "catalogue"
     catalogue: str = key(MISSING, "folder of a run, or its catalogue.h5", CATALOGUE)
     against: str | None = key(None, "folder or catalogue.h5 of another one, to compare with", CATALOGUE)
     radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
-    visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
+    visible: float = key(0, "visible share below which a stroke is left out, 0 to 1", between(0, 1))

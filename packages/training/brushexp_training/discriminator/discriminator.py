@@ -65,7 +65,7 @@ class Discriminated(Loss):
     Args:
         weight: factor in the sum of losses. On a portrait, a third of the strokes ended valid with ``mse`` alone, two
             thirds with the default (at a cost of 0.2 dB), and four fifths with 0.001 (at about the same cost).
-        checkpoint: .safetensors file from ``task=train_discriminator``; null = the one that ships.
+        checkpoint: weights from ``task=train_discriminator`` (.safetensors); null = the shipped ones.
     """
 
     weight = 0.0001

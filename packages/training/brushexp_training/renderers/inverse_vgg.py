@@ -63,12 +63,13 @@ class InverseVGG(PatchRenderer):
             training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
             signal: it is one plane, which all channels share.
         activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
-        normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
+        normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
+        instance.
         upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
         channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
             picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
-        precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
-            on GPUs; training has its own.
+        precision: precision of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16,
+            AMX) and on GPUs; training has its own.
         project: bring strokes into the range of training before they are drawn; false shows what it draws outside.
         checkpoint: trained weights: a .safetensors file of task=train, or the name of one that comes with a package;
             null for random weights, to be trained.

@@ -55,8 +55,9 @@ class Neural(Renderer):
         width: channels of the convolutions of a texture's last but one size; twice as many before.
         stages: doublings of the texture before the last one: with 2 it has 32 texels across a stroke, and 64 along.
         project: ask the network about the nearest stroke of its training; false shows what it makes of others.
-        precision: of the network in painting: float32, bfloat16, or auto, which is bfloat16 on processors that have it
-            (AVX-512 BF16, AMX) and are twice as fast with it; textures have 8 bits either way. Training has its own.
+        precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on processors
+            that have it (AVX-512 BF16, AMX) and are twice as fast with it; textures have 8 bits either way. Training
+            has its own.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             random weights, to be trained.
     """

@@ -14,21 +14,21 @@ from brushexp_training.schema import DATA, EMA, LIMIT, NETWORK_FIT, NetworkTrain
 
 @dataclass
 class PruneTask(Task):
-    """Remove channels of a trained renderer, train what is left a little further, and compare."""
+    """Remove channels of a trained renderer, fine-tune the rest, and compare."""
 
     is_research = True
     module = "brushexp_training.tasks.prune"
     groups: ClassVar[dict[str, Any]] = {"renderer": "inverse_vgg", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
-    ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels that go; 0 = none", between(0, 0.99))
+    ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels to remove; 0 = none", between(0, 0.99))
     data: list[str] | None = key(None, DATA, STROKES)
-    n: int | None = key(None, "measured on the first so many test strokes; null = all", at_least(1))
-    other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
-    batch_size: int = key(64, "strokes of a step", at_least(1))
-    epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
-    minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
-    lr: float = key(3.0e-4, "highest learning rate", above(0, 1))
+    n: int | None = key(None, "number of test strokes to measure on; null = all", at_least(1))
+    other_data: bool = key(False, "whether to allow strokes of another brush than in training")
+    batch_size: int = key(64, "strokes per gradient step", at_least(1))
+    epochs: int | None = key(None, "passes through the data to fine-tune each network; null = no limit", at_least(0))
+    minutes: float | None = key(10, "wall time per network in minutes; null = no limit", at_least(0))
+    lr: float = key(3.0e-4, "peak learning rate", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
     trainer: NetworkTrainerOptions = field(default_factory=NetworkTrainerOptions)

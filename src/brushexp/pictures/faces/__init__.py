@@ -1,1 +1,1 @@
-"""Faces in pictures, found by a small frozen network, and eyes of animals. Loaded only when something asks for them."""
+"""Find faces with a small frozen network, and eyes of animals; loaded only when needed."""

@@ -1,4 +1,4 @@
-"""Faces of any size are found in a picture, whichever way heads are tilted."""
+"""Find faces of any size in a picture, however heads are tilted."""
 
 import math
 
@@ -23,11 +23,11 @@ FACES_APART = 0.5  # sides of the larger of two faces, from which their middles 
 
 
 def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
-    """Find faces of a picture (3, H, W), sRGB in [0, 1], the most certain ones first.
+    """Find the faces in a picture (3, H, W), sRGB in [0, 1], most certain first.
 
-    Frontal faces and profiles are found from about 16 pixels on, heads tilted by up to 45 degrees and beyond. The
-    picture is searched at several sizes and turned both ways; what is a face is seen more than once, unless it is
-    certain (``least`` is the confidence of the others). Of candidates for one face the best is kept.
+    It finds frontal faces and profiles from about 16 pixels, tilted by up to 45 degrees and more. The picture is
+    searched at several sizes and turned both ways; a face must be seen more than once unless it is certain (``least``
+    is the confidence needed otherwise). Of several candidates for one face the best is kept.
     """
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
@@ -54,7 +54,7 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 
 
 def distinct(faces: list[Face]) -> list[Face]:
-    """Keep of faces at one place the one with the highest score, by greedy suppression; the highest come first."""
+    """Keep the face with the highest score at each place by greedy suppression; highest scores come first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda face: -face.score):
         if not any(is_at_one_place(face, other) for other in kept):
@@ -63,13 +63,13 @@ def distinct(faces: list[Face]) -> list[Face]:
 
 
 def is_at_one_place(one: Face, other: Face) -> bool:
-    """Tell whether two faces are so near that there is room for one only."""
+    """Tell whether two faces are so close together that they must be one."""
     return math.hypot(one.x - other.x, one.y - other.y) <= FACES_APART * max(one.side, other.side)
 
 
 @torch.no_grad()
 def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
-    """Search a picture (3, h, w) turned by ``tilt``; faces are in pixels of one ``zoom`` times as large."""
+    """Search a picture (3, h, w) turned by ``tilt``; faces are in pixels of the picture enlarged by ``zoom``."""
     candidates: Candidates = open_network()(turned(picture, tilt))
     height, width = picture.shape[1:]
     found = []
@@ -84,7 +84,7 @@ def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Fac
 
 
 def turned(picture: Tensor, tilt: float) -> Tensor:
-    """Turn a picture (3, H, W) clockwise by ``tilt``, radians, on a black canvas that holds all of it."""
+    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians on a black canvas that holds all of it."""
     if not tilt:
         return picture
     height, width = picture.shape[1:]
@@ -96,7 +96,7 @@ def turned(picture: Tensor, tilt: float) -> Tensor:
 
 
 def turned_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
-    """Map places (N, 2: x, y) of a picture of ``size`` (H, W) after `turned` to where they were before."""
+    """Map points (N, 2: x, y) in a picture after `turned` back to the picture of ``size`` (H, W) before it."""
     if not tilt:
         return places
     height, width = size
@@ -107,7 +107,7 @@ def turned_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
 
 
 def _canvas_of(size: tuple[int, int], tilt: float) -> tuple[int, int]:
-    """Compute height and width of the smallest canvas that holds a turned picture of ``size`` (H, W)."""
+    """Compute height and width of the smallest canvas for a rotated picture of ``size`` (H, W)."""
     height, width = size
     c, s = abs(math.cos(tilt)), abs(math.sin(tilt))
     return math.ceil(c * height + s * width - ROUNDING), math.ceil(c * width + s * height - ROUNDING)

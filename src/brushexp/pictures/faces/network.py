@@ -31,7 +31,7 @@ class Candidates:
 
 
 class YuNet(nn.Module):
-    """Detect upright faces of about 10 to 300 pixels, with eyes, nose and corners of the mouth.
+    """Detector of upright faces of about 10 to 300 pixels, with eyes, nose and corners of the mouth.
 
     Source: Wu, Peng and Yu (2023), "YuNet: a tiny millisecond-level face detector"; the weights are those of March 2023
     in OpenCV's model zoo, with batch norms folded into the convolutions (docs/decisions/027-faces.md).
@@ -52,13 +52,13 @@ class YuNet(nn.Module):
 
     @classmethod
     def trained(cls) -> "YuNet":
-        """Open the network with the weights that come with the program, frozen."""
+        """Open the network with the shipped weights, frozen."""
         network = cls()
         network.load_state_dict(read_safetensors(WEIGHTS, "reinstall brushexp"))
         return network.eval().requires_grad_(False)
 
     def forward(self, picture: Tensor) -> Candidates:
-        """Judge every place of a picture (3, H, W), sRGB in [0, 1]; most candidates have a score near 0."""
+        """Score every place of a picture (3, H, W), sRGB in [0, 1]; most candidates score near 0."""
         height, width = picture.shape[1:]
         largest = STRIDES[-1]
         padded = functional.pad(255 * picture.flip(0), (0, -width % largest, 0, -height % largest))  # it knows BGR
@@ -87,7 +87,7 @@ class YuNet(nn.Module):
 
 
 class Unit(nn.Module):
-    """A convolution across channels and one within each channel, then, unless it answers, a rectifier."""
+    """A convolution across channels and one within each channel, then a rectifier, except in output layers."""
 
     def __init__(self, channels: int, answers: int, *, rectify: bool = True) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ class Unit(nn.Module):
 
 
 def _decoded(answers: dict[str, Tensor], stride: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Turn the answers (C, h, w) at one stride into scores, middles, sizes and landmarks of h * w candidates."""
+    """Decode the outputs (C, h, w) at one stride into scores, centres, sizes and landmarks of h * w candidates."""
     score = (answers["cls"].sigmoid() * answers["obj"].sigmoid()).sqrt().flatten()
     height, width = answers["cls"].shape[1:]
     row, column = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")

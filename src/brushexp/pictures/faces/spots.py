@@ -1,4 +1,4 @@
-"""Small dark spots that stand out, as the eye of an animal does."""
+"""Find small dark spots that stand out, such as the eyes of animals."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ MOST_SPOTS = 4  # most that are found in a picture
 
 @dataclass(frozen=True)
 class Spot:
-    """A round, dark spot at (``x``, ``y``), with what is just around it within ``radius``, in pixels."""
+    """A round, dark spot at (``x``, ``y``); ``radius``, in pixels, includes its immediate surroundings."""
 
     x: float
     y: float
@@ -30,11 +30,11 @@ class Spot:
 
 
 def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
-    """Find up to `MOST_SPOTS` small dark spots of a picture (3, H, W) where it is ``attended`` to, (H, W) from 0 to 1.
+    """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by ``attended`` (H, W), 0 to 1.
 
     A spot is a maximum, over place and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
-    (Lindeberg, 1998): so it is dark and round. Its strength is divided by that of other detail around it and multiplied
-    by the attention: so it stands alone, and where one looks first.
+    (Lindeberg, 1998), so it is dark and round. Its strength is divided by that of the surrounding detail, so it stands
+    alone, and multiplied by the attention, so it lies where people look first.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter  # noqa: PLC0415  (slow to import)
 

@@ -1,4 +1,4 @@
-"""The contract of blends, which lay strokes over each other."""
+"""The contract of blends, which composite strokes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from brushexp.plugins.color.base import ColorSpace
 
 
 class Blend(ABC):
-    """Lays strokes over each other: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background.
+    """Composites strokes: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -22,17 +22,17 @@ class Blend(ABC):
     torch.Size([3, 16, 24])
     """
 
-    cost: ClassVar[str] = "not measured"  # time of a step, that of ``tiled`` being 1, at 1024 px and 10,000 strokes
+    cost: ClassVar[str] = "not measured"  # time of a step relative to ``tiled``, at 1024 px and 10,000 strokes
     exact: ClassVar[str] = "yes"  # or what it leaves out
     runs_on: ClassVar[str] = "any device, any precision"
-    layered: ClassVar[bool] = True  # whether strokes laid over others look as if both had been laid at once
+    layered: ClassVar[bool] = True  # whether compositing in two passes gives the same picture as in one
 
     @classmethod
     def facts(cls) -> dict[str, str]:
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     def check(self, count: int, size: Size) -> None:  # noqa: B027  (most hold anything)
-        """Raise a UserError if the blend cannot hold ``count`` strokes on a canvas of ``size`` (H, W)."""
+        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if they need too much memory."""
 
     @abstractmethod
     def __call__(
@@ -41,29 +41,30 @@ class Blend(ABC):
         """Paint ``layers`` on a canvas of ``size`` (H, W), differentiable in every tensor of ``layers``.
 
         Args:
-            layers: of N strokes.
-            front_to_back: (N,) their indices, the uppermost first.
+            layers: layers of N strokes.
+            front_to_back: (N,) indices of the strokes, uppermost first.
             size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
-            background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of this.
+            background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of the
+            background.
             target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.
         """
 
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Compute by how much (N,) the squared error grows without each stroke; None if there is no quick way.
+        """Compute how much (N,) the squared error grows without each stroke; None if there is no fast way.
 
-        Arguments as above; ``weight`` (H, W) says how much the error at each pixel counts in the sum.
+        The arguments are those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
         """
         return None
 
 
 @dataclass(frozen=True)
 class Compositor:
-    """Lays strokes over each other in a colour space: encodes their colours, blends, and decodes the picture.
+    """Composites strokes in a colour space: encodes their colours, blends them, and decodes the picture.
 
-    The accuracy of a stroke is that of its own colour, which no other is laid over: it is the same in every space. Of
-    its importance nothing is known in other spaces than RGB: the error of their channels ranks strokes otherwise.
+    The accuracy of a stroke refers to its own colour, not to composited colours, so it is the same in every space. Its
+    importance is only known in RGB, because errors in other channels rank strokes differently.
     """
 
     blend: Blend
@@ -87,10 +88,10 @@ class Compositor:
 
 
 def match_dtype(layers: Layers, background: Tensor, target: Tensor | None) -> tuple[Tensor, Tensor | None]:
-    """Bring background and target to the precision of the layers, in which a picture is computed."""
+    """Convert background and target to the precision of the layers, in which the picture is computed."""
     return background.to(layers.color.dtype), None if target is None else target.to(layers.color.dtype)
 
 
 def pixel_centres(pixel: Tensor, width: int, dtype: torch.dtype) -> Tensor:
-    """Compute positions (..., 2), x and y, of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
+    """Compute the centres (..., 2: x, y) of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
     return torch.stack([pixel % width, pixel // width], dim=-1).to(dtype) + 0.5

@@ -1,4 +1,4 @@
-"""Blend every stroke at every pixel, for reference."""
+"""Blend every stroke at every pixel, as a reference."""
 
 import torch
 from torch import Tensor
@@ -13,7 +13,7 @@ LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens
 
 @register("blend", "dense")
 class Dense(Blend):
-    """All strokes at all pixels in plain PyTorch, any dtype: slow, obvious, what the others are tested against."""
+    """Blends all strokes at all pixels in plain PyTorch, in any dtype: slow, simple, the reference for tests."""
 
     cost = "grows with strokes times pixels"
 
@@ -42,10 +42,10 @@ class Dense(Blend):
 
 
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
+    """Composite K strokes, uppermost first ("over", Porter and Duff, 1984).
 
-    From alpha (T, K, P) and color (T, K, P or 1, C) follow the picture (T, P, C), and the light that reaches the
-    background (T, P).
+    Alpha (T, K, P) and color (T, K, P or 1, C) give the picture (T, P, C) and the light that reaches the background
+    (T, P).
     """
     light = torch.cumprod(1 - alpha, dim=1)
     above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)

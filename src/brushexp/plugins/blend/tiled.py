@@ -1,4 +1,4 @@
-"""Blend, tile by tile, the strokes that touch the tile and can be seen; this is the default."""
+"""Blend the visible strokes of each tile, the default."""
 
 import logging
 from collections.abc import Callable
@@ -20,23 +20,23 @@ from brushexp.registry import register
 from brushexp.system.published import published
 
 log = logging.getLogger(__name__)
-KERNELS = "brushexp.kernels"  # entry-point group: kernel -> function as `Rasterization`, None for what it cannot draw
+KERNELS = "brushexp.kernels"  # entry-point group: kernel -> function like `Rasterization`, None if it cannot draw
 CURES = {
-    "numba": "draws in float32 on the CPU, not all layers",
-    "triton": "draws in float32 on CUDA devices, where Triton is there, plain and textured strokes only",
+    "numba": "draws only some layers, in float32 on the CPU",
+    "triton": "draws only plain and textured strokes, in float32 on CUDA devices with Triton",
 }
 
 
 @register("blend", "tiled")
 @dataclass(kw_only=True, eq=False)
 class Tiled(Blend):
-    """Per tile of 8 x 8 pixels the strokes that touch it, front to back, in one fused kernel; exact but for ``opaque``.
+    """Blends the strokes that touch each 8 x 8 tile, front to back, in one fused kernel; exact except for ``opaque``.
 
     Args:
-        opaque: strokes are skipped where no pixel of the tile lets more than this fraction of light through; the
-            picture changes by at most as much. 0 looks at every stroke.
-        kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (anything, slower), or auto:
-            the compiled one of the device where there is one.
+        opaque: largest fraction of light, over the pixels of a tile, at which strokes below are skipped; the picture
+            changes by at most this. 0 skips none.
+        kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (everything, slower), or auto,
+            the compiled kernel of the device if there is one.
     """
 
     cost = "1"
@@ -67,7 +67,7 @@ class Tiled(Blend):
     def _rasterizer(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
     ) -> tuple[Rasterizer | None, tuple[Tensor, ...]]:
-        """Choose kernels, and list the tensors that they are differentiable in; None if PyTorch is to draw."""
+        """Choose kernels and list the tensors in which they are differentiable; None leaves the drawing to PyTorch."""
         device, single = layers.color.device.type, layers.color.dtype == torch.float32
         kernel = {"cpu": "numba", "cuda": "triton"}.get(device, "torch") if self.kernel == "auto" else self.kernel
         draw = _drawer(kernel) if single and (kernel != "numba" or device == "cpu") else None
@@ -83,7 +83,7 @@ class Tiled(Blend):
 
 @cache
 def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
-    """Find what makes the rasterizer of a kernel, ours or one that a package publishes."""
+    """Find the function that makes the rasteriser for a kernel, ours or one of a package."""
     if kernel == "numba":
         return Rasterization
     point = published(KERNELS).get(kernel)
@@ -92,7 +92,7 @@ def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
 
 @cache
 def tell_slow(dtype: torch.dtype) -> None:
-    """Log, once, why strokes are not drawn by compiled kernels."""
-    reason = "their renderer has no kernel, or weights to train, which renderer.requires_grad_(False) freezes"
-    reason = reason if dtype == torch.float32 else f"they are {dtype}, and kernels take float32"
-    log.warning("strokes are drawn by PyTorch, many times slower than by compiled kernels: %s", reason)
+    """Log once why compiled kernels do not draw the strokes."""
+    reason = "their renderer has no kernel, or its weights are trainable; renderer.requires_grad_(False) freezes them"
+    reason = reason if dtype == torch.float32 else f"they are {dtype}, but kernels take float32"
+    log.warning("PyTorch draws the strokes, many times slower than compiled kernels: %s", reason)

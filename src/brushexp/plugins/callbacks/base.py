@@ -11,10 +11,11 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 
 class Callback(ABC):
-    """A callback of Lightning, beside the steps of a painting or of the training of a network.
+    """A Lightning callback that acts during a painting or the training of a network.
 
     It may use every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
-    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; that of a painting also has ``latest()``, the picture.
+    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has ``latest()``, the
+    picture.
 
     >>> class Steps(Callback):
     ...     def open(self, folder):
@@ -24,4 +25,4 @@ class Callback(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> L.Callback:
-        """Make the callback of a run, which writes into the run's folder only."""
+        """Make the callback of a run; it may write into the run's folder only."""

@@ -1,1 +1,1 @@
-"""Members of ``change=``: what is different about one painting."""
+"""Changes: what is different about one painting. Pick several: ``'change=[wet,guides]'``."""

@@ -16,25 +16,25 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintingState:
-    """A painting at one moment, for whoever changes it; nothing in it is to be written to."""
+    """A painting at one moment, as changes see it; read-only."""
 
-    target: Tensor  # (3, H, W) in [0, 1] what the steps aim at
-    focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
+    target: Tensor  # (3, H, W) in [0, 1], target of the steps
+    focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
     ground: Tensor  # (3,) RGB of the bare canvas
     renderer: Renderer  # draws the strokes now
     blend: Compositor
     step: int  # steps that are done
-    steps: int  # in all; a run with a limit of seconds corrects it
-    generator: torch.Generator  # source of everything random in the steps
-    strokes: Callable[[], Strokes]  # the N strokes, without gradient; not to be called by `Change.limit`
-    order: Callable[[Strokes], Tensor]  # strokes -> their numbers (N,), the uppermost first
-    front_to_back: Tensor  # (N,) the present order, which is not renewed at every step
+    steps: int  # steps in all; a run with a time limit corrects it
+    generator: torch.Generator  # source of all randomness in the steps
+    strokes: Callable[[], Strokes]  # returns the N strokes without gradient; `Change.limit` must not call it
+    order: Callable[[Strokes], Tensor]  # strokes -> their indices (N,), uppermost first
+    front_to_back: Tensor  # (N,) the current order, which is not renewed at every step
     draw: Callable[[Strokes, Tensor], Tensor]  # strokes, front to back -> whole picture (3, H, W), without gradient
-    zoom: float = 1.0  # pixels of the painting for one of the target, which may be a smaller picture
-    is_whole: bool = True  # whether the present step looks at all of the canvas
+    zoom: float = 1.0  # pixels of the painting per pixel of the target, which may be smaller
+    is_whole: bool = True  # whether the current step looks at the whole canvas
     is_coarse: bool = False  # whether it does so at half the size
-    is_over: bool = False  # whether no step follows, also where the run ends before its plan
-    is_untouched: bool = False  # whether the strokes are those of a catalogue that no step moves
+    is_over: bool = False  # whether no step follows, even if the run ends before its plan
+    is_untouched: bool = False  # whether the strokes come from a catalogue and no step moves them
 
     @property
     def size(self) -> tuple[int, int]:
@@ -43,24 +43,23 @@ class PaintingState:
 
     @property
     def progress(self) -> float:
-        """Share of all steps that are done, 0 to 1."""
+        """Fraction of all steps that are done, 0 to 1."""
         return self.step / self.steps if self.steps else 1.0
 
 
 class Change:
-    """Says what is different about one painting: several changes of it may be chosen. Each method may be left out.
+    """Changes how one painting is made; a painting may have several changes. All methods are optional.
 
     The painter asks, in this order:
 
-    - `settings` and `check` before anything runs: under which settings it is painted, and whether they fit;
-    - `target`, `ground` and `order` once: what is painted, on what, and which stroke lies on top;
-    - `begin` once: the first strokes;
-    - before each step `aim`: what this step aims at, and on which ground;
-    - after each step `limit`: what the strokes that have moved may be;
-    - `end` once, after the last step: what is done to finished strokes. A film, whose strokes move on, leaves it out.
+    - `settings` and `check` before anything runs: adapt the settings, and check whether they fit;
+    - `target`, `ground` and `order` once: change what is painted, on what, and which stroke lies on top;
+    - `begin` once: change the initial strokes;
+    - `aim` before each step: change the target and ground of this step;
+    - `limit` after each step: bring the moved strokes within limits;
+    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes move on.
 
-    Of several changes those of a lower `rank` come first, and the last word is with the highest; of equal ranks the
-    order of names decides.
+    Changes apply by ascending `rank`, so the highest rank has the last word; equal ranks apply in the order of names.
 
     >>> from dataclasses import replace
     >>> class Red(Change):
@@ -71,18 +70,18 @@ class Change:
     """
 
     rank: ClassVar[int] = 0
-    only_ends: ClassVar[bool] = False  # whether it does nothing but `end` a painting; a film then does without it
-    for_all_painters: ClassVar[bool] = False  # whether `end` also holds for paintings of other painters than gradient
+    only_ends: ClassVar[bool] = False  # whether `end` is all it does; films then skip the change
+    for_all_painters: ClassVar[bool] = False  # whether `end` also applies to painters other than gradient
 
     def settings(self, cfg: DictConfig) -> DictConfig:
-        """Return the settings under which a picture is painted; a UserError if there are none."""
+        """Return the settings for the painting, or raise a UserError if it cannot be painted."""
         return cfg
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
-        """Refuse (UserError) what does not fit these settings of a picture of ``size`` (H, W)."""
+        """Refuse (UserError) settings that do not fit this change for a picture of ``size`` (H, W)."""
 
     def target(self, picture: Tensor) -> Tensor:
-        """Return what is painted (3, H, W), in [0, 1], of a picture in the colours of its palette."""
+        """Return the target (3, H, W) in [0, 1] for a picture in the colours of its palette."""
         return picture
 
     def ground(self, color: Tensor) -> Tensor:
@@ -90,27 +89,27 @@ class Change:
         return color
 
     def order(self, order: Order) -> Order:
-        """Return what decides which stroke lies on top."""
+        """Return the order that decides which stroke lies on top."""
         return order
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
-        """Return the first N strokes."""
+        """Return the initial N strokes."""
         return strokes
 
     def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-        """Return the target (3, H, W) and the ground (3,) of the next step; the same tensors where nothing changes."""
+        """Return the target (3, H, W) and the ground (3,) of the next step; the same tensors if nothing changes."""
         return target, ground
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
-        """Return what A strokes may be, number ``rows`` (A,) of all N; None for all of them.
+        """Bring A strokes, ``rows`` (A,) of all N, within limits; ``rows`` is None for all strokes.
 
-        They have taken a step, and were ``before`` it; None without a step. Strokes that keep to the limit already stay
-        as they are, but for rounding.
+        The strokes were ``before`` the step; None without a step. Strokes already within the limits do not change,
+        except by rounding.
         """
         return strokes
 
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
-        """Return finished strokes and their order: the N strokes first, then those that this adds to them."""
+        """Return the finished strokes and their order: the N strokes first, then added ones."""
         return strokes, front_to_back
 
     def state_dict(self) -> dict[str, Any]:
@@ -118,9 +117,9 @@ class Change:
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over what `state_dict` gave."""
+        """Load the result of `state_dict`."""
 
 
 def by_rank(changes: Mapping[str, Change]) -> dict[str, Change]:
-    """Sort changes by rank, and those of one rank by name."""
+    """Sort changes by rank, equal ranks by name."""
     return dict(sorted(changes.items(), key=lambda pair: (pair[1].rank, pair[0])))

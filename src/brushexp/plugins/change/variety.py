@@ -1,4 +1,4 @@
-"""Break the colours of finished strokes: the paint of each is mixed anew, as a painter's is."""
+"""Vary the colours of finished strokes, as if the paint for each stroke were mixed anew."""
 
 import logging
 import math
@@ -40,12 +40,12 @@ PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, by so much fo
 @register("change", "variety")
 @dataclass(kw_only=True)
 class Variety(Change):
-    """Broken colour: at the end each stroke's paint is mixed anew, warmer in the light and cooler in the shade.
+    """Broken colour: varies the colour of each finished stroke, warmer in the light and cooler in the shade.
 
-    Goals such as psnr= are what the steps reach, which this takes some of.
+    Goals such as psnr= refer to the steps; this change then costs some of the PSNR.
 
     Args:
-        amount: how far strokes go from the colour that fits best, to warm and cool, 0 to 1.
+        amount: variation from the best-fitting colour towards warm and cool, 0 to 1.
     """
 
     rank = -10  # whatever else is done to finished strokes is done to their colours
@@ -55,8 +55,8 @@ class Variety(Change):
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
         if cfg.psnr is not None and self.amount:
-            taken = f"variety={self.amount:g} takes some of it; variety=0 keeps it"
-            log.warning("psnr=%g is what steps reach, and %s", cfg.psnr, taken)
+            taken = f"variety={self.amount:g} lowers it afterwards; variety=0 keeps it"
+            log.warning("psnr=%g is the goal of the steps, and %s", cfg.psnr, taken)
 
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
         if state.is_untouched:  # their colours have been broken
@@ -66,14 +66,14 @@ class Variety(Change):
 
 @torch.no_grad()
 def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strokes:
-    """Give N strokes colours that differ from those of their neighbours by an ``amount``, 0 to 1, in CIELAB.
+    """Vary the colours of N strokes in CIELAB by an ``amount``, 0 to 1, so that they differ from their neighbours'.
 
-    What is lighter than its surroundings becomes warmer, what is darker cooler, and beside that colours go to either
-    side at random, partly alike at one place: greys to warm and cool, hues to their neighbours. Small strokes, what is
-    nearly black or white, and what the focus weighs more, differ less.
+    Strokes lighter than their surroundings become warmer, darker ones cooler. In addition, colours vary at random,
+    partly in common with nearby strokes: greys towards warm and cool, hues towards neighbouring hues. Small strokes,
+    near-black and near-white ones, and those in the focus vary less.
 
-    Source: "broken colour" as impressionists had it, after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
-    value of each stroke. Differs: by the light, by place, and at the end, since steps would take it back.
+    Source: the impressionists' "broken colour", after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
+    value of each stroke. Differs: it depends on light and place, and comes at the end, because steps would undo it.
     """
     if not amount or not len(strokes):
         return strokes
@@ -103,7 +103,7 @@ def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strok
 
 @dataclass(frozen=True)
 class Places:
-    """What the picture has at the places of N strokes."""
+    """Properties of the picture at the places of N strokes."""
 
     lightness: np.ndarray  # (N,) L* around
     focus: np.ndarray  # (N,) 1 or more
@@ -125,17 +125,17 @@ def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
 
 
 def _share_by_width(strokes: Strokes) -> np.ndarray:
-    """Compute how fully strokes vary (N,): broad ones fully, details least."""
+    """Compute the strength of variation (N,) by width: full for broad strokes, least for details."""
     width = half_width_of(strokes).double().cpu().numpy()
     return np.asarray((width / np.quantile(width, BROAD).clip(1e-9)).clip(SMALLEST_SHARE, 1))
 
 
 def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
-    """Compute how fully colours of L* (N,) vary: what is nearly black or white, least."""
+    """Compute the strength of variation (N,) by L* (N,): least for near-black and near-white colours."""
     return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
 
 
 def _unit_between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return unit vectors (N, 2) from ``first`` (N, 2) to ``second`` (2,), by a ``share`` (N,) of the way."""
+    """Interpolate unit vectors (N, 2) from ``first`` (N, 2) to ``second`` (2,) by a ``share`` (N,)."""
     mean = first + share[:, None] * (second - first)
     return mean / np.hypot(mean[:, 0], mean[:, 1])[:, None].clip(1e-9)

@@ -1,4 +1,4 @@
-"""The contract of colour spaces, in which paint is laid over paint."""
+"""The contract of colour spaces, in which paint is composited."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -7,12 +7,12 @@ from torch import Tensor
 
 
 class ColorSpace(ABC):
-    """The numbers in which paint is laid over paint: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
+    """A space in which paint is composited: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
 
-    A stroke's colour is brought into C channels, and the finished picture back from them; all between is the same for
-    every space. In each channel black is 0 and white is 1: so whatever mixes a colour with white or black, as the light
-    of textured strokes does, works in every space. The two are differentiable and each other's inverse, so that opaque
-    paint has its own colour.
+    Colours of strokes are encoded in C channels, and the finished picture is decoded from them; everything between is
+    the same for every space. Black is 0 and white is 1 in each channel, so mixing a colour with white or black, as
+    textured strokes do, works in every space. Both functions are differentiable and inverse to each other, so that
+    opaque paint keeps its colour.
 
     >>> import torch
     >>> class Squared(ColorSpace):
@@ -25,10 +25,10 @@ class ColorSpace(ABC):
     [0.7071067690849304, 0.0010000000474974513, 0.0010000000474974513]
     """
 
-    cost: ClassVar[str] = "not measured"  # time of a step, that of ``rgb`` being 1, at 1024 px and 10,000 strokes
-    mixes: ClassVar[str] = "as its channels say"  # what half of yellow and half of blue make
+    cost: ClassVar[str] = "not measured"  # time of a step relative to ``rgb``, at 1024 px and 10,000 strokes
+    mixes: ClassVar[str] = "as its channels say"  # mixture of equal parts of yellow and blue
 
-    is_rgb: ClassVar[bool] = False  # whether channels are the colours as they come
+    is_rgb: ClassVar[bool] = False  # whether channels are the colours themselves
 
     @classmethod
     def facts(cls) -> dict[str, str]:

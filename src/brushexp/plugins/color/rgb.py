@@ -1,4 +1,4 @@
-"""Mix paint in the space in which pictures are stored."""
+"""Mix paint in the space of picture files."""
 
 from torch import Tensor
 
@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("color", "rgb")
 class Rgb(ColorSpace):
-    """As most programs mix: the numbers of the picture file (sRGB) themselves."""
+    """Mixes the numbers of the picture file (sRGB), like most programs."""
 
     cost, mixes, is_rgb = "1", "grey", True
 

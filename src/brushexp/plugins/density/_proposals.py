@@ -1,4 +1,4 @@
-"""Propose strokes of any size, and tell what each would gain."""
+"""Propose strokes of any size and estimate the gain of each."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Patches:
-    """M rectangles of one colour, and by how much each lowers the squared error."""
+    """M rectangles of one colour, and how much each lowers the squared error."""
 
     top: Array  # (M,) whole pixels, as below
     bottom: Array  # (M,) of the first row below the patch
@@ -45,14 +45,14 @@ class Patches:
 
     @staticmethod
     def join(parts: Sequence["Patches"]) -> "Patches":
-        """Join patches."""
+        """Concatenate patches."""
         return Patches(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Patches)))
 
 
 def proposals(state: DensificationState, most: int, least: float) -> tuple[Strokes, Tensor]:
-    """Propose at most ``most`` strokes that each gain more than ``least``, the best first, and tell their gains (M,).
+    """Propose at most ``most`` strokes that each gain more than ``least``, best first, with their gains (M,).
 
-    The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls if a
+    The gain is the decrease of the squared error, summed over pixels and channels and weighted by the focus, if a
     rectangle of the stroke's size is painted in the target's mean colour.
     """
     like = state.strokes.position
@@ -67,11 +67,11 @@ def proposals(state: DensificationState, most: int, least: float) -> tuple[Strok
 
 
 def patches_of(target: Array, error: Array, weight: Array, most: int, least: float) -> Patches:
-    """Find patches that gain more than ``least``: the best of each size, one in a cell of a lattice at most.
+    """Find patches that gain more than ``least``: the best of each size, at most one per cell of a lattice.
 
     A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
-    (C, H, W), both weighted by (H, W). So the gain is what sums over rectangles say, which a summed-area table tells
-    (Crow, 1984). A patch is tried at every place of a lattice that is `STRIDE` of its side fine.
+    (C, H, W), both weighted by (H, W). So the gain follows from sums over rectangles, which come from a summed-area
+    table (Crow, 1984). Each size is tried at every place of a lattice, `STRIDE` of its side apart.
     """
     size = target.shape[1:]
     maps = np.concatenate([(error - np.square(target).sum(0))[None], target, np.ones_like(target[:1])]) * weight
@@ -104,7 +104,7 @@ def _spans(length: int, extent: int, stride: int) -> tuple[Array, Array]:
 
 
 def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
-    """Choose at most ``most`` patches, those that gain most, which hardly lie on each other."""
+    """Choose at most ``most`` patches with the largest gains that hardly overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     for number in np.argsort(-patches.gain, kind="stable").tolist():
@@ -118,7 +118,7 @@ def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
 
 
 def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
-    """Make strokes in place of patches: a square one lies along the edges of the picture."""
+    """Make strokes from patches; square ones follow the edges of the picture."""
     height, width = patches.bottom - patches.top, patches.right - patches.left
     long, thick = np.maximum(height, width), np.minimum(height, width)
     row, column = (patches.bottom + patches.top) // 2, (patches.right + patches.left) // 2

@@ -1,4 +1,4 @@
-"""Rounds at which strokes are added and removed; what is added, and in whose place, is the policy's."""
+"""Add and remove strokes in rounds; the policy decides what to add and what to replace."""
 
 import math
 from abc import abstractmethod
@@ -19,10 +19,10 @@ TOP = 0.3  # share of the rounds after which a surplus of strokes is largest
 
 @dataclass(kw_only=True)
 class Rounds(Density):
-    """Starts with fewer strokes, and in each round drops the useless ones, adds others and moves the weakest.
+    """Starts with fewer strokes; each round drops useless strokes, adds others and moves the weakest.
 
-    A stroke is useless if the squared error without it grows by no more than ``tolerance`` at one pixel. With a
-    ``surplus`` there are more strokes on the way than in the end: those that matter least go, a few in each round.
+    A stroke is useless if removing it increases the squared error by no more than ``tolerance`` at one pixel. With a
+    ``surplus`` there are more strokes on the way than in the end, and each round drops a few of the least important.
     """
 
     start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
@@ -37,13 +37,13 @@ class Rounds(Density):
 
     @abstractmethod
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        """Return new strokes, at most ``missing`` and as many as go, and how many of the weakest go.
+        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest they replace.
 
-        ``weakest`` (M,) is how important the strokes are that may go, the least important first.
+        ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
         """
 
     def is_good_enough(self, state: DensificationState) -> bool:
-        """Tell whether a round is left out because of the picture as it is."""
+        """Tell whether to skip a round because the picture is good enough."""
         return False
 
     def first(self, budget: int, steps: int) -> int:
@@ -55,7 +55,7 @@ class Rounds(Density):
         if not self.until:
             return "adds and removes no strokes with density.until=0"
         least = math.ceil(STEPS_BETWEEN_ROUNDS / self.until)
-        return f"adds and removes no strokes in {steps} steps; it begins from steps={least} on"
+        return f"adds and removes no strokes in {steps} steps; it needs steps={least} or more"
 
     def _rounds(self, steps: int) -> int:
         return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
@@ -85,7 +85,7 @@ class Rounds(Density):
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
-        """Return how many strokes there may be after a round."""
+        """Return the number of strokes allowed after a round."""
         most = max(self._first, round((1 + self.surplus) * budget))
         top = round(TOP * rounds) if self.surplus else rounds
         if current <= top:

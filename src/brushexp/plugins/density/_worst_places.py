@@ -1,4 +1,4 @@
-"""Lay new strokes where the error is largest."""
+"""Place new strokes where the error is largest."""
 
 import math
 
@@ -17,9 +17,9 @@ STRUCTURE = 1.5  # pixels over which the picture's direction is measured
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
-    """Make strokes at the ``n`` worst places, or fewer, the worst first, one in a cell of a lattice at most.
+    """Make at most ``n`` strokes at the worst places, worst first, at most one per cell of a lattice.
 
-    They have the target's colour and lie along its edges; ``size`` and ``tolerance`` are those of density=adaptive.
+    They have the target's colour and follow its edges; ``size`` and ``tolerance`` are as in density=adaptive.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 

@@ -1,4 +1,4 @@
-"""Add strokes where the error is largest, and remove those that matter least."""
+"""Add strokes where the error is largest, and remove the least important ones."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -18,24 +18,24 @@ MIN_PITCHES = 1e-3  # least size of a new stroke
 @register("density", "adaptive")
 @dataclass(kw_only=True)
 class Adaptive(Rounds):
-    """Start with fewer strokes, add small ones where the error is, move there those that matter least.
+    """Starts with fewer strokes, adds small ones where the error is largest, and moves the least important ones there.
 
-    Each round removes the strokes without which the squared error grows least, and hidden ones in any case, and adds
-    new ones at the worst places, in the picture's colour and along its edges.
+    Each round removes hidden strokes and those whose removal increases the squared error least, and adds new ones at
+    the worst places, in the picture's colour and along its edges.
 
     Source: GaussianImage++ (2025), which adds at the worst pixels, and 3D Gaussian splatting (Kerbl et al., 2023),
-    which adds and removes in turns. Differs from both: it removes by importance, not by opacity, and goes on replacing
-    strokes when there are as many as there may be.
+    which alternates adding and removing. Differs from both: it removes by importance, not by opacity, and continues to
+    replace strokes after their final number is reached.
 
     Args:
-        start: share of the strokes to begin with, above 0 to 1.
-        rounds: times at which strokes are added and removed, with 8 steps at least between them.
-        until: share of the steps after which the strokes stay.
-        moved: share of the strokes that each round lays elsewhere, 0 to 0.5.
-        size: of new strokes, in pitches (mean distances between strokes).
+        start: initial share of the strokes, above 0 to 1.
+        rounds: number of times that strokes are added and removed, at least 8 steps apart.
+        until: share of the steps after which no strokes are added or removed.
+        moved: share of the strokes that each round moves elsewhere, 0 to 0.5.
+        size: size of new strokes, in pitches (mean distances between strokes).
         tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
-        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
-        psnr: dB from which no more strokes are added; null for none.
+        surplus: share of extra strokes on the way, 0 to 3; the least important are removed before the end.
+        psnr: PSNR in dB above which no strokes are added; null for none.
     """
 
     size: Annotated[float, between(MIN_PITCHES, 10)] = 0.25

@@ -14,28 +14,28 @@ from brushexp.strokes.catalogue import Strokes
 class DensificationState:
     """The whole painting after a step.
 
-    ``importance()`` measures by how much the squared error, summed over pixels and channels and weighted by the focus,
+    ``importance()`` measures how much the squared error, summed over pixels and channels and weighted by the focus,
     would grow without each stroke (N,). It takes about as long as five steps.
     """
 
     image: Tensor  # (3, H, W) as it was last painted, display-referred RGB in [0, 1]
     target: Tensor  # (3, H, W)
-    focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
+    focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
     strokes: Strokes  # the N strokes, without gradient
     budget: int  # strokes that the painting may have in the end
     step: int  # steps that are done, 1 or more
-    steps: int  # in all; a run with a limit of seconds corrects it
+    steps: int  # steps in all; a run with a time limit corrects it
     importance: Callable[[], Tensor]
-    psnr: float | None = None  # dB that the painting should reach; None for no such wish
-    may_replan: bool = True  # whether an update may change the number of steps; seconds decide it otherwise
-    front_to_back: Tensor | None = None  # (N,) indices of the strokes, the uppermost first; None for the last first
+    psnr: float | None = None  # PSNR in dB that the painting should reach; None for no goal
+    may_replan: bool = True  # whether an update may change the number of steps, which a time limit forbids
+    front_to_back: Tensor | None = None  # (N,) indices of the strokes, the uppermost first; None: the last is uppermost
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which of the present ones to keep (N,), bool, and new ones.
+    """A change of the set of strokes: which of the current ones to keep (N,), bool, and new ones.
 
-    ``steps`` is how many steps the painting takes in all, where the change alters the plan.
+    ``steps`` is the new total number of steps, if the change alters the plan.
     """
 
     keep: Tensor
@@ -56,32 +56,34 @@ class Density(ABC):
     tensor([ True, False])
     """
 
-    chooses_number: bool = False  # whether it finds how many strokes the picture needs, up to a budget
-    uses_importance: bool = False  # whether `revise` asks for the importance of strokes, which is then compiled before
+    chooses_number: bool = False  # whether it chooses the number of strokes, up to a budget
+    uses_importance: bool = (
+        False  # whether `revise` asks for the importance of strokes, so that its code is compiled in advance
+    )
 
     @classmethod
     def facts(cls) -> dict[str, str]:
         return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last seen"}
 
     def first(self, budget: int, steps: int) -> int:
-        """Return the number of strokes to begin with, 1 to ``budget``, in a painting of so many steps."""
+        """Return the initial number of strokes, 1 to ``budget``, for a painting of ``steps`` steps."""
         return budget
 
     def idle_reason(self, steps: int) -> str:
-        """Say, after the name of the policy, why it changes no stroke in a painting of so many steps; "" if it does."""
+        """Say why the policy changes no stroke in a painting of ``steps`` steps, following its name; "" if it does."""
         return ""
 
     def due(self, step: int, steps: int) -> bool:
-        """Tell whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
+        """Tell whether to call `revise` after step number ``step`` (from 1) of ``steps``."""
         return True
 
     def conclude(self, state: DensificationState) -> None:  # noqa: B027
-        """Look at the strokes that the run leaves, and at the picture that they make."""
+        """Examine the final strokes and their picture."""
 
     def findings(self) -> dict[str, Any]:
-        """Return what the policy has found out, by names in metrics.json, once it has concluded.
+        """Return the findings of `conclude`, by name as in metrics.json.
 
-        ``verdict`` is a sentence for people, and ``strokes_psnr`` pairs of a number of strokes and its PSNR in dB.
+        ``verdict`` is a sentence for people; ``strokes_psnr`` pairs numbers of strokes with their PSNR in dB.
         """
         return {}
 
@@ -94,4 +96,4 @@ class Density(ABC):
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
-        """Take over what `state_dict` gave."""
+        """Load the result of `state_dict`."""

@@ -1,4 +1,4 @@
-"""A constant set of strokes."""
+"""Keep a constant set of strokes."""
 
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
@@ -6,7 +6,7 @@ from brushexp.registry import register
 
 @register("density", "fixed")
 class Fixed(Density):
-    """Keep the strokes that the initialiser made."""
+    """Keeps the strokes of the initialiser."""
 
     def due(self, step: int, steps: int) -> bool:
         return False

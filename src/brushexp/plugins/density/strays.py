@@ -1,4 +1,4 @@
-"""Remove hairlines, and strokes that cross everything around them."""
+"""Remove hairlines and strokes that cross all their neighbours."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,16 +20,16 @@ MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in di
 @register("density", "strays")
 @dataclass(kw_only=True)
 class Strays(Density):
-    """Remove hairlines, and strokes against all around them, if the picture hardly misses them.
+    """Removes hairlines, and strokes that cross all their neighbours, if the picture hardly needs them.
 
-    It does so once, before the last steps, which then close the gaps. The picture misses a stroke by the growth of the
-    squared error without it, over the stroke's own area.
+    It does so once, before the last steps, which then close the gaps. How much the picture needs a stroke is the growth
+    of the squared error without it, relative to the stroke's area.
 
     Args:
-        after: share of the steps after which they go.
-        thin: pixels; a stroke thinner than this is a hairline.
-        askew: degrees by which a stroke that crosses the others is turned against the mean of its ten nearest.
-        missed: root mean square, 0 to 1, by which the picture under a stray may get worse.
+        after: share of the steps after which strays are removed.
+        thin: thickness in pixels below which a stroke is a hairline.
+        askew: angle in degrees to the mean direction of its ten nearest above which a stroke crosses them.
+        missed: root mean square error, 0 to 1, that removing a stray may add under it.
     """
 
     after: Annotated[float, between(0, 1)] = 0.7

@@ -1,4 +1,4 @@
-"""Keep the strokes that are worth their bits."""
+"""Choose the number of strokes by what they are worth in bits."""
 
 import math
 from collections.abc import Mapping
@@ -75,28 +75,28 @@ class _Found:
 @register("density", "worth")
 @dataclass(kw_only=True)
 class Worth(Density):
-    """Find how many strokes the picture needs: as many as are worth their bits, or as reach a wanted PSNR.
+    """Finds how many strokes the picture needs: as many as are worth their bits, or as few as reach a given PSNR.
 
-    The painting minimises distortion + price * rate, where distortion is the squared error, summed over pixels and
-    channels and weighted by the focus, and the rate is 150 bits for each stroke.
+    The painting minimises distortion + price * rate. Distortion is the squared error, summed over pixels and channels
+    and weighted by the focus; the rate is 150 bits per stroke.
 
-    - It begins with 4 strokes, or up to 16 where there are few steps. Every 10 steps it proposes strokes of all sizes
-      where they lower the error most, adds up to half as many as there are, and removes those without which the error
-      grows by less than their price.
-    - When rounds add next to nothing, growth is over, and as many steps follow as there were. Strokes that are no
-      longer worth their price go.
-    - With ``psnr=`` the price follows from the PSNR: growth ends where the steps to come should reach it; later rounds
-      remove the least important strokes while the rest is good enough, and add some where it is not. At the end,
-      strokes are added until the PSNR is reached, each time with 60 more steps. Then a tenth is removed for trial, and
-      comes back if the rest misses the PSNR 60 steps later; half as many are tried next, and so on four times.
+    - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes where
+      they lower the error most, adds up to half as many as there are, and removes those whose removal costs less than
+      their price.
+    - When rounds add almost nothing, growth ends, and as many steps again follow. Strokes no longer worth their price
+      are removed.
+    - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
+      remove the least important strokes while the rest is good enough, and add some if it is not. At the end, strokes
+      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth for trial, and restores
+      them if the rest misses the PSNR 60 steps later; it tries up to four times, each time with half as many.
 
-    ``strokes=`` or ``max_strokes=`` is the largest number, otherwise one for every 16 pixels; ``steps=`` is the largest
-    number of steps, and corrections and trials may take as many again.
+    ``strokes=`` or ``max_strokes=`` limits the number of strokes, otherwise one per 16 pixels; ``steps=`` limits the
+    number of steps, which corrections and trials may double.
 
     Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), for strokes.
 
     Args:
-        price: squared error that a bit must save, summed over pixels and channels from 0 to 1.
+        price: squared error that each bit must save, summed over pixels and channels in [0, 1].
     """
 
     price: Annotated[float, at_least(0)] = 1e-3
@@ -119,7 +119,8 @@ class Worth(Density):
     def idle_reason(self, steps: int) -> str:
         if steps >= 2 * ROUND:
             return ""
-        return f"stays at {FIRST} strokes or fewer in {steps} steps; it begins to add strokes from steps={2 * ROUND} on"
+        most = f"at {FIRST} strokes or fewer in {steps} steps"
+        return f"stays {most}; it adds strokes with steps={2 * ROUND} or more"
 
     def due(self, step: int, steps: int) -> bool:
         return step % ROUND == 0 or step >= steps
@@ -137,7 +138,7 @@ class Worth(Density):
         return self._settle(state) if state.psnr is None else self._approach(state, state.psnr)
 
     def _grow(self, state: DensificationState) -> DensificationUpdate:
-        """Add the best proposals, as many as there may be, and remove what is not worth its price."""
+        """Add as many of the best proposals as allowed, and remove strokes not worth their price."""
         n, importance = len(state.strokes), state.importance()
         most = min(state.budget - n, max(BATCH, round(GROWTH * n)))
         if state.psnr is None:
@@ -159,21 +160,21 @@ class Worth(Density):
         return DensificationUpdate(keep, new, steps if state.may_replan else None)
 
     def _settle(self, state: DensificationState) -> DensificationUpdate:
-        """Remove strokes that are no longer worth their price, and for a while add those that are."""
+        """Remove strokes no longer worth their price, and for a while add proposals that are."""
         n, price = len(state.strokes), BITS * self.price
         most = min(state.budget - n, max(BATCH, round(ADDED * n))) if state.step < ADDING * state.steps else 0
         new, _ = proposals(state, most, price)
         return DensificationUpdate(_worth_more(state.importance(), price), new)
 
     def _approach(self, state: DensificationState, psnr: float) -> DensificationUpdate:
-        """Add or remove strokes so that the steps to come should end at the wanted PSNR."""
+        """Add or remove strokes so that the remaining steps should end at the given PSNR."""
         left = min(1.0, 2 * (1 - state.step / state.steps))
         expected = _total_error(state) / (1 + (SETTLED - 1) * left)
         slack = _allowed(state, psnr) - expected
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
-        """Add strokes to a painting that is not good enough; try whether a better one can do with fewer; or end."""
+        """Add strokes if the painting is not good enough, try with fewer if it is, or finish."""
         assert state.psnr is not None
         slack = _allowed(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
@@ -207,14 +208,14 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position), steps)
 
     def _more(self, state: DensificationState, missing: float) -> DensificationUpdate:
-        """Add as many of the best proposals as lower the squared error by what is ``missing``."""
+        """Add enough of the best proposals to lower the squared error by ``missing``."""
         n = len(state.strokes)
         most = min(state.budget - n, max(BATCH, round(ADDED * n)))
         new, _ = _as_many_as_gain(missing, *proposals(state, most, 0.0))
         return DensificationUpdate(state.strokes.opacity.new_ones(n, dtype=torch.bool), new)
 
     def _fewer(self, state: DensificationState, slack: float) -> DensificationUpdate:
-        """Remove the least important strokes, as many as let the squared error grow by the ``slack``."""
+        """Remove the least important strokes as long as the squared error grows by no more than ``slack``."""
         importance, n = state.importance(), len(state.strokes)
         ranks = importance.argsort(stable=True)
         spare = int((importance[ranks].clamp_min(0).cumsum(0) <= slack).sum())
@@ -223,7 +224,7 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position))
 
     def conclude(self, state: DensificationState) -> None:
-        """Measure what the least important strokes are worth, and what a hundred more would gain."""
+        """Measure the worth of the least important strokes and the gain of a hundred more."""
         n, values = len(state.strokes), state.target.numel()
         mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
         _, gain = proposals(state, HUNDRED, 0.0)
@@ -244,14 +245,14 @@ class Worth(Density):
         at_limit = len(state.strokes) >= state.budget
         if state.psnr is None:
             if at_limit and best_gain > BITS * self.price:
-                return f"as many as max_strokes={state.budget} allows; more are worth a price of {self.price:g}"
+                return f"as many as max_strokes={state.budget} allows; more would be worth a price of {self.price:g}"
             if self._is_cut_short:
-                return f"as many as grew in steps={self._limit}; more are worth a price of {self.price:g}"
-            return f"each saves more than its price, {self.price:g} of squared error a bit"
+                return f"as many as grew in steps={self._limit}; more would be worth a price of {self.price:g}"
+            return f"each saves more than its price, {self.price:g} of squared error per bit"
         if reached >= state.psnr:
-            return f"the fewest that were found for psnr={state.psnr:g}"
+            return f"the fewest found for psnr={state.psnr:g}"
         limit = f"max_strokes={state.budget}" if at_limit else f"steps={self._limit}"
-        return f"psnr={state.psnr:g} is not reached, only {reached:.2f} dB, within {limit}"
+        return f"psnr={state.psnr:g} was not reached, only {reached:.2f} dB, within {limit}"
 
     def findings(self) -> dict[str, Any]:
         return self._findings
@@ -284,7 +285,7 @@ def _mean_error(state: DensificationState) -> float:
 
 
 def _psnr_of(mean_squared_error: float) -> float:
-    """Compute the PSNR in dB, as a picture of 8 bits has it; 59 dB at most."""
+    """Compute the PSNR in dB after rounding to 8 bits; 59 dB at most."""
     return psnr_of(mean_squared_error + ROUNDING)
 
 
@@ -293,12 +294,12 @@ def _total_error(state: DensificationState) -> float:
 
 
 def _allowed(state: DensificationState, psnr: float) -> float:
-    """Compute the squared error, summed over pixels and channels, of a painting of 8 bits that has a PSNR."""
+    """Compute the squared error, summed over pixels and channels, at which an 8-bit painting has this PSNR."""
     return (10 ** (-(psnr + MARGIN) / 10) - ROUNDING) * state.target.numel()
 
 
 def _worth_more(importance: Tensor, price: float) -> Tensor:
-    """Tell which strokes (N,) matter more than their price; the most important one stays in any case."""
+    """Tell which strokes (N,) are worth more than their price; the most important one always is."""
     keep = importance > price
     if len(keep):
         keep[importance.argmax()] = True
@@ -306,6 +307,6 @@ def _worth_more(importance: Tensor, price: float) -> Tensor:
 
 
 def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
-    """Take the first proposals whose gains come to what is ``missing``, or all of them."""
+    """Count how many of the first proposals gain what is ``missing``, or all of them."""
     count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
     return new[:count], gain[:count]

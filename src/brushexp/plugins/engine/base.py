@@ -9,17 +9,17 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Simulated:
-    """Pictures and heights of n strokes, each on a canvas of its own."""
+    """Pictures and heights of n strokes, each on its own canvas."""
 
     images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; without paint, the colour of the stroke
     heights: Tensor  # (n, S, S) float32 >= 0, how much paint lies there; 1 is about what covers the canvas
 
 
 class Engine(ABC):
-    """Simulates what one stroke leaves on an empty canvas.
+    """Simulates the mark of one stroke on an empty canvas.
 
-    Points of the curve are in half windows from the window's centre (-1 and 1 are its borders), the width in whole
-    windows. So an engine with a larger window draws the same strokes, larger.
+    Points of the curve are in half-windows from the window's centre (-1 and 1 are its edges), the width is in windows.
+    So an engine with a larger window draws the same strokes larger.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import parameters_of, sample_prior
@@ -30,7 +30,7 @@ class Engine(ABC):
 
     window: int  # S, pixels on the side of a picture
     has_heights: ClassVar[bool] = False  # whether ``heights`` says more than alpha does
-    is_random: ClassVar[bool] = True  # whether two strokes of the same parameters differ
+    is_random: ClassVar[bool] = True  # whether two strokes with the same parameters differ
 
     @classmethod
     def facts(cls) -> dict[str, str]:
@@ -43,7 +43,7 @@ class Engine(ABC):
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         """Paint strokes number ``first`` to ``first + n - 1``.
 
-        Stroke i depends on its parameters, ``seed`` and its own number alone: never on n, nor on the number of threads.
-        ``parameters`` (n, 10) in [-1, 1] are as `strokes.prior.parameters_of` writes them, but anything finite is
+        Stroke i depends only on its parameters, ``seed`` and its own number, never on n or the number of threads.
+        ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but all finite values are
         drawn; ``seed`` is 0 to 2**64 - 1.
         """

@@ -1,1 +1,1 @@
-"""Exporters: what leaves the program. Pick several: ``task=export catalogue=catalogue.h5 to=svg,json``."""
+"""Exporters: painting -> files. Pick several: ``task=export catalogue=catalogue.h5 to=svg,json``."""

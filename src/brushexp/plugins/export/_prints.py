@@ -1,4 +1,4 @@
-"""Prepare pictures for print, and pack parts of PNG files (ISO/IEC 15948), for several exporters."""
+"""Prepare pictures for print and pack chunks of PNG files (ISO/IEC 15948), for several exporters."""
 
 import re
 import struct
@@ -30,13 +30,13 @@ SUB, UP = 1, 2  # numbers of the PNG filters that store the difference from the 
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """Writes a picture with a size on paper. Its fields are options of every such exporter.
+    """Base of exporters of pictures with a size on paper; its fields are their options.
 
     Args:
-        size_cm: 60x40: so many centimetres wide and high at most, the picture is as large as fits; null = as many
-            pixels as ``resolution`` says.
-        dpi: pixels per inch, written into the file; null = 300 where there is a size on paper.
-        weave: how much the threads of the canvas show under the light, 0 (not) to 1.
+        size_cm: maximum width and height in cm, such as 60x40; the picture is as large as fits; null = as many pixels
+            as ``resolution``.
+        dpi: pixels per inch, written into the file; null = 300 if there is a size on paper.
+        weave: strength of the canvas threads under the light, 0 to 1.
     """
 
     size_cm: str | None = None
@@ -45,7 +45,9 @@ class PrintExporter(Exporter):
 
     def __post_init__(self) -> None:
         if self.size_cm is not None and not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", self.size_cm):
-            raise UserError(f"{self.key}.size_cm={self.size_cm} is no width and height; try {self.key}.size_cm=60x40")
+            raise UserError(
+                f"{self.key}.size_cm={self.size_cm} is not a width and height; try {self.key}.size_cm=60x40"
+            )
 
     @property
     def density(self) -> float | None:
@@ -53,7 +55,7 @@ class PrintExporter(Exporter):
         return self.dpi or (None if self.size_cm is None else DPI)
 
     def scale_to_paper(self, job: ExportJob) -> ExportJob:
-        """Scale the painting to its size on paper; a UserError if that has too many pixels."""
+        """Scale the painting to its size on paper; refuse (UserError) too many pixels."""
         if self.size_cm is None:
             return job
         width, height = (float(side) for side in self.size_cm.split("x"))
@@ -66,7 +68,7 @@ class PrintExporter(Exporter):
 
 @dataclass(frozen=True)
 class Sheet:
-    """Where a picture lies on its paper, in pixels."""
+    """A picture's place on its paper, in pixels."""
 
     job: ExportJob  # draws the picture at its size on paper, perhaps more of it than is shown
     shown: tuple[int, int]  # height and width of what is shown, the middle of the picture
@@ -75,7 +77,7 @@ class Sheet:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width with margin and bleed."""
+        """Height and width including margin and bleed."""
         height, width = self.shown
         around = 2 * (self.margin + self.bleed)
         return height + around, width + around
@@ -83,13 +85,13 @@ class Sheet:
 
 @dataclass(kw_only=True)
 class SheetExporter(PrintExporter):
-    """Writes a picture on a sheet of paper. Its fields are options of every such exporter.
+    """Base of exporters of pictures on a sheet of paper; its fields are their options.
 
     Args:
-        fill: whether the picture fills ``size_cm``, and is cropped on two sides; false = all of it, as large as fits.
-        margin: white paper on every side, mm, within ``size_cm``.
-        bleed: the picture mirrored at its edges, mm beyond ``size_cm`` on every side, for a printer who cuts it off; 3
-            is usual. With a margin it is white.
+        fill: whether the picture fills ``size_cm``, cropped on two sides; false = the whole picture, as large as fits.
+        margin: white paper on every side in mm, within ``size_cm``.
+        bleed: mirrored edge of the picture in mm, beyond ``size_cm`` on every side, to be trimmed by the printer;
+            usually 3. With a margin it is white.
     """
 
     fill: bool = False
@@ -99,7 +101,7 @@ class SheetExporter(PrintExporter):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.fill and self.size_cm is None:
-            raise UserError(f"{self.key}.fill=true needs a size; add {self.key}.size_cm=60x40")
+            raise UserError(f"{self.key}.fill=true needs a paper size; add {self.key}.size_cm=60x40")
 
     @property
     def density(self) -> float | None:
@@ -107,7 +109,7 @@ class SheetExporter(PrintExporter):
         return super().density or (DPI if self.margin or self.bleed else None)
 
     def sheet(self, job: ExportJob) -> Sheet:
-        """Lay the painting on its paper; a UserError if that leaves no picture, or has too many pixels."""
+        """Lay out the painting on its paper; refuse (UserError) a layout without a picture or with too many pixels."""
         dpi = self.density or DPI
         margin, bleed = (round(length * dpi / MM) for length in (self.margin, self.bleed))
         if self.size_cm is not None and (self.fill or margin):
@@ -122,16 +124,16 @@ class SheetExporter(PrintExporter):
             job = self.scale_to_paper(job)
             shown = job.size
         if bleed > min(shown) and not margin:
-            raise UserError(f"{self.key}.bleed={self.bleed:g} is more than the picture; try {self.key}.bleed=3")
+            raise UserError(f"{self.key}.bleed={self.bleed:g} is larger than the picture; try {self.key}.bleed=3")
         if max(job.size) > LARGEST_SIDE_PIXELS:
             reason = f"{self.key}.size_cm={self.size_cm} paints {max(job.size)} pixels a side"
             raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
         return Sheet(job, shown, margin, bleed)
 
     def rows(self, sheet: Sheet, *, transparent: bool = False) -> Iterator[np.ndarray]:
-        """Paint the sheet from top to bottom, in bands (h, W, 3) uint8, over white.
+        """Paint the sheet from top to bottom in bands (h, W, 3) uint8, over white.
 
-        If it is ``transparent``, and the painting is, bands are (h, W, 4), straight alpha.
+        If ``transparent``, and the painting is, bands are (h, W, 4) with straight alpha.
         """
         picture = crop(self._picture_rows(sheet.job, transparent=transparent), sheet.job.size, sheet.shown)
         if sheet.margin:
@@ -147,7 +149,7 @@ class SheetExporter(PrintExporter):
             yield pixels
 
     def pack_rows(self, bands: Iterator[np.ndarray], compression: int) -> Iterator[bytes]:
-        """Pack bands (h, W, C) as PNG (ISO/IEC 15948) and PDF store them: filtered rows, pieces of a zlib stream."""
+        """Pack bands (h, W, C) as in PNG (ISO/IEC 15948) and PDF: filtered rows, in pieces of a zlib stream."""
         packer, above = zlib.compressobj(compression), np.zeros((1, 1), dtype=np.uint8)
         for band in bands:
             rows = band.reshape(len(band), -1)
@@ -158,7 +160,7 @@ class SheetExporter(PrintExporter):
         yield packer.flush()
 
     def add_weave(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
-        """Light the threads of a canvas below rows (3, h, W) of the picture, from row ``top`` on."""
+        """Add lit canvas threads to rows (3, h, W) of the picture, starting at row ``top``."""
         if not self.weave:
             return band
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
@@ -168,7 +170,7 @@ class SheetExporter(PrintExporter):
 
 
 def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, int]) -> Iterator[np.ndarray]:
-    """Cut the middle ``shown`` (H, W) out of a picture of ``size`` (H, W) that comes in bands (h, W, C).
+    """Crop the central ``shown`` (H, W) from a picture of ``size`` (H, W) in bands (h, W, C).
 
     >>> picture = np.arange(16).reshape(4, 4, 1)
     >>> np.concatenate([*crop(iter([picture[:1], picture[1:]]), (4, 4), (2, 4))])[..., 0].tolist()
@@ -184,7 +186,7 @@ def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, i
 
 
 def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """Add ``count`` white pixels on every side of a picture that comes in bands (h, W, C)."""
+    """Add ``count`` white pixels on every side of a picture in bands (h, W, C)."""
     edge = np.empty(0)
     for band in bands:
         sides = np.pad(band, ((0, 0), (count, count), (0, 0)), constant_values=WHITE)
@@ -196,7 +198,7 @@ def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
 
 
 def mirror(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """Continue a picture that comes in bands (h, W, C) by its mirror image, ``count`` pixels on every side.
+    """Extend a picture in bands (h, W, C) by its mirror image, ``count`` pixels on every side.
 
     >>> picture = np.arange(6).reshape(3, 2, 1)
     >>> np.concatenate([*mirror(iter([picture[:2], picture[2:]]), 1)])[..., 0].tolist()
@@ -221,15 +223,15 @@ def mirror(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
 
 
 def over_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Lay pixels (h, W, 3) with an alpha (h, W, 1), all of them uint8, over white."""
+    """Composite pixels (h, W, 3) with alpha (h, W, 1), both uint8, over white."""
     share = alpha.astype(np.uint16)
     return ((pixels * share + 255 * (255 - share) + 127) // 255).astype(np.uint8)
 
 
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
-    """Compute the height (rows, columns) of a plain weave, whose threads are ``pitch`` pixels apart and cross in turn.
+    """Compute the height (rows, columns) of a plain weave with threads ``pitch`` pixels apart.
 
-    A thread is a round ridge that rises over one and dips under the next; the higher of the two is visible.
+    A thread is a round ridge that alternately passes over and under the threads it crosses; the upper one is visible.
     """
     y = (np.arange(top, top + rows, dtype=np.float32)[:, None] + 0.5) / pitch
     x = (np.arange(-1, columns - 1, dtype=np.float32)[None] + 0.5) / pitch
@@ -239,19 +241,19 @@ def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
 
 
 def chunk(name: bytes, data: bytes) -> bytes:
-    """Pack a part of a PNG, with its length and checksum."""
+    """Pack a chunk of a PNG with its length and checksum."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(name)))
 
 
 def header(width: int, height: int, kind: int) -> bytes:
-    """Pack the part that states size and colour type."""
+    """Pack the header chunk with size and colour type."""
     return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, kind, 0, 0, 0))
 
 
 def bitmap(pixels: np.ndarray) -> bytes:
-    """Pack pixels (H, W, 4) uint8, straight alpha, as a PNG; Pillow is too slow for thousands of them.
+    """Pack pixels (H, W, 4) uint8 with straight alpha as a PNG; Pillow is too slow for thousands of them.
 
-    Differences are taken along the longer side, which is that of a stroke: its texture runs along it.
+    Differences are taken along the longer side, along which the texture of a stroke runs.
     """
     height, width, channels = pixels.shape
     bytes_of = np.ascontiguousarray(pixels).reshape(height, -1)

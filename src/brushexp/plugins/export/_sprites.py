@@ -1,4 +1,4 @@
-"""Draw the bitmap of every single stroke, as the renderer draws it, and find its place on the canvas."""
+"""Draw a bitmap of every single stroke with its renderer, and find its place on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Sprites:
-    """The strokes of a painting that can be seen, the bottom one first, beside each other on a sheet."""
+    """Bitmaps of the visible strokes of a painting, bottom first, side by side on a sheet."""
 
     sheet: Array  # (h, SHEET_WIDTH, 4) uint8: RGBA, straight alpha
     number: Array  # (N,) of each stroke in the catalogue
@@ -29,7 +29,7 @@ class Sprites:
     zoom: float  # pixels of the sheet for each of the canvas
 
     def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield number, place and pixels (h, w, 4) of each stroke, or of those (n,) that can be seen, in order."""
+        """Yield number, place and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
         row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
         for stroke in row if number is None else number.tolist():
             if stroke in row:
@@ -39,16 +39,16 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Tell whether strokes are more than curves with a width, and quickly drawn."""
+    """Tell whether strokes have a texture and are fast to draw."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
 @torch.no_grad()
 def draw_sprites(job: ExportJob) -> Sprites:
-    """Draw every stroke once, all in one pass of a blend, which leaves them as they are, for they do not touch.
+    """Draw every stroke once, all in one pass of a blend; they do not touch, so the blend does not mix them.
 
-    On black a blend shows what a stroke contributes, on white also what it lets through. Strokes are drawn smaller if
-    the sheet would have more than ``MOST_PIXELS``.
+    On black, a blend shows the contribution of a stroke; on white, also the light it lets through. Strokes are drawn
+    smaller if the sheet would exceed ``MOST_PIXELS``.
     """
     strokes = job.strokes
     boxes = _boxes(job, strokes)
@@ -82,7 +82,7 @@ def draw_sprites(job: ExportJob) -> Sprites:
 
 
 def _boxes(job: ExportJob, strokes: Strokes) -> Array:
-    """Bound what each stroke may touch by left, top, width and height (N, 4), int64; no area beyond the canvas."""
+    """Bound the pixels of each stroke by left, top, width and height (N, 4), int64; empty outside the canvas."""
     layers = job.renderer(strokes)
     curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
     low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)
@@ -94,7 +94,7 @@ def _boxes(job: ExportJob, strokes: Strokes) -> Array:
 
 
 def _lay_on_shelves(sizes: Array) -> tuple[Array, int]:
-    """Lay boxes (N, 2) side by side in rows, the highest first; return corners (N, 2) and the height of all rows."""
+    """Pack boxes (N, 2) in rows, highest first; return their corners (N, 2) and the total height."""
     corners, (left, top, row) = np.zeros_like(sizes), (0, 0, 0)
     for k in np.argsort(-sizes[:, 1], kind="stable"):
         width, height = sizes[k]

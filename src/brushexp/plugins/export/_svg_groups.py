@@ -1,4 +1,4 @@
-"""Divide the strokes of an SVG into layers, and each layer into colours, as programs for design list them."""
+"""Divide the strokes of an SVG into layers, and each layer into colours, for the layer lists of design programs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ ITERATIONS = 20  # of k-means
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Strokes that lie together: ``number`` (n,) in the catalogue, the bottom one first."""
+    """A group of strokes: ``number`` (n,) in the catalogue, bottom first."""
 
     layer: int  # from 1, the lowest
     color: str | None  # '#rrggbb', the mean of the strokes; None where layers are not divided
@@ -23,10 +23,10 @@ class Group:
 
 
 def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
-    """Yield the groups of all strokes, bottom first: layers of as many strokes each, in them colours, dark to light.
+    """Yield the groups of all strokes, bottom first: layers of equal numbers of strokes, divided by colour, dark first.
 
-    ``colors`` are the clusters of k-means in sRGB, over all strokes; 0 leaves layers whole, and the order of the
-    strokes as it is.
+    ``colors`` is the number of k-means clusters in sRGB over all strokes; 0 leaves layers undivided and keeps the order
+    of the strokes.
     """
     order = job.bottom_up.cpu()
     parts = order.tensor_split(max(1, min(layers, len(order))))
@@ -45,7 +45,7 @@ def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
 
 
 def _clusters(color: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster colours (N, 3) by k-means: means (count, 3), and the cluster (N,) of each."""
+    """Cluster colours (N, 3) by k-means; return the means (count, 3) and the cluster (N,) of each colour."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415  (slow to import)
 
     means, cluster = kmeans2(color, count, iter=ITERATIONS, minit="++", seed=0, missing="warn")

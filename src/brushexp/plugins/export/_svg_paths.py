@@ -1,4 +1,4 @@
-"""Draw shapes and colours of strokes as paths and gradients of SVG."""
+"""Draw the shapes and colours of strokes as SVG paths and gradients."""
 
 from collections.abc import Iterator
 
@@ -21,9 +21,9 @@ def hexadecimal(color: Tensor) -> list[str]:
 
 
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
-    """Yield the linear gradient of each stroke, if its colour drifts, and the name of its paint.
+    """Yield the linear gradient of each stroke whose colour drifts, and the name of its paint.
 
-    It changes with the place as best fits 2 t - 1 along the curve.
+    The gradient is the best linear fit, over the plane, to 2 t - 1 along the curve.
     """
     if not profile.drifts:
         yield from (("", paint) for paint in hexadecimal(profile.color))
@@ -52,7 +52,7 @@ def _numbers(*values: float) -> str:
 
 
 def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
-    """Write quadratic Bezier curves (N, 3, 2); a point becomes a shortest line."""
+    """Write quadratic Bezier curves (N, 3, 2); a point becomes a minimal line."""
     curve = rounded(curve, digits)
     further = rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
     for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
@@ -60,16 +60,16 @@ def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
 
 
 def rounded(values: Tensor, digits: int) -> Tensor:
-    """Round to so many decimals, and never to -0."""
+    """Round to ``digits`` decimals, and never to -0."""
     return values.round(decimals=digits) + 0.0
 
 
 def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
-    """Outline strokes whose thickness changes, with round ends; fill them by the rule nonzero.
+    """Outline strokes of varying thickness with round ends, to be filled by the rule nonzero.
 
     The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset`` with u = 2 t - 1, and
-    0 where that is less. Sides are chains of chords. A curve that folds gets a disc where it does, and one that is a
-    point is a disc. Yields the K outlines of each stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
+    0 if that is negative. Sides are polylines. A curve that folds gets a disc at the fold, and a point becomes a disc.
+    Yields the K outlines of each stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
     """
     curve, taper, widening = profile.curve, profile.taper, profile.widening[:, None]
     bend, folds = sharpest_bend(curve, middle)
@@ -99,7 +99,7 @@ def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int)
 
 
 def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the parameter (N,) where curves (N, 3, 2) bend most, and whether more tightly than ``half`` their width."""
+    """Find the parameter (N,) of the sharpest bend of curves (N, 3, 2), and whether it is tighter than ``half``."""
     start, control, end = curve.unbind(1)
     bend, forward = start - 2 * control + end, control - start
     at = -(forward * bend).sum(1) / bend.square().sum(1).clamp_min(torch.finfo(curve.dtype).tiny)
@@ -111,7 +111,7 @@ def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _normal(curve: Tensor, t: Tensor) -> Tensor:
-    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T), and at the ends from beside them."""
+    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T), at the ends from nearby points."""
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
     velocity = (1 - beside) * (control - start) + beside * (end - control)

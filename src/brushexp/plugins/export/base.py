@@ -1,4 +1,4 @@
-"""The contract of exporters, which write a painting into files."""
+"""The contract of exporters, which write a painting to files."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ LARGE = 8 * BAND  # pixels from which painting shows a progress bar
 
 @dataclass(frozen=True)
 class ExportJob:
-    """A saved painting at the size in which it is drawn, with everything that draws it."""
+    """A saved painting at its export size, with everything needed to draw it."""
 
     saved: Saved  # strokes have the numbers of the catalogue, because a renderer may choose their look by it
     renderer: Renderer
@@ -52,43 +52,43 @@ class ExportJob:
 
     @property
     def bottom_up(self) -> Tensor:
-        """Numbers (N,) of the strokes, the bottom one first."""
+        """Numbers (N,) of the strokes, bottom first."""
         return self.saved.depth.argsort()
 
     @property
     def is_bare(self) -> bool:
-        """Whether the painting is nothing but the colours of its strokes, without light and paper."""
+        """Tell whether the painting has neither light nor paper, only the colours of its strokes."""
         return not self.light.depth and (self.paper is None or self.paper.is_smooth)
 
     def bare(self) -> "ExportJob":
-        """Take light and paper away, so that the colours of the strokes remain."""
+        """Return the job without light and paper."""
         return replace(self, light=UNLIT, paper=None)
 
     def at_most(self, side: int) -> "ExportJob":
-        """Shrink the painting to at most ``side`` pixels on its longer side."""
+        """Return the job shrunk to at most ``side`` pixels on the longer side."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
     def scaled(self, zoom: float) -> "ExportJob":
-        """Scale strokes, not pixels, by ``zoom``, so that the painting stays crisp."""
+        """Return the job scaled by ``zoom``; strokes are scaled, not pixels, so it stays crisp."""
         return self.at_size((max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom))), zoom)
 
     def at_size(self, size: tuple[int, int], zoom: float | None = None) -> "ExportJob":
-        """Scale strokes by ``zoom``, None for that of the longer side, to a painting of a ``size`` (H, W)."""
+        """Return the job at a ``size`` (H, W), with strokes scaled by ``zoom``, or by the ratio of longer sides."""
         zoom = max(size) / max(self.size) if zoom is None else zoom
         return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
 
     def picture(self, flat: Tensor | None = None) -> np.ndarray:
-        """Paint the picture (H, W, 3) in 8 bits; `bands` explains ``flat``."""
+        """Paint the picture (H, W, 3) uint8; for ``flat`` see `bands`."""
         picture = np.empty((*self.size, 3), dtype=np.uint8)
         for top, band in self.bands(flat):
             picture[top : top + band.shape[1]] = to_bytes(band)
         return picture
 
     def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
-        """Paint from top to bottom, in its light: first row of each band, and its pixels (3, h, W) in [0, 1].
+        """Paint from top to bottom under the lamp; yield the first row and pixels (3, h, W) in [0, 1] of each band.
 
-        So a large picture takes little more memory than its pixels. ``job.bare()`` paints the colours alone; ``flat``
-        (3, H, W) are these if they are painted already.
+        This needs little more memory than the pixels of the picture. ``job.bare()`` paints the colours alone; ``flat``
+        (3, H, W) are these colours if they have been painted already.
         """
         if self.light.depth:
             painting = self._lit(flat)
@@ -103,7 +103,7 @@ class ExportJob:
         return with_progress(painting, self.size[0], "drawing", lambda item: item[1].shape[1])
 
     def alpha(self, top: int = 0, rows: int | None = None) -> np.ndarray | None:
-        """Compute how much of the painting is kept (rows, W, 1) uint8, from row ``top`` on; None for all of it."""
+        """Compute alpha (rows, W, 1) uint8 from row ``top`` on; None if the painting is opaque."""
         if self.saved.alpha is None:
             return None
         height, width = self.size
@@ -122,7 +122,7 @@ class ExportJob:
 
     @property
     def compositor(self) -> Compositor:
-        """What lays paint over paint: the blend, in the colour space."""
+        """The compositor: the blend in the colour space."""
         return Compositor(self.blend, self.space)
 
     def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -139,7 +139,7 @@ class ExportJob:
             yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
 
     def on_paper(self, rows: Rows, flat: Tensor | None = None) -> Tensor:
-        """Paint rows on the paper: pixels (3, h, W); `bands` explains ``flat``."""
+        """Paint rows on the paper: pixels (3, h, W); for ``flat`` see `bands`."""
         wide = rows if self.paper is None else rows.widened(self.paper.margin(self.size))
         colors = self._colors(wide) if flat is None else flat[:, wide.top : wide.top + wide.count]
         if self.paper is None:
@@ -155,12 +155,12 @@ class ExportJob:
 
     @cached_property
     def _places(self) -> tuple[Tensor, Tensor | None]:
-        """Compute the place (N,) of each stroke, 0 for the top one, and the rows (N, 2) that it may touch, if known."""
+        """Compute the rank (N,) of each stroke, 0 for the top one, and the rows (N, 2) that it may touch, if known."""
         return self.bottom_up.flip(0).argsort(), self.renderer.rows(self.strokes)
 
 
 class Exporter(ABC):
-    """Writes a painting in a form that other programs read.
+    """Writes a painting in a format of other programs.
 
     >>> class Sizes(Exporter):
     ...     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -181,17 +181,18 @@ class Exporter(ABC):
 
     @property
     def key(self) -> str:
-        """The key of its options on the command line: ``to.`` and the registered name."""
+        """Key of its options on the command line: ``to.`` and the registered name."""
         plugin = plugin_of_class(type(self))
         return "to" if plugin is None else plugin.path
 
     def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)
-        """Raise a UserError if the form cannot hold ``count`` strokes on a canvas of ``size`` (H, W)."""
+        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if the format cannot hold them."""
 
     @abstractmethod
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        """Write one or more files into ``folder`` and return their paths, the main one first.
+        """Write one or more files into ``folder`` and return their paths, main file first.
 
-        Nothing else is written, the job stays as it is, and the same job gives the same bytes (of a video, the same
-        pictures). A painting without strokes is written, too; a UserError says why one cannot be written in this form.
+        Nothing else is written, the job is not changed, and the same job gives the same bytes (for a video, the same
+        frames). A painting without strokes is written too; a UserError says why a painting cannot be written in this
+        format.
         """

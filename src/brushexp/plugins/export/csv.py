@@ -19,17 +19,16 @@ COLUMNS = (*POINTS, "width_px", *PAINT, "length_px", "direction_deg")
 
 @register("to", "csv")
 class Csv(Exporter):
-    """``strokes.csv``: one stroke a line, the bottom one first, for spreadsheets, pandas and R.
+    """Writes ``strokes.csv``: one stroke per line, bottom first, for spreadsheets, pandas and R.
 
     Columns: ``stroke``, its number in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
     pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
-    ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, by which its edge is wider than
-    its renderer's; ``widening``, the share by which it is thicker than that at its end, and thinner at its start;
-    ``red_drift``, ``green_drift`` and ``blue_drift``, what its colour has more at its end, and less at its start;
-    ``length_px`` along the curve; ``direction_deg`` from start to end, clockwise as one sees it: 0 is to the right, 90
-    down, -90 up; empty where both are one point.
-    Numbers have seven digits, which is what float32 holds. Lengths and widths of a painting by gradient descent are
-    those that ``init`` gave.
+    ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, how much wider its edge is than
+    its renderer's; ``widening``, the share by which it is thicker at its end and thinner at its start; ``red_drift``,
+    ``green_drift`` and ``blue_drift``, added to its colour at its end and subtracted at its start; ``length_px`` along
+    the curve; ``direction_deg`` from start to end, clockwise: 0 is to the right, 90 down, -90 up; empty if both are one
+    point. Numbers have seven digits, the precision of float32. In a painting by gradient descent, lengths and widths
+    come from ``init``.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -50,7 +49,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Compute the clockwise angle (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
+    """Compute clockwise angles (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0

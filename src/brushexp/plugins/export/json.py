@@ -12,10 +12,10 @@ from brushexp.system.files import write_text
 
 @register("to", "json")
 class Json(Exporter):
-    """``strokes.json``: the whole catalogue as text, one stroke a line, to edit and give back: catalogue=strokes.json.
+    """Writes ``strokes.json``: the whole catalogue as editable text, one stroke per line, for catalogue=strokes.json.
 
-    It holds what ``catalogue.h5`` holds, to the last bit, in the units that it names. Strokes are numbered by their
-    lines; ``depth`` ranks them, 0 is the bottom one, or is left out of all of them: then the first is the bottom one.
+    It holds exactly what ``catalogue.h5`` holds, in the units that it names. Strokes are numbered by line. ``depth``
+    ranks them, 0 at the bottom; if all strokes leave it out, the first is at the bottom.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -23,6 +23,6 @@ class Json(Exporter):
         try:
             check_strokes(job.strokes)
         except UserError as error:
-            raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
+            raise UserError(f"to=json cannot store this size ({error}); choose another resolution") from error
         write_text(path, json_lines(job.saved))
         return [path]

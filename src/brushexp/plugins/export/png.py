@@ -14,13 +14,13 @@ from brushexp.system.files import replacing
 @register("to", "png")
 @dataclass(kw_only=True)
 class Png(SheetExporter):
-    """``painting.png``: the picture, crisp at any ``resolution``: the strokes are scaled, not the pixels.
+    """Writes ``painting.png``, crisp at any ``resolution``, because strokes are scaled, not pixels.
 
-    It is painted and packed in bands, so that memory does not grow with the picture. For print:
+    It is painted and packed in bands, so memory does not grow with the picture. For print, set
     ``to.png.size_cm=60x40``.
 
     Args:
-        compression: 1 is fast, 9 small.
+        compression: compression level, 1 (fast) to 9 (small).
     """
 
     compression: Compression = 6

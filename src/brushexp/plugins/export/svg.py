@@ -1,4 +1,4 @@
-"""Write strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps where there is a texture."""
+"""Write strokes as SVG (W3C, SVG 1.1): paths, outlines for tapering strokes, and bitmaps for textured ones."""
 
 import base64
 import logging
@@ -47,26 +47,26 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 @register("to", "svg")
 @dataclass(kw_only=True, eq=False)
 class Svg(Exporter):
-    """``strokes.svg``: one path per stroke, bottom first, that browsers and Inkscape show like the painting.
+    """Writes ``strokes.svg``: one path per stroke, bottom first, which browsers and Inkscape show like the painting.
 
-    A path is a curve with a width and round ends; where the thickness changes along the stroke it is a filled outline.
-    Sizes are pixels of the canvas. Programs fill the pixels at an edge by the share that is covered, which is sharper
-    than the soft edge of the renderer; two ``outlines`` come close to it, and a stroke with a softness of its own has
-    more. A stroke thinner than its edge is drawn wider and fainter, as the renderer does. One whose colour drifts has a
-    linear gradient. One that cannot be seen (no width, no opacity) has no path; one without length is a dot.
+    A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
+    are pixels of the canvas. Programs draw edges sharper than the renderer's soft edge; two ``outlines`` come close to
+    it, and strokes with their own softness have more. A stroke thinner than its edge is drawn wider and fainter, as by
+    the renderer. A drifting colour becomes a linear gradient. An invisible stroke (no width, no opacity) has no path; a
+    stroke without length is a dot.
 
-    Strokes with a texture are bitmaps with transparency, one image each, coarser than the picture where all would be
-    too large; those of a slow renderer (``neural``) are paths without the texture. The lamp of a painting (``light.*``)
-    and its paper are the last image, ``light``: what is darkened is covered with black, what paint skips with ground.
+    Textured strokes are bitmaps with transparency, one image each, coarser than the picture if the file would be too
+    large; strokes of a slow renderer (``neural``) are paths without texture. The last image, ``light``, holds the lamp
+    (``light.*``) and the paper: black over darkened areas, ground over areas that the paint skips.
 
     Args:
-        digits: decimals of coordinates and widths.
-        outlines: how many paths, one on another, make the soft edge of a stroke; more where it is wider than 3 pixels.
-        paths: nothing but paths, without textures and light, for programs that edit them.
-        layers: groups of as many strokes each, the lowest first, which Inkscape shows as layers; 0 = none.
-        colors: groups of so many colours in each layer, dark to light: strokes of a layer then lie in another order
-            than in the painting; 0 = none.
-        width_mm: width of the drawing in millimetres, in which it is then measured; null = pixels.
+        digits: number of decimals of coordinates and widths.
+        outlines: number of stacked paths that form the soft edge of a stroke; more if it is wider than 3 pixels.
+        paths: whether to write paths only, without textures and light, for vector editors.
+        layers: number of equal groups of strokes, bottom first, which Inkscape shows as layers; 0 = none.
+        colors: number of colour groups in each layer, dark to light, which changes the order of strokes within a layer;
+            0 = none.
+        width_mm: width of the drawing in millimetres; null = sizes in pixels.
     """
 
     digits: Annotated[int, between(0, 6)] = 2
@@ -81,7 +81,7 @@ class Svg(Exporter):
         return bool(self.layers or self.colors)
 
     def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
-        """Write the file; ``pictures`` are those of the job without and under its lamp, if they exist already."""
+        """Write the file; ``pictures`` are the job's pictures without and with its lamp, if they exist already."""
         path = folder / "strokes.svg"
         has_bitmaps = not self.paths and has_sprites(job)
         sprites = draw_sprites(job) if has_bitmaps else None
@@ -105,13 +105,13 @@ class Svg(Exporter):
         (height, width), count = job.size, len(job.strokes)
         profile, is_profile = profile_of(job)
         is_lit = not self.paths and not job.is_bare
-        about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
+        about = f"{count} brush strokes on {width} x {height} pixels, bottom stroke first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
         if sprites is not None:
-            about += " Each one is a bitmap with its texture."
+            about += "  Each stroke is a bitmap with its texture."
         elif not is_profile:
             about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold."
-        about += " Viewers mix its colours as light, not as color= said." * (not job.space.is_rgb)
+        about += "  Viewers mix colours as light, not by the color= of the painting." * (not job.space.is_rgb)
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
@@ -144,7 +144,7 @@ class Svg(Exporter):
         yield "</g>\n</svg>\n"
 
     def _strokes(self, job: ExportJob, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
-        """Draw all strokes, bottom first, in their groups."""
+        """Draw all strokes, bottom first, in groups."""
         if not self.is_grouped:
             yield from self._drawn_strokes(job.bottom_up.cpu(), profile, sprites)
             return
@@ -161,7 +161,7 @@ class Svg(Exporter):
         yield "</g>\n" * bool(layer)
 
     def _drawn_strokes(self, number: Tensor, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
-        """Draw strokes (n,) in this order."""
+        """Draw strokes ``number`` (n,) in this order."""
         if sprites is not None:
             yield from self._bitmaps(sprites, number)
             return
@@ -192,9 +192,9 @@ class Svg(Exporter):
         yield from texts
 
     def _drawn(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
-        """Draw each stroke by ``count`` paths, one on another: outlines that are ``filled``, or curves with a width.
+        """Draw each stroke by ``count`` stacked paths: ``filled`` outlines, or curves with a width.
 
-        Those whose colour drifts have a gradient named by their ``number`` (N,).
+        Strokes with a drifting colour refer to gradients named by their ``number`` (N,).
         """
         middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
         widths = rounded(2 * (middle[:, None] + offset), self.digits).tolist()
@@ -215,12 +215,12 @@ class Svg(Exporter):
 
 
 def _opening(name: str, label: str) -> str:
-    """Open a group, which Inkscape shows as a layer with this label."""
+    """Open a group that Inkscape shows as a layer with this label."""
     return f'<g id="{name}" inkscape:groupmode="layer" inkscape:label="{label}">\n'
 
 
 def megabytes_of(sprites: Sprites) -> float:
-    """Estimate the size of bitmaps in an SVG from some of them, by their pixels."""
+    """Estimate the size of all bitmaps in an SVG from a few of them."""
     areas = sprites.boxes[:, 2:].prod(1)
     some = sprites.number[:: max(1, len(sprites.number) // SAMPLED)]
     packed = pixels = 0
@@ -231,13 +231,13 @@ def megabytes_of(sprites: Sprites) -> float:
 
 
 def _href(pixels: np.ndarray) -> str:
-    """Embed a picture (H, W, 4) uint8 in the attribute that shows it: SVG 1.1 knows no ``href`` but that of XLink."""
+    """Embed a picture (H, W, 4) uint8 in an attribute; SVG 1.1 has only XLink's ``href``."""
     return f'xlink:href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
 
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """Make profiles of strokes, and tell whether they are all that their renderer draws."""
+    """Make profiles of strokes, and tell whether the renderer draws nothing else."""
     strokes = job.strokes
     if isinstance(job.renderer(strokes[:0]), Profile):  # no strokes are drawn to find out
         profile = job.renderer(strokes)
@@ -247,15 +247,15 @@ def profile_of(job: ExportJob) -> tuple[Profile, bool]:
 
 
 def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Choose strokes with hard edges, one on another, that together cover what a soft one does.
+    """Choose stacked hard-edged strokes that together cover what a soft-edged one does.
 
-    One alone has the same opacity in its middle as the soft stroke, C(0) of `Profile`, and the same share of the light
-    across it, so it is wider than a stroke that is thinner than the edge. Several have the half widths at which C(d)
-    passes (k + 1/2) / count of C(0), drawn together so that, smoothed by a pixel, their edge is as soft as that of C:
-    its variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and ``soft`` (N,), the edges' widths, are pixels.
+    A single one has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and covers the same share of
+    light across it, so it is wider if the stroke is thinner than the edge. Several have the half widths at which C(d)
+    passes (k + 1/2) / count of C(0), moved together so that, smoothed by a pixel, their edge is as soft as that of C,
+    whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.
 
     Returns:
-        Half width of one stroke alone (N,); what to add to it (N, K), the widest first; opacities (N, K).
+        Half width of a single stroke (N,); offsets to add to it (N, K), widest first; opacities (N, K).
     """
     peak = 2 * smooth_rise(half / soft)
     middle = half / peak.clamp_min(torch.finfo(half.dtype).tiny)
@@ -270,7 +270,7 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[
 
 
 def _distances(half: Tensor, soft: Tensor, count: int) -> Tensor:
-    """Search by bisection where (N, count) C(d) has fallen to (k + 1/2) / count of C(0)."""
+    """Find by bisection the distances (N, count) at which C(d) has fallen to (k + 1/2) / count of C(0)."""
     high, half, soft = half + 0.5 * soft, half[:, None], soft[:, None]
     level = 2 * smooth_rise(half / soft) * (torch.arange(count) + 0.5) / count
     low, high = torch.zeros_like(level), high[:, None].expand_as(level)

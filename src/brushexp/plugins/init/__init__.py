@@ -1,1 +1,1 @@
-"""Initialisers: a target picture -> the first strokes. Pick one: ``init=slic``."""
+"""Initialisers: target picture -> initial strokes. Pick one: ``init=slic``."""

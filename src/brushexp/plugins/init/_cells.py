@@ -1,4 +1,4 @@
-"""Partition a picture into cells, and place one stroke in each."""
+"""Partition a picture into cells and place one stroke in each."""
 
 import math
 from abc import abstractmethod
@@ -24,15 +24,15 @@ Array = np.ndarray
 
 @dataclass(kw_only=True)
 class CellInitializer(Initializer):
-    """One stroke in each cell of a partition of the picture: at its centre of mass, in its mean colour, of its size.
+    """Base of initialisers with one stroke per cell of the picture: at its centre of mass, in its mean colour and size.
 
     Args:
-        orient: structure (along the picture's edges, filling the cell) or random (the thesis's: points drawn from
-            N(0, 0.1) half-windows, the least width, and the optimiser finds the rest).
-        length: of a stroke, in sides of its cell (structure only).
-        width: of a stroke, in sides of its cell (structure only).
-        opacity: 0 to 1.
-        jitter: random shift of each stroke in mean distances between strokes (its deviation), so that seeds differ.
+        orient: structure (along the picture's edges, filling the cell) or random (as in the thesis: points drawn from
+            N(0, 0.1) half-windows, with the least width; the optimiser finds the rest).
+        length: stroke length, in sides of its cell (structure only).
+        width: stroke width, in sides of its cell (structure only).
+        opacity: stroke opacity, 0 to 1.
+        jitter: standard deviation of a random shift of each stroke, in mean distances between strokes.
     """
 
     orient: Annotated[str, one_of("structure", "random")] = "structure"
@@ -43,7 +43,7 @@ class CellInitializer(Initializer):
 
     @abstractmethod
     def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> Array:
-        """Assign a cell (H, W) to each pixel, from 0 to n - 1, none of them empty."""
+        """Assign each pixel (H, W) to one of ``n`` non-empty cells, numbered from 0."""
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         flat = self.cells(target, n, generator, focus).ravel()
@@ -72,7 +72,7 @@ class CellInitializer(Initializer):
 
 
 def merge_smallest(labels: Array, n: int) -> Array:
-    """Keep the ``n`` largest cells of a partition (H, W); every other one joins the nearest of them."""
+    """Keep the ``n`` largest cells of a partition (H, W); each other cell joins the nearest of them."""
     flat = labels.ravel()
     centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
     largest = np.sort(np.argsort(-area, kind="stable")[:n])
@@ -82,14 +82,14 @@ def merge_smallest(labels: Array, n: int) -> Array:
 
 
 def nearest(points: Array, to: Array) -> Array:
-    """Find the nearest of n points (n, 2) to each of others (m, 2)."""
+    """Find the index (m,) of the nearest of ``points`` (n, 2) to each point of ``to`` (m, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     return cKDTree(points).query(to)[1]
 
 
 def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Split cells (H * W,) across their longer axis, again and again, until each is in its number of pieces (n,)."""
+    """Split cells (H * W,) repeatedly across their longer axis until each is in its number of pieces (n,)."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -117,7 +117,7 @@ def _coordinates(height: int, width: int) -> Array:
 
 
 def cell_means(values: Array, flat: Array, n: int) -> Array:
-    """Average values (C, P) of pixels over each of ``n`` cells; 0 where a cell has none."""
+    """Average values (C, P) of pixels over each of ``n`` cells; 0 for empty cells."""
     return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n).clip(1)
 
 
@@ -129,10 +129,10 @@ def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
 
 
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
-    """Compute the direction (n,), radians, in which the picture changes least around each cell.
+    """Compute the direction (n,), in radians, in which the picture changes least around each cell.
 
-    The structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by its trace, plus a little of
-    the cell's own elongation, which decides where the picture is flat; summed as double angles.
+    It sums, as double angles, the structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by
+    its trace, and a little of the cell's own elongation, which decides in flat regions.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER

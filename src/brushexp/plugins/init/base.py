@@ -1,4 +1,4 @@
-"""The contract of initialisers, which place the first strokes."""
+"""The contract of initialisers, which place the initial strokes."""
 
 from abc import ABC, abstractmethod
 
@@ -9,7 +9,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class Initializer(ABC):
-    """Places the first strokes.
+    """Places the initial strokes.
 
     >>> from brushexp.plugins.init.grid import Grid
     >>> strokes = Grid()(torch.rand(3, 20, 30), 6, torch.Generator().manual_seed(0))
@@ -21,14 +21,14 @@ class Initializer(ABC):
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         """Map a target (3, H, W) in [0, 1] to exactly ``n`` (1 to H * W) strokes, float32 on the CPU.
 
-        All randomness comes from ``generator``. ``focus`` (H, W) weighs the pixels, with a mean of 1; an initialiser
+        All randomness comes from ``generator``. ``focus`` (H, W) weights the pixels, with a mean of 1; an initialiser
         may ignore it.
         """
 
     def nearer(self) -> "Initializer":
-        """Return the initialiser of a face that is painted by itself, where ``abstraction`` leaves the rest out."""
+        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies the rest."""
         return self
 
     def details(self) -> "Initializer | None":
-        """Return the initialiser of an eye or a mouth, a target of a few strokes; None for small strokes in layers."""
+        """Return the initialiser for an eye or a mouth with a few strokes; None for small strokes in layers."""
         return None

@@ -16,10 +16,10 @@ from brushexp.registry import register
 @register("init", "grid")
 @dataclass(kw_only=True)
 class Grid(CellInitializer):
-    """A lattice of equal cells, with a stroke in each; preset ``overlapping_grid``.
+    """Places one stroke in each cell of a regular lattice; see also the preset ``overlapping_grid``.
 
     Args:
-        shift: move every other row by half a cell.
+        shift: whether every other row is shifted by half a cell.
     """
 
     shift: bool = False
@@ -32,8 +32,8 @@ class Grid(CellInitializer):
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:
     """Assign each pixel (H, W) to one of exactly ``n`` nearly square cells of a lattice.
 
-    Rows differ by one cell at most. With ``shift`` rows are moved by a quarter of a cell, to the right and to the left
-    in turn; the cells at the edge of the canvas make up for it.
+    Rows differ by at most one cell. With ``shift`` rows move by a quarter of a cell, alternately right and left; cells
+    at the edge of the canvas compensate for it.
     """
     rows = min(n, height, max(math.ceil(n / width), round(math.sqrt(n * height / width)), 1))
     counts = np.full(rows, n // rows)

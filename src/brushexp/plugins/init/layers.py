@@ -1,4 +1,4 @@
-"""Place strokes in layers, as painters do: large ones everywhere, smaller ones where there is detail."""
+"""Place strokes in layers, as painters do: large ones everywhere, smaller ones in detailed areas."""
 
 import math
 from collections.abc import Sequence
@@ -34,27 +34,27 @@ SWELLS, SWING = 4, 0.26  # pitches from one turn of the calm direction to the ne
 @register("init", "layers")
 @dataclass(kw_only=True)
 class InLayers(Initializer):
-    """Layers from large strokes to small ones, each only where the layer below is not enough; strokes follow form.
+    """Places layers of strokes, large to small, each only where the layer below falls short; strokes follow form.
 
-    As Hertzmann (1998) paints: each layer after a picture blurred by the size of its brush, where that differs most
-    from what the layer below can show; strokes bend with the direction in which the picture changes least, and end
-    where it no longer has their colour. Differs from the source: there are exactly as many strokes as asked, they are
-    quadratic curves, and nothing is painted on the way: what a layer can show is taken to be its blurred picture.
+    Source: Hertzmann (1998). Each layer follows the picture blurred by the size of its brush, where this differs most
+    from what the layer below can show. Strokes bend along the direction of least change and end where the picture no
+    longer has their colour. Differs: the number of strokes is exact, strokes are quadratic curves, and nothing is
+    painted on the way, because a layer is taken to show its blurred picture.
 
     Args:
-        layers: from large strokes to small ones.
-        ratio: size of the strokes of a layer over that of the layer below, 0.2 to 1.
-        cover: share of the canvas that a layer covers, of what the one below does: the rest stays with larger strokes.
-        length: of a stroke, in pitches of its layer.
-        width: of a stroke, in pitches of its layer.
-        calm: weight of a direction of its own, nearly level, in means of what the picture says: where that says little,
-            as in a sky, strokes do not ring around what is far away.
-        shadows: how much a difference counts by the brightness it lies in, from not at all, 0, to Weber's law, 1.
-        edges: a stroke ends where the picture differs by this from its colour, 0 to 1; smaller follows edges closer.
-        underpainting: the lowest layer hides the ground: its strokes are broader and do not stop at edges.
-        opacity: 0 to 1.
-        color: of all strokes, as '#rrggbb', for drawings in one ink; null = that of the picture, where they lie.
-        jitter: random shift of each stroke in pitches of its layer (its deviation), so that seeds differ.
+        layers: number of layers, from large strokes to small ones.
+        ratio: stroke size of a layer over that of the layer below, 0.2 to 1.
+        cover: share of the area of the layer below that a layer covers; the rest keeps the larger strokes.
+        length: stroke length, in the layer's mean stroke spacing.
+        width: stroke width, in the layer's mean stroke spacing.
+        calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it keeps strokes
+            in a sky from circling distant objects.
+        shadows: dependence of differences on brightness, from none (0) to Weber's law (1).
+        edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges closer.
+        underpainting: whether the lowest layer hides the ground with broader strokes that do not stop at edges.
+        opacity: stroke opacity, 0 to 1.
+        color: colour of all strokes as '#rrggbb', for drawings in one ink; null = colours of the picture.
+        jitter: standard deviation of a random shift of each stroke, in the layer's mean stroke spacing.
     """
 
     layers: Annotated[int, between(1, 8)] = 3
@@ -105,7 +105,7 @@ class InLayers(Initializer):
         return list(map(int, counts))
 
     def _layer(self, picture: Array, flow: Array, places: Array, side: float, generator: torch.Generator) -> Strokes:
-        """Place strokes of one size, in pixels, at (n, 2: x, y) in a blurred picture, along a flow (H, W), radians."""
+        """Place strokes of one size, in pixels, at ``places`` (n, 2: x, y), along a flow (H, W) in radians."""
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
@@ -127,7 +127,7 @@ class InLayers(Initializer):
         ).map(Tensor.float)
 
     def _trace(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
-        """Follow the flow (H, W), radians, from places to ends (n, 2), where colours differ or the reach ends."""
+        """Follow the flow (H, W), in radians, from places to ends (n, 2), where colours differ or the reach ends."""
         point, step = places.copy(), abs(reach) / SUBSTEPS
         angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
@@ -146,14 +146,14 @@ class InLayers(Initializer):
 
 
 def _level(size: Sequence[int], pitch: float, generator: torch.Generator) -> Array:
-    """Draw structure tensors (3, H, W) of trace 1 whose direction swings about the level one in every ``pitch``."""
+    """Draw structure tensors (3, H, W) of trace 1 whose direction varies around the horizontal at every ``pitch``."""
     knots = torch.randn(1, 1, *(math.ceil(side / pitch) + 1 for side in size), generator=generator, dtype=torch.float64)
     swing = SWING * nn.functional.interpolate(knots, tuple(size), mode="bicubic", align_corners=True)[0, 0].numpy()
     return np.stack([np.sin(swing) ** 2, -np.sin(swing) * np.cos(swing), np.cos(swing) ** 2])
 
 
 def _places(detail: Array, cells: int, n: int) -> Array:
-    """Find the centres (n, 2: x, y) of those of ``cells`` squares where the mean ``detail`` (H, W) is largest."""
+    """Find the centres (n, 2: x, y) of the n of ``cells`` squares with the largest mean ``detail`` (H, W)."""
     flat = lattice(detail.shape[0], detail.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
     best = np.sort(np.argsort(-np.bincount(flat, detail.ravel(), cells) / area, kind="stable")[:n])
@@ -162,7 +162,7 @@ def _places(detail: Array, cells: int, n: int) -> Array:
 
 
 def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
-    """Spread places (n, 2: x, y) so that the outermost, half a ``side`` from the edges of the canvas, lie on them."""
+    """Stretch places (n, 2: x, y) so that those half a ``side`` from the edges of the canvas lie on the edges."""
     middle = np.array(size) / 2
     return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 
@@ -170,5 +170,5 @@ def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
 def _blur(picture: Array, sigma: float) -> Array:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
-    with ThreadPoolExecutor(torch.get_num_threads()) as pool:  # SciPy lets others work meanwhile
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool:  # SciPy releases Python's lock
         return np.stack([*pool.map(partial(gaussian_filter, sigma=sigma, mode="nearest"), picture)])

@@ -15,7 +15,7 @@ from brushexp.registry import register
 @register("init", "random")
 @dataclass(kw_only=True)
 class Random(CellInitializer):
-    """Random places, evenly distributed: each stroke in its Voronoi cell."""
+    """Places strokes at evenly distributed random points, each filling its Voronoi cell."""
 
     jitter: Annotated[float, between(0, 10)] = 0.0
 

@@ -21,15 +21,14 @@ GREY_LEVEL = 1 / 255  # deviation of colour below which the area of a cell decid
 @register("init", "slic")
 @dataclass(kw_only=True)
 class Slic(CellInitializer):
-    """SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
+    """Places strokes on SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
 
-    A stroke at each centre of mass, in the mean colour. Differs from the source in that there are exactly as many as
-    asked, and that a share of them comes from cutting the superpixels in which the picture varies most; with a focus,
-    where it matters most.
+    Each stroke lies at a centre of mass and has the mean colour. Differs from the source: the number is exact, and a
+    share of the cells comes from splitting superpixels in which the picture varies most, or matters most with a focus.
 
     Args:
-        compactness: compactness of the superpixels; high values make them square, low ones follow the colours.
-        detail: fraction of the strokes placed where the picture varies, 0 to 1; the others are spread evenly.
+        compactness: compactness of the superpixels; high values make them square, low values follow colours.
+        detail: fraction of the strokes placed by detail, 0 to 1; the others are spread evenly.
     """
 
     compactness: Annotated[float, above(0, 1e4)] = 10.0
@@ -42,7 +41,7 @@ class Slic(CellInitializer):
 
 
 def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
-    """Assign each pixel (H, W) to one of about ``n`` superpixels; to a lattice where they have few pixels."""
+    """Assign each pixel (H, W) to one of about ``n`` superpixels, or to a lattice if they have few pixels."""
     from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
 
     _, height, width = target.shape
@@ -61,10 +60,10 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 
 
 def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
-    """Split cells (H, W) until there are exactly ``n``, first those with most area times standard deviation of colour.
+    """Split cells (H, W) into exactly ``n``, starting with the largest area times standard deviation of colour.
 
-    Area times variance, the squared error, gains no more PSNR and leaves even regions too coarse for the eye. Where
-    there are more than ``n`` cells, the smallest join others. A ``focus`` (H, W) multiplies weights by its mean.
+    Area times variance, the squared error, gains no more PSNR and leaves flat regions visibly too coarse. If there are
+    more than ``n`` cells, the smallest join others. The mean ``focus`` (H, W) of a cell multiplies its weight.
     """
     height, width = labels.shape
     if labels.max() >= n:
@@ -83,10 +82,10 @@ def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndar
 
 
 def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
-    """Choose into how many pieces each cell is split, ``n`` in all, none smaller than a pixel.
+    """Choose the number of pieces of each cell, ``n`` in all, none smaller than a pixel.
 
-    A piece of a ramp of colour cut into p has 1 / p of its area and 1 / p of its deviation, so 1 / p^2 of its weight;
-    the cell whose pieces weigh most is next.
+    A colour ramp cut into p pieces leaves each 1 / p of the area and 1 / p of the deviation, so 1 / p^2 of the weight;
+    the cell whose pieces weigh most is split next.
     """
     pieces = np.ones(len(area), np.int64)
     heap = [(-value if size > 1 else 0.0, cell) for cell, (value, size) in enumerate(zip(weight, area, strict=True))]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """The description of a run: its place and settings at its beginning, and everything at its end."""
+    """The description of a run: folder and settings at its start, everything at its end."""
 
     folder: Path  # a logger writes here
     name: str = ""  # number of a job of a sweep
@@ -32,24 +32,24 @@ class Run:
 
     @property
     def step(self) -> int:
-        """The last one; 0 if there is none."""
+        """The last step; 0 if there is none."""
         return int(self.metrics.get("steps") or 0)
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The metrics that are one finite number each."""
+        """The metrics that are finite numbers."""
         return {name: value for name, value in self.metrics.items() if type(value) in (int, float) and isfinite(value)}
 
     @property
     def row(self) -> dict[str, Any]:
-        """The metrics that fit into a table: all but lists."""
+        """The metrics that fit into a table: all except lists."""
         return {name: value for name, value in self.metrics.items() if not isinstance(value, list | dict)}
 
 
 class Logger(ABC):
-    """Takes the curves of a run, and at its end its pictures, numbers and files.
+    """Records the curves of a run and, at its end, its pictures, metrics and files.
 
-    An error stops the logger and never the run: the first one is logged, and no more curves come.
+    An error stops the logger but never the run: the first error is logged, and the logger gets no more curves.
 
     >>> class Last(Logger):
     ...     def open(self, run: Run) -> LightningLogger:
@@ -63,7 +63,7 @@ class Logger(ABC):
 
     @abstractmethod
     def open(self, run: Run) -> LightningLogger:
-        """Return the Lightning logger that takes the curves; it is finalised after `finish`."""
+        """Return the Lightning logger for the curves; it is finalised after `finish`."""
 
     def finish(self, run: Run) -> None:  # noqa: B027
-        """Take the results of the run; called once, however it ended, also when `open` or a curve failed."""
+        """Record the results of the run; called once, however the run ended, even if `open` or a curve failed."""

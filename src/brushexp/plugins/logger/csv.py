@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @register("logger", "csv")
 class CsvCurves(Logger):
-    """``curves/metrics.csv`` in the run's folder: losses and PSNR by step. Those of a resumed run go on."""
+    """Writes losses and PSNR by step to ``curves/metrics.csv`` in the run's folder; a resumed run appends to it."""
 
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415
@@ -25,10 +25,10 @@ class CsvCurves(Logger):
         before = rows_of(Path(resumed, "curves", "metrics.csv")) if resumed else []
 
         class Continued(CSVLogger):
-            """Keeps the rows of the run before, up to the step at which it was resumed."""
+            """Keeps the rows of the interrupted run up to the step at which it was resumed."""
 
             def begin(self, rows: list[Any]) -> None:
-                table.unlink(missing_ok=True)  # Lightning would, with a warning
+                table.unlink(missing_ok=True)  # Lightning would delete it, with a warning
                 self.experiment.metrics = rows
                 self.save()
 
@@ -44,5 +44,5 @@ class CsvCurves(Logger):
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table, if there is one, without a last one that a kill cut off."""
+    """Read the rows of a table if it exists, without a last row that a kill left incomplete."""
     return [row for row in read_table(path) if None not in row.values() and re.fullmatch(r"\d{1,15}", row["step"])]

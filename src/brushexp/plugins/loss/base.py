@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PaintedView:
-    """The view of a step once it is painted: everything that a loss may read."""
+    """The painted view of a step: everything that a loss may read."""
 
-    image: Tensor  # (3, h, w) the painting where this step looks, display-referred RGB in [0, 1]
-    target: Tensor  # (3, h, w); the same object as long as steps look at the same place
-    strokes: Strokes  # all N strokes of the painting; those that this step does not move have no gradient
-    surroundings: Surroundings | None = None  # the canvas around it; None if ``image`` is all of the canvas
+    image: Tensor  # (3, h, w) the region of this step in the painting, display-referred RGB in [0, 1]
+    target: Tensor  # (3, h, w) target; the same object as long as steps look at the same place
+    strokes: Strokes  # all N strokes of the painting; only those that this step moves have a gradient
+    surroundings: Surroundings | None = None  # the surrounding canvas; None if ``image`` is the whole canvas
     focus: Tensor | None = None  # (h, w) weights of the pixels, of mean 1 over the whole canvas; None for equal ones
 
     @property
@@ -36,20 +36,20 @@ class PaintedView:
 
     @property
     def share(self) -> float:
-        """``image``'s share of the pixels of the canvas."""
+        """Share of the canvas's pixels that ``image`` covers."""
         return self.image[0].numel() / self.whole_target[0].numel()
 
     def weights(self, values: Tensor) -> Tensor | None:
-        """Resize ``focus`` (h, w) to values (..., h, w), such as features; None for equal weights."""
+        """Resample ``focus`` (h, w) to the size of values (..., h, w), such as features; None for equal weights."""
         return None if self.focus is None else resized(self.focus, (values.shape[-2], values.shape[-1]))
 
     def mean(self, values: Tensor) -> Tensor:
-        """Average values (..., h, w) of pixels or features, weighted by ``focus``; 0 of no values."""
+        """Average values (..., h, w) of pixels or features, weighted by ``focus``; 0 if there are no values."""
         weights = self.weights(values) if values.numel() else None
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
     def around(self, context: int, grid: int = 1) -> PaintedView:
-        """Widen the view by ``context`` pixels of the canvas on every side, which have no gradient."""
+        """Widen the view by ``context`` pixels of the canvas, without gradient, on every side."""
         if self.surroundings is None or not context:
             return self
         wide = self.surroundings.widened(context, grid)
@@ -59,13 +59,13 @@ class PaintedView:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The canvas around the region that a step looks at; one object for all steps that look at the same place."""
+    """The canvas around the region of a step; one object for all steps with the same region."""
 
-    region: Region  # where the step looks
-    picture: Tensor  # (3, H, W) the whole picture as it was last painted, without gradient
+    region: Region  # region of the step
+    picture: Tensor  # (3, H, W) the whole picture as last painted, without gradient
     target: Tensor  # (3, H, W) the whole target
     focus: Tensor | None = None  # (H, W) weights of its pixels; None for equal ones
-    core: Region | None = None  # the part of the region that steps change; None for all of it
+    core: Region | None = None  # the part of the region that steps change; None for the whole region
     part: Tensor = field(init=False)  # (3, h, w) the target in the region
     part_focus: Tensor | None = field(init=False)  # (h, w) the focus there
     _wider: dict[tuple[int, int], Surroundings] = field(default_factory=dict)
@@ -75,14 +75,14 @@ class Surroundings:
         object.__setattr__(self, "part_focus", None if self.focus is None else self.region.of(self.focus))
 
     def widened(self, context: int, grid: int) -> Surroundings:
-        """Widen the region by ``context`` pixels; the same arguments return the same object."""
+        """Widen the region by ``context`` pixels; equal arguments return the same object."""
         if (context, grid) not in self._wider:
             region = self.region.widened(context, (self.picture.shape[1], self.picture.shape[2]), grid)
             self._wider[context, grid] = replace(self, region=region, core=self.core or self.region, _wider={})
         return self._wider[context, grid]
 
     def paste(self, image: Tensor, place: Region) -> Tensor:
-        """Copy the region as it was last painted, with ``image`` (3, h, w) at a ``place`` of the canvas inside it."""
+        """Copy the region as last painted, with ``image`` (3, h, w) inserted at ``place`` on the canvas."""
         picture = self.region.of(self.picture).to(image.dtype, copy=True)
         inside = replace(place, top=place.top - self.region.top, left=place.left - self.region.left)
         inside.of(picture).copy_(image)
@@ -90,7 +90,7 @@ class Surroundings:
 
 
 class Loss(nn.Module, ABC):
-    """A term of the objective, with the facts that users choose by as class attributes.
+    """A term of the objective; class attributes hold the facts by which users choose.
 
     >>> import torch
     >>> from brushexp.strokes.catalogue import Strokes
@@ -106,22 +106,23 @@ class Loss(nn.Module, ABC):
     >>> MeanColour.facts()["gradient"]
     'picture'
 
-    It ``looks_at`` pixels: the value is a mean over the pixels of ``view.image``, weighted by the focus, and a part
-    of the canvas counts by its share of the pixels; at the canvas: the value is that of the whole canvas, by
-    ``view.surroundings``; or at strokes: it has no gradient in the picture. The last two ignore the focus. With
-    ``context`` it receives a part with so many pixels around it, from multiples of ``grid`` pixels on: the distance of
-    a network's positions.
+    ``looks_at`` is one of three: "pixels", a mean over the pixels of ``view.image``, weighted by the focus, in which a
+    part of the canvas counts by its share of pixels; "canvas", a value of the whole canvas, from ``view.surroundings``;
+    or "strokes", without gradient in the picture. The last two ignore the focus. With ``context`` the loss receives its
+    region with this many pixels around it, starting at multiples of ``grid`` pixels, the stride of a network.
 
     Args:
-        weight: factor in the sum of losses; logs show the loss without it.
+        weight: factor in the sum of losses; logs show the unweighted loss.
     """
 
     tunable: ClassVar[dict[str, Any]] = {"weight": Annotated[float, at_least(0)]}  # an option of every loss
     weight: float = 1.0  # its default
-    label: str = ""  # its name in logs, if not that of the plugin
+    label: str = ""  # name in logs, if it differs from the plugin's
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
-    cost: ClassVar[str] = ""  # cost of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py)
-    exact_on_parts: ClassVar[bool] = True  # whether the gradient on a part of the canvas is that of the whole
+    cost: ClassVar[str] = ""  # time of a step with this loss alone relative to ``mse`` (benchmarks/losses.py)
+    exact_on_parts: ClassVar[bool] = (
+        True  # whether the gradient on a part of the canvas equals that on the whole canvas
+    )
     context: int = 0
     grid: int = 1
 
@@ -132,11 +133,11 @@ class Loss(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, view: PaintedView) -> Tensor:
-        """Return a scalar, 0 for a perfect painting."""
+        """Compute a scalar, 0 for a perfect painting."""
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
-        """Return ``compute(target)`` without gradient, cached by ``key`` until another target comes."""
-        if target is not self._target:  # a reference to the object, so that its identity cannot be reused
+        """Return ``compute(target)`` without gradient, cached by ``key`` until the target changes."""
+        if target is not self._target:  # a reference, so that the identity of the object cannot be reused
             self._target, self._results = target, {}
         if key not in self._results:
             with torch.no_grad():
@@ -154,13 +155,13 @@ class Loss(nn.Module, ABC):
 
 
 class StyleLoss(Loss):
-    """A loss that compares a painting with the picture of another one."""
+    """A loss that compares a painting with the picture of another painting."""
 
-    colors: str  # style: the target takes the colours of the style picture; content: that takes those of the target
+    colors: str  # style: the target takes the colours of the style picture; content: the other way round
 
     @abstractmethod
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture for a canvas of ``size`` (H, W); a UserError if too small."""
+        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or refuse it (UserError)."""
 
     @abstractmethod
     def picture(self, target: Tensor) -> Tensor:
@@ -168,15 +169,15 @@ class StyleLoss(Loss):
 
     @abstractmethod
     def measure(self, picture: Tensor, target: Tensor) -> dict[str, float]:
-        """Measure the distances of a picture (3, H, W) from the style, by their names."""
+        """Measure the distances of a picture (3, H, W) from the style, by name."""
 
 
 class BrushworkLoss(Loss):
-    """A loss that compares the strokes of a painting with those of another one."""
+    """A loss that compares the strokes of a painting with those of another painting."""
 
     @abstractmethod
     def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
-        """Give first strokes on a canvas of ``size`` (H, W), in place and colour, the shapes of the other painting."""
+        """Give initial strokes on a canvas of ``size`` (H, W) the shapes of the other painting's strokes."""
 
 
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
@@ -185,13 +186,13 @@ def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
 
 
 def restore(losses: Mapping[str, Loss], state: Mapping[str, Mapping[str, Any]]) -> None:
-    """Load the states that `state_of` gave."""
+    """Load the result of `state_of`."""
     for name, loss in losses.items():
         loss.load_state_dict(state[name])
 
 
 def weighted_sum(losses: Mapping[str, Loss], view: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
-    """Compute the objective, the weighted sum of the losses, and each of them unweighted."""
+    """Compute the objective, which is the weighted sum of the losses, and each loss unweighted."""
     terms, weighted = {}, []
     for name, loss in losses.items():
         wider = view.around(loss.context, loss.grid)

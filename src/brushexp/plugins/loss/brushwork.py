@@ -1,7 +1,7 @@
-"""Transfer brushwork as a loss: measure lengths, widths, curvatures and directions, and give them to other strokes.
+"""Transfer brushwork by a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
 
-Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that transferred strokes cover another picture
-as densely as their own.
+Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that strokes cover another picture as densely
+as their own.
 """
 
 from dataclasses import dataclass, replace
@@ -31,18 +31,18 @@ MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distan
 
 @register("loss", "brushwork")
 class BrushworkTransfer(BrushworkLoss):
-    """Optimal transport of lengths, widths, curvatures and directional coherence to those of a painting's catalogue.
+    """Optimal transport distance of lengths, widths, curvatures and directional coherence to a reference painting.
 
-    It is the sum over these four measures (``strokes.measures``, which `task=analyse` reports) of the squared
+    The loss sums, over these four measures (``strokes.measures``, reported by `task=analyse`), the squared
     2-Wasserstein distance between their distributions in both paintings, in units of the variance in the reference. It
-    looks at all strokes at every step; strokes too faint or too thin to be seen do not count and have no gradient.
-    ``style.brushwork`` adds this loss and draws the first strokes accordingly.
+    uses all strokes at every step; strokes too faint or too thin to be seen do not count and have no gradient.
+    ``style.brushwork`` adds this loss and shapes the initial strokes accordingly.
 
     Args:
         weight: factor in the sum of losses. For a reference of long, nearly straight strokes, ``style.brushwork`` with
             the default brought distances of 1.4 (length), 0.3 (width), 1.8 (curvature) and 0.7 (coherence) standard
             deviations down to 0.06 and less; the PSNR was 0.9 dB lower.
-        catalogue: catalogue.h5 of the painting with the brushwork to take over; null for a loss of 0.
+        catalogue: catalogue.h5 of the reference painting; null for a loss of 0.
     """
 
     weight = 0.001
@@ -66,7 +66,7 @@ class BrushworkTransfer(BrushworkLoss):
 
 @dataclass(frozen=True)
 class Brushwork:
-    """A sample of M strokes; row i of every tensor but the last is one stroke."""
+    """A sample of M strokes; in every tensor except the last, row i is one stroke."""
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
@@ -83,7 +83,7 @@ class Brushwork:
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """Measure the brushwork of a saved catalogue; ``option`` is the key that sets the path, for messages."""
+    """Measure the brushwork of a saved catalogue; ``option`` is the key of the path, for messages."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
     saved = load_catalogue(path, option)
@@ -95,12 +95,14 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 
 @torch.no_grad()
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
-    """Measure the brushwork of visible strokes on a canvas (H, W); UserError if they are fewer than `MIN_STROKES`."""
+    """Measure the brushwork of the visible strokes on a canvas (H, W); refuse (UserError) fewer than `MIN_STROKES`."""
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]
     if len(counted) < MIN_STROKES:
         cure = f"give a painting of {MIN_STROKES} strokes or more"
-        raise UserError(f"{len(counted)} of {len(strokes)} strokes can be seen, too few for a brushwork; {cure}")
+        raise UserError(
+            f"only {len(counted)} of {len(strokes)} strokes are visible, too few to measure brushwork; {cure}"
+        )
     shape = shape_of(counted)
     bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
     around = torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), ruler.neighbours_of(counted, shape)))
@@ -148,11 +150,11 @@ def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> 
 def with_brushwork(
     strokes: Strokes, reference: Brushwork, size: tuple[int, int], generator: torch.Generator
 ) -> Strokes:
-    """Give strokes, in place, colour and opacity, the lengths, widths, bends and directions of a reference.
+    """Give strokes the lengths, widths, bends and directions of a reference, keeping place, colour and opacity.
 
-    Each stroke gets those of one stroke of the reference, all of which are used equally often, as far as the numbers
-    allow. The larger ones go where ``strokes`` are larger. The direction is relative to the mean one of the neighbours;
-    a stroke bends to the side to which that direction turns along it.
+    Each stroke gets the shape of one reference stroke; all of them are used equally often, as far as the numbers allow.
+    Larger shapes go where ``strokes`` are larger. Directions are relative to the mean direction of the neighbours; a
+    stroke bends to the side to which that direction turns along it.
     """
     if not len(strokes):
         return strokes
@@ -173,7 +175,7 @@ def with_brushwork(
 
 
 def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
-    """Draw the row (N,) of the reference that each stroke is given."""
+    """Draw the row (N,) of the reference for each stroke."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)

@@ -1,4 +1,4 @@
-"""Curvature as a loss."""
+"""Penalise the curvature of strokes."""
 
 from torch import Tensor
 
@@ -11,7 +11,7 @@ from brushexp.system.precision import at_least_single
 
 @register("loss", "curvature")
 class Curvature(Loss):
-    """Mean curvature of the strokes: by how much each turns from end to end, in radians; 0 if all are straight.
+    """Mean total curvature of the strokes: the turn from end to end in radians; 0 if all are straight.
 
     Source: Kotovenko et al., 2021, arXiv:2103.17185, who penalise |(s - c) + (e - c)| / |e - s|. Differs: this is the
     total curvature that `task=analyse` reports (`strokes.measures.curvature_of`), twice the arc tangent of the source's

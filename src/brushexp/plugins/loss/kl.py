@@ -1,4 +1,4 @@
-"""Kullback-Leibler divergence of bends as a loss."""
+"""Kullback-Leibler divergence of the bends of strokes from those of valid strokes."""
 
 from torch import Tensor
 
@@ -12,12 +12,12 @@ SHRINK = 1e-3  # share of the prior's covariance that is mixed into the measured
 
 @register("loss", "kl")
 class KullbackLeibler(Loss):
-    """How far the bends of all strokes are from those of valid strokes (thesis 2020, eq. 6.26 to 6.37).
+    """Kullback-Leibler divergence of the strokes' bends from those of valid strokes (thesis 2020, eq. 6.26 to 6.37).
 
     The control point of each stroke, along and across s - e, from the middle between s and e, in units of |s - e|, has
     mean mu and covariance S over the strokes; the loss is KL(N(mu, S) || N(0, T)), T = diag(1/200, 1/25). Differs from
-    the source: S is (1 - 1/1000) of the measured covariance and 1/1000 of T, so that loss and gradient are finite for
-    one stroke or equal ones; the minimum stays at mu = 0 and S = T. The source's print has S and T exchanged.
+    the source: S is (1 - 1/1000) of the measured covariance plus 1/1000 of T, so that loss and gradient are finite for
+    a single stroke or equal strokes; the minimum stays at mu = 0 and S = T. The source prints S and T exchanged.
 
     Args:
         weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, with the default of

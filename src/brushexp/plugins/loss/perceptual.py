@@ -1,4 +1,4 @@
-"""The difference of features of a network as a loss."""
+"""Compare the features of a network."""
 
 import math
 from typing import Annotated
@@ -20,19 +20,19 @@ SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))  # (x, y) in pixels, modulo jitter + 1
 class Perceptual(Loss):
     """Perceptual loss (Johnson et al.): mean squared difference of the features of a network.
 
-    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16 and sums over the C channels of a tap, so that
-    it is C times as large. Differs besides: the default network is the bundled ``effl0``; several taps count alike;
-    and the picture is jittered, because a network with a stride of two pixels is blind to errors of that period (3
-    pixels of jitter alone gave 1.5 dB more PSNR, on two pictures).
+    Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16 and sums over the C channels of a tap, so it is
+    C times as large. Differs: the default network is the bundled ``effl0``; several taps have equal weight; and the
+    picture is jittered, because a network with a stride of two pixels is blind to errors of that period (3 pixels of
+    jitter alone gave 1.5 dB more PSNR on two pictures).
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
             ``mse`` for pictures of 256 pixels blurred by two (0.0009 to 0.0024, by picture and blur).
-        backbone: feature network: effl0, or vgg16, alexnet, squeeze (need ``weights``).
-        weights: file with the network's weights; null takes those of its package.
-        taps: activations to compare; null or [] takes the network's own choice, b3.expand or relu4_3.
-        jitter: largest shift of both pictures in pixels, 0 to 3. It goes through four fixed shifts at most, one per
-            call; set 0 for an optimiser with a line search, because the value depends on the call.
+        backbone: feature network: effl0, or vgg16, alexnet or squeeze, which need ``weights``.
+        weights: file with the network's weights; null uses those of its package.
+        taps: activations to compare; null or [] uses the network's own choice, b3.expand or relu4_3.
+        jitter: largest shift of both pictures in pixels, 0 to 3. Calls cycle through at most four fixed shifts; set 0
+            for an optimiser with a line search, because the value differs between calls.
     """
 
     weight = 0.0015
@@ -66,7 +66,7 @@ class Perceptual(Loss):
         return torch.stack(terms).mean() * (self._enlargement(view.image) / self._enlargement(view.whole_target))
 
     def _enlargement(self, picture: Tensor) -> float:
-        """Ratio of areas with and without the margin for the shifts."""
+        """Compute the ratio of areas with and without the margin for shifts."""
         return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:

@@ -1,4 +1,4 @@
-"""Structural similarity as a loss."""
+"""Compare pictures by structural similarity."""
 
 from torch import Tensor
 
@@ -12,8 +12,8 @@ class StructuralSimilarity(Loss):
     """1 - SSIM (structural similarity, Wang et al.): compares local means, contrasts and structures.
 
     Source: Wang et al., 2004, with their Gaussian window of 11 x 11 pixels. As in torchmetrics, the border is mirrored
-    and channels are averaged. Differs: on a side of n < 6 pixels the window has 2 n - 1, so that any picture has a
-    value, and the value is computed from the difference of the pictures, which is exact where they are alike.
+    and channels are averaged. Differs: on a side of n < 6 pixels the window has 2 n - 1 pixels, so that every picture
+    has a value; and it is computed from the difference of the pictures, which is exact where they are equal.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -22,7 +22,7 @@ class StructuralSimilarity(Loss):
 
     weight = 0.01
     cost = "3.1 x mse"
-    context = 2 * RADIUS  # all that the windows cover that touch a part of the canvas
+    context = 2 * RADIUS  # reach of the windows that touch a part of the canvas
 
     def forward(self, view: PaintedView) -> Tensor:
         mean, variance = self.of_target(view.target, statistics)

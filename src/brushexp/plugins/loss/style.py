@@ -1,4 +1,4 @@
-"""Neural style transfer as a loss: compare statistics of features with those of a style picture."""
+"""Transfer style by comparing statistics of features with those of a style picture."""
 
 import math
 from collections.abc import Callable
@@ -29,8 +29,8 @@ Embedding = Callable[[Tensor], Tensor]  # features (C, P) of P positions -> sum 
 def waves_for(sample: Tensor) -> Embedding:
     """Make random Fourier features (Rahimi and Recht, 2007) of the kernel exp(-|f - g|^2 / (2 s^2)).
 
-    The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of its features'
-    length. The seed is fixed: the waves are the same in every run.
+    The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of the features'
+    length. The seed is fixed, so the waves are the same in every run.
     """
     sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
     least = 1e-3 * sample.square().sum(0).mean().sqrt() + MIN_FEATURE_POWER
@@ -47,7 +47,7 @@ def waves_for(sample: Tensor) -> Embedding:
 
 
 class FeatureKernel(NamedTuple):
-    """A kernel of features (C, P): its embedding, from a sample of the style, and its sum k(f, f) over positions."""
+    """A kernel of features (C, P): its embedding, from a sample of the style, and the sum of k(f, f) over positions."""
 
     embedding: Callable[[Tensor], Embedding]
     power: Callable[[Tensor], Tensor] = lambda features: features.square().sum()
@@ -62,7 +62,7 @@ KERNELS = {
 
 
 class TapStyle(NamedTuple):
-    """The style in one activation: its mean embedding, and its mean k(f, f) as a unit."""
+    """The style at one tap: its mean embedding, and its mean k(f, f) as the unit."""
 
     kernel: str
     embed: Embedding
@@ -75,7 +75,7 @@ class TapStyle(NamedTuple):
         return torch.cat([total.new_full((1,), features.shape[1]), total])
 
     def discrepancy(self, sums: Tensor) -> Tensor:
-        """Return the squared difference of the mean embedding of a picture with these ``sums`` from the style's."""
+        """Return the squared distance between the mean embeddings of the style and of a picture with these ``sums``."""
         ours, theirs = sums[1:] / sums[0], self.mean
         if self.kernel == "meanstd":
             ours, theirs = (self._mean_and_deviation(moments) for moments in (ours, theirs))
@@ -88,35 +88,36 @@ class TapStyle(NamedTuple):
 
 @register("loss", "style")
 class Style(StyleLoss):
-    """Style loss (Gram matrices and other kernels, Gatys et al., Li et al.) against a style picture.
+    """Style loss against a style picture, by Gram matrices and other kernels (Gatys et al., Li et al.).
 
     For each tap, with E the mean over the positions of a picture, f a feature vector (C,) there and phi the embedding
-    of the kernel: |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), and the mean of it over the taps. This is the
-    squared maximum mean discrepancy (MMD) in units of the style's own kernel: 0 is the same style, 2 hardly ever
-    exceeded. A portrait and a painting of stars, in the same colours, are 0.08 (poly), 0.09 (gaussian), 0.16 (linear)
-    and 0.19 (meanstd) apart at 256 pixels.
+    of the kernel: |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), averaged over the taps. This is the squared
+    maximum mean discrepancy (MMD) in units of the style's own kernel: 0 for the same style, and hardly ever above 2. A
+    portrait and a painting of stars, in the same colours, are 0.08 (poly), 0.09 (gaussian), 0.16 (linear) and 0.19
+    (meanstd) apart at 256 pixels.
 
     Source: Gatys et al. (2016) for poly; Li et al. (2017), "Demystifying neural style transfer", arXiv:1701.01036, for
     the others (meanstd is their matching of batch norms' statistics); Rahimi and Recht (2007) for the random Fourier
     features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Differs from it: sums over positions are means,
     and the style's own magnitude replaces 1 / (4 N^2) and w_l, so that taps count alike.
 
-    Statistics are of the whole picture, also where a step looks at a part: the sums over the canvas as it was last
-    painted, less those of the part, plus those of the part now. They ignore the focus.
+    Statistics cover the whole picture even if a step looks at a part of it: they are the sums over the canvas as last
+    painted, minus the old sums of the part, plus its current sums. They ignore the focus.
 
     Args:
-        weight: factor in the sum of losses. Beside ``mse`` at its weight of 1 (``style.content=1``), 0.1 leaves a
-            photograph with a trace of the style, 1 a painting whose subject is plain, 10 one where it can be guessed.
-        image: the style picture, a path or a sample's name; null takes the target itself.
-        kernel: what is compared: poly (f f^T, the Gram matrix), linear (means of channels), gaussian (256 waves
-            sqrt(2/D) cos(W f + b), bandwidth: median distance of the style's positions) or meanstd (means and standard
-            deviations).
-        backbone: feature network: effl0, or vgg16 (needs ``weights``).
-        weights: file with the network's weights; null takes those of its package.
-        taps: activations to compare; null or [] takes stem, b0, b2 and b4 of effl0, relu1_1 to relu4_1 of VGG16.
-        scale: longer side of the style picture, in longer sides of the canvas: smaller makes its strokes finer. No side
-            may be shorter than the context of the network (32 pixels for effl0).
-        colors: style takes the style picture as it is; content gives it the colours of the target first.
+        weight: factor in the sum of losses. With ``mse`` at a weight of 1 (``style.content=1``), 0.1 gives a photograph
+            with a trace of the style, 1 a painting with a clear subject, 10 one whose subject can be guessed.
+        image: style picture, a path or the name of a sample; null uses the target itself.
+        kernel: statistics to compare: poly (f f^T, the Gram matrix), linear (means of channels), gaussian (256 waves
+            sqrt(2/D) cos(W f + b), with the median distance of the style's positions as bandwidth) or meanstd (means
+            and standard deviations).
+        backbone: feature network: effl0, or vgg16, which needs ``weights``.
+        weights: file with the network's weights; null uses those of its package.
+        taps: activations to compare; null or [] uses stem, b0, b2 and b4 of effl0, or relu1_1 to relu4_1 of VGG16.
+        scale: longer side of the style picture relative to that of the canvas; smaller values make its strokes finer.
+            No side may be shorter than the context of the network (32 pixels for effl0).
+        colors: source of the colours: style keeps those of the style picture, content first gives it those of the
+            target.
     """
 
     cost = "5.4 x mse"
@@ -196,12 +197,12 @@ class Style(StyleLoss):
 
     @torch.no_grad()
     def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
-        """Update the sums over the canvas, and subtract those over the part of the next steps."""
+        """Update the sums over the canvas and subtract those over the region of the next steps."""
         last = self._surroundings
         if last is None or last.picture is not around.picture or last.target is not around.target:
             self._canvas = around.picture.clone()
             whole = self._tiled_sums(styles, self._canvas)
-        else:  # only the part of the last steps has changed, and the present one, which `forward` adds
+        else:  # only the region of the last steps has changed; `forward` adds the current one
             core = last.core or last.region
             core.of(self._canvas).copy_(core.of(around.picture))
             changed = self._sums(styles, last.region.of(self._canvas))

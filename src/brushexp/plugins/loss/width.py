@@ -1,4 +1,4 @@
-"""The ratio of thickness and length as a loss."""
+"""Penalise strokes that are too thick for their length."""
 
 from torch import Tensor
 
@@ -10,12 +10,12 @@ from brushexp.system.precision import at_least_single
 
 @register("loss", "width")
 class Width(Loss):
-    """Mean of max(0, 1.4 w - |s - e|): strokes at least as long as valid ones of their width (thesis 2020, eq. 6.24).
+    """Mean of max(0, 1.4 w - |s - e|): keeps strokes as long as valid ones of their width (thesis 2020, eq. 6.24).
 
     Thickness and length are fractions of the window's side; ``start`` and ``end`` are in half-windows, so |s - e| is
-    half of their distance. Differs from the source, which asks for 2 w: the points of valid strokes (and not their
-    widths) are shrunk by ``prior.INSET`` = 0.7, so that no valid stroke is penalised. The slope of the length is 0
-    where the ends coincide.
+    half of their distance. Differs from the source, which uses 2 w: ``prior.INSET`` = 0.7 shrinks the points of valid
+    strokes but not their widths, so this loss penalises no valid stroke. The gradient of the length is 0 where the ends
+    coincide.
 
     Args:
         weight: factor in the sum of losses. Of 500 thick strokes, ``mse`` alone left a mean of 0.2, with the default of

@@ -1,1 +1,1 @@
-"""Metrics: a finished painting -> one number. Pick several: ``'metric=[psnr,ssim]'``."""
+"""Metrics: finished painting -> number. Pick several: ``'metric=[psnr,ssim]'``."""

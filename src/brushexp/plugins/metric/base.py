@@ -15,7 +15,7 @@ STANDARD = ("psnr", "psnr_focus", "ssim", "l1", "edges", "perceptual")  # chosen
 
 @dataclass(frozen=True)
 class Comparison:
-    """A finished painting beside its target."""
+    """A finished painting and its target."""
 
     image: Tensor  # (3, H, W) the painting as it is saved: display-referred RGB in [0, 1], in steps of 1/255
     target: Tensor  # (3, H, W) likewise
@@ -25,10 +25,10 @@ class Comparison:
 
 
 class Metric(ABC):
-    """Measures how good a finished painting is.
+    """Measures the quality of a finished painting.
 
-    Tables, plots and pages show it by its class attributes, after those of `STANDARD`; report.html explains it by the
-    first line of its docstring.
+    Its class attributes say how tables, plots and pages show it, after those of `STANDARD`; report.html explains it by
+    the first line of its docstring.
 
     >>> import torch
     >>> class Brightness(Metric):
@@ -52,7 +52,7 @@ class Metric(ABC):
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:
-        """Compute the number, best for two equal pictures; None if pictures of this kind have none."""
+        """Compute the metric, best for two equal pictures; None if it is undefined for these pictures."""
 
     @classmethod
     def facts(cls) -> dict[str, str]:

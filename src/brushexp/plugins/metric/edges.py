@@ -8,9 +8,9 @@ from brushexp.registry import register
 
 @register("metric", "edges")
 class EdgeError(Metric):
-    """Mean absolute difference (L1) of the differences between neighbouring pixels: how well edges are kept.
+    """Mean absolute error (L1) of the differences between neighbouring pixels, which shows how well edges are kept.
 
-    A picture of one pixel has none.
+    It is undefined for a picture of one pixel.
     """
 
     title = "error of edges"

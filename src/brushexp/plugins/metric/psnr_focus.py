@@ -1,4 +1,4 @@
-"""The peak signal-to-noise ratio where it matters."""
+"""The peak signal-to-noise ratio weighted by the focus."""
 
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.metric.base import Comparison, Metric
@@ -7,7 +7,7 @@ from brushexp.registry import register
 
 @register("metric", "psnr_focus")
 class FocusedSignalToNoise(Metric):
-    """PSNR of the mean squared error, weighted by the focus; left out without one."""
+    """PSNR with the squared error weighted by the focus; left out without a focus."""
 
     title, unit, digits = "PSNR in focus", "dB", 2
     higher_is_better = True

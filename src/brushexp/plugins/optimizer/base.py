@@ -20,12 +20,14 @@ class Optimizer(ABC):
     ('SGD', 0.25)
     """
 
-    units: Mapping[str, float]  # stroke field -> unit, see `strokes.catalogue.Catalogue`; what is missing or 0 stays
+    units: Mapping[
+        str, float
+    ]  # stroke field -> unit, see `strokes.catalogue.Catalogue`; fields missing or at 0 do not move
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
-        """Make the PyTorch optimiser of these parameters."""
+        """Make a PyTorch optimiser for these parameters."""
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Return the share of the full learning rate at the ``progress`` (0 to below 1) of a stage."""
+        """Return the share of the full learning rate at a ``progress`` of a stage, from 0 to below 1."""

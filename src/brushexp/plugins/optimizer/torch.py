@@ -1,4 +1,4 @@
-"""Any optimiser of torch.optim, or of the library pytorch-optimizer."""
+"""Use any optimiser of torch.optim or of the library pytorch-optimizer."""
 
 import importlib
 import inspect
@@ -14,7 +14,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
 
-# A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
+# A learning rate of 0.01, the thesis's, moves a control point by a hundredth of a half-window per step of Adam.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 UNITS |= {"softness": 0.0, "widening": 0.0, "drift": 0.0}
 LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # name -> module
@@ -22,21 +22,21 @@ LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  
 
 @register("optimizer", "torch")
 class TorchOptim(Optimizer):
-    """Any class of torch.optim by name, with a unit per field and a schedule; the presets name the usual ones.
+    """Any class of torch.optim by name, with a unit per field and a schedule; presets name the common ones.
 
-    The compiled blend has no second derivatives (for AdaHessian, SophiaH). A field of N strokes is a tensor (N, 2),
-    (N, 3) or (N,): set ``options`` so that classes with a matrix per side leave out the side of N.
+    The compiled blend has no second derivatives, which AdaHessian and SophiaH need. A field of N strokes is a tensor
+    (N, 2), (N, 3) or (N,); for classes with a matrix per side, set ``options`` that leave out the side of N.
 
     Args:
-        name: class in the library, e.g. Adam, NAdam, Adagrad.
-        library: torch, or pytorch_optimizer (an extra) with its SOAP, Kron, Adan and a hundred more.
-        lr: learning rate; see ``units`` for what it means to each field.
-        units: field -> unit. ``lr`` times the unit is about one step of Adam: half-windows for position and points,
-            fractions of the window for width and softness. 0 freezes a field.
-        schedule: constant, linear (to 0) or cosine (to 0), after ``hold``.
-        hold: fraction of the steps at the full rate before it falls; 1: it never falls.
-        warmup: fraction of the steps over which the rate first rises from 0.
-        options: further arguments of the class, e.g. ``{betas: [0.9, 0.99]}``.
+        name: name of a class in the library, such as Adam, NAdam or Adagrad.
+        library: library of the class: torch, or pytorch_optimizer (an extra) with SOAP, Kron, Adan and a hundred more.
+        lr: learning rate; ``units`` says what it means for each field.
+        units: unit of each field. ``lr`` times the unit is about one step of Adam, in half-windows for position and
+            points, and in fractions of the window for width and softness. 0 freezes a field.
+        schedule: schedule after ``hold``: constant, linear (to 0) or cosine (to 0).
+        hold: fraction of the steps at the full rate before it falls; at 1 it never falls.
+        warmup: fraction of the steps in which the rate first rises from 0.
+        options: further arguments of the class, such as ``{betas: [0.9, 0.99]}``.
     """
 
     def __init__(
@@ -55,14 +55,14 @@ class TorchOptim(Optimizer):
         self.name, self.library, self.options = name, library, options
         self.lr, self.units = lr, units
         self.schedule, self.hold, self.warmup = schedule, hold, warmup
-        self.over([nn.Parameter(torch.zeros(1))])  # refuses options that the class does not take
+        self.over([nn.Parameter(torch.zeros(1))])  # refuses options that the class does not accept
 
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
         try:
             optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
             cure = f"optimizer=torch optimizer.name={self.name} begins without any"
-            raise UserError(f"{error}; optimizer.options are {self.options}; {cure}") from error
+            raise UserError(f"{error}; with optimizer.options={self.options}; {cure}") from error
         if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
                 group.setdefault("step", 0)  # its count, which is missing before the first step
@@ -76,7 +76,7 @@ class TorchOptim(Optimizer):
 
 
 class Lbfgs(optim.LBFGS):
-    """L-BFGS of PyTorch, which keeps its first parameters, for other strokes and gradients that are views."""
+    """PyTorch's L-BFGS, adapted to changing parameters and to gradients that are views."""
 
     def step(self, closure: Any = None) -> Any:
         self._params = self.param_groups[0]["params"]
@@ -93,7 +93,7 @@ class Lbfgs(optim.LBFGS):
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """Find the class ``name`` of a library; refuse (UserError) options that the library would ignore."""
+    """Find a class by name in a library; refuse (UserError) options that the library would ignore."""
     try:
         module = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:
@@ -103,12 +103,12 @@ def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., 
     kinds.pop("Optimizer", None)  # the base class
     if name not in kinds:
         choices = ", ".join(sorted(kinds))
-        raise UserError(f"{LIBRARIES[library]} has no optimiser {name!r}; set optimizer.name to one of {choices}")
+        raise UserError(f"{LIBRARIES[library]} has no optimiser {name!r}; choose optimizer.name from {choices}")
     kind = kinds[name]
     if library == "pytorch_optimizer":  # it ignores other options
         parameters = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
         unknown = [key for key in options if key not in parameters]
         if unknown:
             choices = ", ".join(parameters)
-            raise UserError(f"optimizer.options has {unknown[0]!r}, which {name} does not take; it takes {choices}")
+            raise UserError(f"optimizer.options has {unknown[0]!r}, which {name} does not accept; it accepts {choices}")
     return Lbfgs if kind is optim.LBFGS else kind

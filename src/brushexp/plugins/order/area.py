@@ -1,4 +1,4 @@
-"""The order by size."""
+"""Order strokes by size."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -15,11 +15,11 @@ from brushexp.strokes.catalogue import Strokes
 @register("order", "area")
 @dataclass(kw_only=True)
 class Area(Order):
-    """Small strokes on top of large ones, as painters work from the general to the particular.
+    """Puts small strokes on top of large ones, as painters work from the general to the particular.
 
     Args:
-        every: steps between two computations, at least 1.
-        until: share of a stage's steps after which the order stays, 0 to 1.
+        every: number of steps between two computations, at least 1.
+        until: share of a stage's steps after which the order is fixed, 0 to 1.
     """
 
     every: Annotated[int, at_least(1)] = 50

@@ -11,10 +11,10 @@ RENEWED_SHARE = 0.5  # share of a stage's steps after which the order stays, by 
 
 
 class Order(ABC):
-    """Decides which stroke lies on top. Depth is no parameter: it is computed and has no gradient.
+    """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
 
-    After the share ``until`` of a stage's steps the order stays: strokes that change places late do not recover (up to
-    1.4 dB lost in a run of 60 steps).
+    After the share ``until`` of a stage's steps the order is fixed, because strokes that change places late do not
+    recover (a loss of up to 1.4 dB in a run of 60 steps).
 
     >>> class Brightest(Order):
     ...     every, until = 10, 0.5
@@ -24,9 +24,9 @@ class Order(ABC):
     ([0, 10, 20], True)
     """
 
-    every: int  # steps between two computations, as long as `due` allows any
+    every: int  # number of steps between two computations, while `due` allows any
     until: float = RENEWED_SHARE
-    needs_accuracy: bool = False  # whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass
+    needs_accuracy: bool = False  # whether ``depth`` uses ``accuracy``, which the blend then measures in the same pass
 
     @classmethod
     def facts(cls) -> dict[str, str]:
@@ -34,17 +34,17 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke: the higher lies on top; of two equal ones, the later.
+        """Compute the height (N,) of each stroke: the higher one lies on top; of equal ones, the later.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
-        stroke's own, hidden or not; None before the first step, or if it is not needed.
+        stroke's own, hidden or not. It is None before the first step or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Tell whether the depth is computed anew after ``done`` of a stage's ``steps``; always after none."""
+        """Tell whether to recompute the depth after ``done`` of a stage's ``steps``; always at the start."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
-    """Sort strokes by depth: indices (N,), the uppermost first; of two of equal depth the later."""
+    """Sort strokes by depth: indices (N,), uppermost first, and of equal depths the later first."""
     return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

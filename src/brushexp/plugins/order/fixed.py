@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("order", "fixed")
 class FixedOrder(Order):
-    """As the strokes come: the last one of the catalogue on top."""
+    """Keeps the order of the catalogue, its last stroke on top."""
 
     every = 2**31  # never again
 

@@ -1,1 +1,1 @@
-"""Painters: a picture -> strokes, state after state. Pick one: ``painter=gradient``."""
+"""Painters: target picture -> strokes, state by state. Pick one: ``painter=gradient``."""

@@ -15,13 +15,13 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintRequest:
-    """The order that a painter carries out."""
+    """The task given to a painter."""
 
     target: Tensor  # (3, H, W) in [0, 1], display-referred RGB
     n: int  # strokes that the painting may have, 1 to H * W
     background: Tensor  # (3,) colour of the bare canvas
-    draw: Callable[[Strokes], Tensor]  # strokes, the lowest first -> picture (3, H, W); differentiable in their fields
-    generator: torch.Generator  # everything random comes from it
+    draw: Callable[[Strokes], Tensor]  # strokes, bottom first -> picture (3, H, W), differentiable in their fields
+    generator: torch.Generator  # source of all randomness
 
     @property
     def size(self) -> tuple[int, int]:
@@ -35,24 +35,24 @@ class PaintRequest:
 
 
 class PaintState:
-    """The strokes so far, the lowest first, after ``step`` of ``steps`` (of strokes, or iterations).
+    """The strokes so far, bottom first, after ``step`` of ``steps`` (strokes or iterations).
 
-    ``steps`` may change on the way; in the last state it is ``step``.
+    ``steps`` may change on the way; in the last state it equals ``step``.
     """
 
     def __init__(self, strokes: Strokes, step: int, steps: int) -> None:
         self.strokes, self.step, self.steps = strokes, step, steps
 
     def to(self, device: Any) -> PaintState:
-        """Move the strokes to a device, as Lightning does with every batch."""
+        """Move the strokes to a device, as Lightning does with batches."""
         return PaintState(self.strokes.map(lambda value: value.to(device)), self.step, self.steps)
 
 
 class Painter(ABC):
-    """Paints a picture, from the bare canvas to the last stroke.
+    """Paints a picture from the bare canvas to the last stroke.
 
-    The program shows, films, measures and saves its states, and ends the run only between two of them (by Ctrl-C,
-    ``seconds=``, ``psnr=`` or a signal). So yield a state every few hundredths of the work.
+    The program shows, films, measures and saves its states, and can end the run only between two states (for Ctrl-C,
+    ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> class Careless(Painter):
@@ -65,9 +65,9 @@ class Painter(ABC):
     [1, 2, 3, 4]
     """
 
-    kind: ClassVar[str] = "not stated"  # how it decides, in two or three words
-    author: ClassVar[str] = ""  # of the paper or program that it re-implements, whom the leaderboard names
-    differentiates: ClassVar[bool] = False  # whether it asks for gradients of pictures; what computes them is compiled
+    kind: ClassVar[str] = "not stated"  # method in two or three words
+    author: ClassVar[str] = ""  # authors of the re-implemented paper or program, named in the leaderboard
+    differentiates: ClassVar[bool] = False  # whether it uses gradients of pictures, whose code is then compiled
 
     @classmethod
     def facts(cls) -> dict[str, str]:
@@ -75,4 +75,4 @@ class Painter(ABC):
 
     @abstractmethod
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
-        """Paint, with ``request.n`` strokes at most, all of them within the ranges of ``FIELDS``."""
+        """Paint with at most ``request.n`` strokes within the ranges of ``FIELDS``."""

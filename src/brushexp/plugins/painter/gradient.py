@@ -1,14 +1,14 @@
-"""Painting by gradient descent."""
+"""Paint by gradient descent."""
 
 from brushexp.registry import register
 
 
 @register("painter", "gradient")
 class GradientDescent:
-    """Move all strokes at once by gradient descent from where ``init`` puts them.
+    """Moves all strokes at once by gradient descent, starting from ``init``.
 
     Source: Heimbrecht, 2020 (master thesis, Heidelberg), chapter 6. Only this painter reads the keys ``init``,
-    ``loss``, ``order``, ``density``, ``sampler``, ``optimizer`` and ``steps``. It is no `Painter`.
+    ``loss``, ``order``, ``density``, ``sampler``, ``optimizer`` and ``steps``. It is not a `Painter`.
     """
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The contract of palettes, which give the picture the colours in which it is painted."""
+"""The contract of palettes, which choose the colours of the painting."""
 
 from abc import ABC, abstractmethod
 
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 class Palette(ABC):
-    """Maps the picture to the target of the painting, as a painter translates what he sees into his paints.
+    """Maps the colours of the picture to those of the target, as a painter translates a scene into paint.
 
     >>> import torch
     >>> class Grey(Palette):
@@ -18,4 +18,4 @@ class Palette(ABC):
 
     @abstractmethod
     def __call__(self, picture: Tensor) -> Tensor:
-        """Map a picture (3, H, W) in [0, 1], display-referred RGB, to the target, of the same kind."""
+        """Map a picture (3, H, W), display-referred RGB in [0, 1], to a target of the same kind."""

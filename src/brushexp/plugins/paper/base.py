@@ -1,4 +1,4 @@
-"""The contract of papers, on which a painting lies."""
+"""The contract of papers and canvases."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of a canvas: ``count`` from row ``top`` on, of a canvas of ``size`` (H, W) in pixels."""
+    """A band of ``count`` rows from row ``top`` of a canvas of ``size`` (H, W) in pixels."""
 
     top: int
     count: int
@@ -18,7 +18,7 @@ class Rows:
 
     @property
     def places(self) -> tuple[Tensor, Tensor]:
-        """Middles of the pixels, x and y (count, W), float64, in longer sides of the canvas."""
+        """Centres of the pixels, x and y (count, W), float64, in longer sides of the canvas."""
         side = max(self.size)
         y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
         x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
@@ -26,15 +26,15 @@ class Rows:
         return x, y
 
     def widened(self, margin: int) -> "Rows":
-        """Add up to ``margin`` rows above and below, as far as there are such."""
+        """Add up to ``margin`` rows above and below, as far as the canvas reaches."""
         first, after = max(self.top - margin, 0), min(self.top + self.count + margin, self.size[0])
         return Rows(first, after - first, self.size)
 
 
 class Paper(ABC):
-    """Lies below the strokes: paint skips some of it, and its relief takes the light.
+    """The surface below the strokes: paint skips parts of it, and its relief catches the light.
 
-    It is the same at any size of the picture and in any band of rows.
+    It is the same at every size of the picture and in every band of rows.
 
     >>> class Striped(Paper):
     ...     def cover(self, flat, bare, rows):
@@ -45,17 +45,17 @@ class Paper(ABC):
     [0.0, 1.0, 0.0, 1.0]
     """
 
-    is_smooth: ClassVar[bool] = False  # whether strokes lie on it as they were painted
+    is_smooth: ClassVar[bool] = False  # whether strokes on it look as painted
 
     def margin(self, size: tuple[int, int]) -> int:
-        """Return how many rows above and below those that are asked for a canvas of ``size`` (H, W) needs."""
+        """Return the number of extra rows needed above and below a band on a canvas of ``size`` (H, W)."""
         return 0
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Map strokes that were laid on a smooth ground of the colour ``bare`` (3,) to how they lie on the paper.
+        """Map strokes painted on a smooth ground of colour ``bare`` (3,) to their look on the paper.
 
-        Pictures (3, h, W) in [0, 1] are of ``rows``; differentiable in both colours.
+        Pictures (3, h, W) in [0, 1] cover ``rows``; the result is differentiable in both colours.
         """
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""A smooth ground, which strokes cover everywhere."""
+"""A smooth ground that strokes cover everywhere."""
 
 import torch
 from torch import Tensor
@@ -9,7 +9,7 @@ from brushexp.registry import register
 
 @register("paper", "smooth")
 class Smooth(Paper):
-    """No paper: a smooth ground, on which strokes lie as they were painted."""
+    """No paper: a smooth ground on which strokes look as painted."""
 
     is_smooth = True
 

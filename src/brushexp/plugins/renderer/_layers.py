@@ -1,4 +1,4 @@
-"""Layers of networks that draw strokes: convolutions that are told coordinates, and noise."""
+"""Layers for networks that draw strokes: convolutions with coordinates, and noise."""
 
 import torch
 from torch import Tensor, nn
@@ -7,15 +7,15 @@ NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in pain
 
 
 class CoordConv(nn.Module):
-    """Convolution (3 x 3) that is told the coordinates of its pixels (Liu et al., 2018, arXiv:1807.03247).
+    """3 x 3 convolution with the coordinates of its pixels as extra input (Liu et al., 2018, arXiv:1807.03247).
 
-    Differs from the source: coordinates have a convolution of 1 x 1 pixel of their own, whose result is added, so that
-    planes that all strokes share, (1, planes, H, W), are convolved once.
+    Differs from the source: coordinates have a separate 1 x 1 convolution whose result is added, so that planes shared
+    by all strokes, (1, planes, H, W), are convolved only once.
 
     Args:
-        before: channels that come in.
-        after: channels that go out.
-        planes: planes of coordinates, such as the 2 of `window_planes`; 0 makes a plain convolution.
+        before: number of input channels.
+        after: number of output channels.
+        planes: number of coordinate planes, such as the 2 of `window_planes`; 0 makes a plain convolution.
 
     >>> layer = CoordConv(8, 16, planes=2)
     >>> layer(torch.zeros(5, 8, 32, 32), window_planes(32)).shape
@@ -28,21 +28,21 @@ class CoordConv(nn.Module):
         self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
 
     def forward(self, x: Tensor, planes: Tensor | None = None) -> Tensor:
-        """Convolve (n, before, H, W), told ``planes`` (n or 1, planes, H, W): (n, after, H, W)."""
+        """Convolve (n, before, H, W) with coordinate ``planes`` (n or 1, planes, H, W) to (n, after, H, W)."""
         x = self.convolution(x)
         return x if self.coordinates is None or planes is None else x + self.coordinates(planes)
 
 
 class Noise(nn.Module):
-    """Adds one plane of noise, times a strength that is learnt per channel (Karras et al., 2019, arXiv:1812.04948).
+    """Adds one plane of noise times a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
-    In training the noise is fresh; otherwise it is the same for every stroke and every call. Differs from the source in
-    the strength at first, which there is 0.
+    In training the noise is fresh; otherwise it is the same for every stroke and call. Differs from the source in the
+    initial strength, which is 0 there.
 
     Args:
-        channels: of what it is added to.
-        side: pixels on the side of what it is added to.
-        strength: at first; at 1 the noise is about as strong as a normalised signal.
+        channels: number of channels of the input.
+        side: side of the input in pixels.
+        strength: initial strength; at 1 the noise is about as strong as a normalised signal.
 
     >>> layer = Noise(16, side=32).eval()
     >>> x = torch.zeros(5, 16, 32, 32)
@@ -62,18 +62,18 @@ class Noise(nn.Module):
 
 
 def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
-    """Add to (n, C, H, W) the ``strength`` (C,) times a plane of noise; ``grain`` (1, 1, H, W), or fresh if None."""
+    """Add ``strength`` (C,) times a plane of noise to (n, C, H, W): ``grain`` (1, 1, H, W), or fresh noise if None."""
     grain = torch.randn_like(x[:, :1]) if grain is None else grain
     return x + strength[:, None, None] * grain
 
 
 def fixed_grain(side: int) -> Tensor:
-    """Draw the noise (1, 1, side, side) that is the same in every painting."""
+    """Draw the fixed noise (1, 1, side, side) of all paintings."""
     return torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
 
 
 def window_planes(side: int, like: Tensor | None = None) -> Tensor:
-    """Compute x and y of pixels of a window, (1, 2, side, side), from -1 to 1, of the dtype and device of ``like``."""
+    """Compute x and y, from -1 to 1, of the pixels of a window: (1, 2, side, side), dtype and device as ``like``."""
     like = torch.empty(0) if like is None else like
     line = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) * (2 / side) - 1
     return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]

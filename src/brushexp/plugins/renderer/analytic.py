@@ -1,4 +1,4 @@
-"""The closed-form stroke: needs no training and is drawn by the compiled kernels."""
+"""Closed-form strokes that need no training and are drawn by compiled kernels."""
 
 from typing import Annotated
 
@@ -15,13 +15,13 @@ from brushexp.strokes.catalogue import Strokes
 class Analytic(Renderer):
     """Quadratic Bezier stroke with round ends and a soft edge.
 
-    It draws ``softness``, ``widening`` and ``drift`` of strokes, which move if ``optimizer.units`` says so, as in
+    It draws the ``softness``, ``widening`` and ``drift`` of strokes, which move if ``optimizer.units`` says so, as with
     ``look=plain``.
 
     Args:
-        soft: width of the edge in pixels of the picture, to which the softness of a stroke is added; wider gives
-            smoother gradients and a softer picture.
-        taper: how much thinner the two ends are than the middle, 0 (not at all) to 1 (pointed).
+        soft: width of the edge in pixels of the picture, added to each stroke's own softness; wider edges give smoother
+            gradients and a softer picture.
+        taper: thinning of the two ends relative to the middle, 0 (none) to 1 (pointed).
     """
 
     cost, weights, strokes = "1", "none", "all"

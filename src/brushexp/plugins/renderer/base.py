@@ -1,4 +1,4 @@
-"""The contract of renderers, which say what each stroke covers (`Layers`)."""
+"""The contract of renderers, which compute what each stroke covers (`Layers`)."""
 
 import time
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, stro
 from brushexp.system.checkpoint import CheckpointFormat
 from brushexp.system.words import table_of_words
 
-LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
+LEAST_ALPHA = 2 / 255  # in painting, alpha of a network below this counts as 0
 TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
 SAMPLE_STROKES = 16  # strokes whose drawing is measured
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
@@ -32,12 +32,12 @@ PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weight
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
-    """Bound how far (N,), in pixels, strokes paint from their curves; ``edge`` is that of their renderer."""
+    """Bound the distance (N,) in pixels that strokes paint from their curves; ``edge`` is their renderer's."""
     return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
 def weight_folders() -> list[Path]:
-    """List the folders of weights that ship: ``weights`` beside the file of any renderer, of other packages too."""
+    """List the folders of shipped weights: ``weights`` beside the file of each renderer, also in packages."""
     files = [__file__, *(found.origin for plugin in plugins("renderer") if (found := find_spec(plugin.module)))]
     return list(dict.fromkeys(Path(file).parent / "weights" for file in files if file))
 
@@ -53,10 +53,10 @@ RENDERERS = CheckpointFormat(
 
 
 class Renderer(nn.Module, ABC):
-    """Turns stroke parameters into layers: a subclass defines `forward`, and overrides others where it needs to.
+    """Turns stroke parameters into layers; a subclass defines `forward` and overrides other methods as needed.
 
-    A renderer that is trained has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
-    ``tests/dabs.py`` has one with layers and a compiled kernel of its own.
+    A trained renderer has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
+    ``tests/dabs.py`` has a renderer with its own layers and compiled kernel.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -66,19 +66,19 @@ class Renderer(nn.Module, ABC):
     (torch.Size([1, 2, 5]), torch.Size([1, 2, 1, 3]))
     """
 
-    cost: ClassVar[str] = "not measured"  # time of a step, that of ``analytic`` being 1, at 512 px and 2,621 strokes
+    cost: ClassVar[str] = "not measured"  # time of a step relative to ``analytic``, at 512 px and 2,621 strokes
     weights: ClassVar[str] = "none"  # what has to be trained
     strokes: ClassVar[str] = "all"  # strokes that it can draw
-    warm_up: str | None = None  # a slow renderer names the one that had better take most of the steps of a painting
+    warm_up: str | None = None  # renderer that should take most of the steps of a painting in place of a slow one
     weights_hash: str = ""  # hash of the trained weights; "" without any
-    edge: float = SOFT_EDGE  # pixels beyond ``PAINT_REACH`` half widths, and softness, where a stroke may still paint
-    at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
+    edge: float = SOFT_EDGE  # pixels that a stroke may paint beyond ``PAINT_REACH`` half widths and softness
+    at_once: int | None = None  # most strokes whose layers to hold at once; None if they are small
 
     def restore(self, checkpoint: str | None, **options: Any) -> None:
-        """Load the trained weights of a checkpoint; None keeps those that the renderer was made with.
+        """Load the trained weights of a checkpoint; None keeps the initial weights.
 
-        ``options`` are those that the weights depend on. A checkpoint that was trained with others is refused
-        (UserError); an option that is None is not compared.
+        The weights depend on ``options``. A checkpoint trained with other options is refused (UserError); an option of
+        None is not compared.
         """
         plugin = plugin_of_class(type(self))
         name = type(self).__name__ if plugin is None else plugin.name
@@ -94,36 +94,36 @@ class Renderer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, strokes: Strokes) -> Layers:
-        """Make layers of N strokes on the canvas that they are measured on; differentiable in every field.
+        """Make the layers of N strokes, in pixels of the canvas, differentiably in every field.
 
-        A renderer with several looks chooses by ``strokes.brush``, so that a stroke keeps its look.
+        A renderer with several textures chooses by ``strokes.brush``, so that a stroke keeps its texture.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
-        """Bring strokes to the nearest ones that this renderer can draw; the painter does so after every step."""
+        """Clamp strokes to the nearest ones that this renderer can draw; painters call it after every step."""
         return strokes
 
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Read parameters directly off strokes of a simulator; this is called once, before training.
+        """Read parameters directly from strokes of a simulator; called once, before training.
 
-        ``simulate`` paints strokes (n, 10), large enough to see details, as the simulator paints those of a data set
-        that begins with the given number: this decides the brushes.
+        ``simulate`` paints strokes (n, 10) large enough to show details. Its second argument is the number of the first
+        stroke in the data set, which decides the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Change strokes of another renderer into those that this one draws best, once, before the steps."""
+        """Convert strokes of another renderer to those that this one draws best; called once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """Bound the rows (N, 2), first and last, in pixels, that each stroke may touch; None for no bound.
+        """Bound the pixel rows (N, 2), first and last, that each stroke may touch; None for no bound.
 
-        A picture that is too large for one piece is drawn in bands of rows, each with these strokes only.
+        Pictures too large for one pass are drawn in bands of rows, each with the strokes that touch it.
         """
         return None
 
 
 class PatchRenderer(Renderer):
-    """Draws the window of every stroke with a network: a subclass says `draw` and ``window``, S in pixels."""
+    """Draws the window of every stroke with a network; a subclass defines `draw` and ``window``, S in pixels."""
 
     cost = "high: a network draws every stroke"
     weights = "trained"
@@ -131,20 +131,20 @@ class PatchRenderer(Renderer):
     warm_up = "textured"
     window: int
     precision: str = "float32"
-    project: bool = True  # bring strokes into the range of training
+    project: bool = True  # whether to clamp strokes to the range of training
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
-        """Draw pictures (n, 4, S, S) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+        """Draw pictures (n, 4, S, S) of strokes (n, 10) in the format of `strokes.prior.parameters_of`.
 
-        These are RGBA in [0, 1], straight alpha, opaque where there is paint: the opacity of a stroke is applied later.
+        They are RGBA in [0, 1] with straight alpha, opaque where there is paint; stroke opacity is applied later.
         """
 
     def forward(self, strokes: Strokes) -> Windows:
-        """Draw the windows; with ``project`` strokes outside the range of training come to its edge first."""
+        """Draw the windows; with ``project``, strokes outside the range of training are clamped to it first."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
-        if not self.training and torch.is_grad_enabled():  # pictures are kept, activations are computed again
+        if not self.training and torch.is_grad_enabled():  # keeps pictures and recomputes activations
             draw = partial(checkpoint, self._clean, use_reentrant=False)
         parts = parameters.to(next(self.parameters(), parameters).dtype).split(CHUNK) if len(strokes) else ()
         none = parameters.new_zeros(0, 4, self.window, self.window)
@@ -152,14 +152,14 @@ class PatchRenderer(Renderer):
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
-        """Draw without the faintest traces: a network leaves some everywhere, and each costs time."""
+        """Draw without the faint traces that a network leaves everywhere, each of which costs time."""
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     def seconds_per_stroke(self) -> float:
-        """Measure on a few strokes how long it takes to draw one with its gradient."""
+        """Measure the time to draw a stroke with its gradient, on a few strokes."""
         parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
         self.eval()  # as it paints
         for _ in range(2):  # the first one has what is done once
@@ -185,9 +185,9 @@ class PatchRenderer(Renderer):
 
 
 def check_trained(renderer: Renderer, choice: str) -> None:
-    """Raise a UserError if a renderer that draws nothing of use without trained weights has none; ``choice`` is typed.
+    """Refuse (UserError) a renderer that needs trained weights and has none; ``choice`` is its typed name.
 
-    A member of the family says in ``weights`` that it has to be trained.
+    The attribute ``weights`` of a renderer says whether it has to be trained.
     """
     trainable = any(True for _ in renderer.parameters())
     if renderer.weights == Renderer.weights or renderer.weights_hash or not trainable:
@@ -196,14 +196,14 @@ def check_trained(renderer: Renderer, choice: str) -> None:
     name = choice if plugin is None else plugin.name
     cure = f"train it: brushexp {RENDERERS.task} renderer={choice} output=outputs/{choice}"
     file = f"renderer.checkpoint=outputs/{choice}/{name}.safetensors"
-    raise UserError(f"renderer={choice} has no trained weights here, and would draw noise; {cure}, then add {file}")
+    raise UserError(f"renderer={choice} has no trained weights and would draw noise; {cure}, then add {file}")
 
 
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
-    """Draw strokes (n, 10) alone in their windows: (n, 4, side, side), RGBA, straight alpha.
+    """Draw each stroke (n, 10) alone in its window: (n, 4, side, side), RGBA with straight alpha.
 
-    This is what renderers are trained on and compared by. Parameters are as `strokes.prior.parameters_of` writes them;
-    ``brush`` (n,) is that of `Strokes`.
+    Renderers are trained and compared on such pictures. Parameters have the format of `strokes.prior.parameters_of`;
+    ``brush`` (n,) is as in `Strokes`.
     """
     strokes = strokes_of(parameters)
     strokes = replace(strokes, position=strokes.position + 0.5 * side, scale=torch.full_like(strokes.scale, side))

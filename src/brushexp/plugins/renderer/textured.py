@@ -1,4 +1,4 @@
-"""Draw strokes with the look of a bristle brush, by textures along and across the stroke in compiled kernels."""
+"""Draw bristle strokes by looking up textures along and across the stroke in compiled kernels."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -38,23 +38,23 @@ NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weig
 class Textured(Renderer):
     """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
 
-    There are several textures: a stroke's brush decides which variant it has and whether it is turned over, always the
-    same way. A texture does not stretch with the stroke: beginning and end are as long as the stroke is thick, and
-    between them a longer stroke has more of the piece that repeats. One that would be finer than the pixels is looked
-    up in a smaller size, so that small strokes neither flicker nor have wild gradients. A stroke thinner than a pixel
-    fades.
+    A stroke's brush decides which of several textures it has and whether the texture is flipped. Textures do not
+    stretch with the stroke: start and end are as long as the stroke is thick, and between them a longer stroke repeats
+    the middle more often. A texture finer than the pixels is looked up at a smaller size, so that small strokes neither
+    flicker nor have wild gradients. A stroke thinner than a pixel fades.
 
-    The colour varies along bristles, but holds no light: that comes from the height of the finished paint, which the
-    textures have besides (`shading`). In painting (frozen weights) they are kept in 8 bits.
+    The colour varies between bristles but contains no light, which comes from the height of the finished paint, also
+    stored in the textures (`shading`). In painting (with frozen weights) textures are kept in 8 bits.
 
     Args:
-        variants: how many different textures.
-        rows: texels across, to ``SPREAD`` half widths on either side.
-        columns: texels along, ``LONG`` times as long, beyond the ends too.
-        tone: strength of paler and darker bristles, over that of the textures.
-        fullness: how full of paint the brush is: it covers as so many strokes do, and gaps between bristles close.
+        variants: number of different textures.
+        rows: number of texels across, up to ``SPREAD`` half widths on either side.
+        columns: number of texels along, ``LONG`` times as many, including those beyond the ends.
+        tone: contrast between paler and darker bristles, relative to that of the textures.
+        fullness: amount of paint on the brush, as a number of equal strokes on top of each other; it closes gaps
+            between bristles.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
-            bristles drawn at random.
+            random bristles.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Textured(Renderer):
         super().__init__()
         if 2 * columns <= rows:
             cure = f"set renderer.columns={32 * (rows // 64 + 1)} or more"
-            raise UserError(f"renderer.columns={columns} leaves no room for a stroke of renderer.rows={rows}; {cure}")
+            raise UserError(f"renderer.columns={columns} is too small for renderer.rows={rows}; {cure}")
         self.variants, self.tone, self.fullness = variants, tone, fullness
         self.loop = Loop(3 * columns // 8, 3 * columns // 8)
         self.textures = nn.Parameter(random_bristles(variants, rows, columns))
@@ -93,11 +93,11 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Number of sizes of a texture, in all of which each of its pieces has whole columns."""
+        """Number of sizes of a texture in which each of its pieces has whole columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Count the loops of each stroke (N,) that keep its texels about as long as they should be."""
+        """Count the loops (N,) of each stroke that keep texels at about their natural length."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -108,7 +108,7 @@ class Textured(Renderer):
 
     @torch.no_grad()
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Read the textures off straight strokes, each painted with another brush."""
+        """Read the textures from straight strokes, each painted with another brush."""
         rows, columns = self.textures.shape[2:]
         long = columns + columns // 2
         width = STRETCH * rows / (2 * SPREAD * TEXEL_ASPECT) / (0.5 * long - cap_of(rows))  # in sides of the window
@@ -137,14 +137,14 @@ def _round_sheets(
     values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, tone: float, fullness: float,
     loop: Loop, levels: int,
 ) -> Sheets:  # fmt: skip
-    """Make frozen textures in 8 bits, which takes as long as a step."""
+    """Round frozen textures to 8 bits, which takes as long as a step."""
     with torch.inference_mode(False), torch.no_grad():
         textures = torch.frombuffer(bytearray(values), dtype=dtype).view(shape).to(device)
         return _sheets_of(textures, tone, fullness, loop, levels, rounded=True)
 
 
 def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
-    """Make all sizes, from twice their own down, of textures (V, 3, rows, columns) before sigmoid, tanh, sigmoid."""
+    """Make all sizes, from double size down, of textures (V, 3, rows, columns) before sigmoid, tanh and sigmoid."""
     opacity, tones, height = textures.unbind(1)
     covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
     values = torch.stack([covering, tone * tones.tanh(), height.sigmoid()], dim=1)
@@ -153,9 +153,9 @@ def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, level
 
 
 def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Tensor:
-    """Sample texels (C, rows, columns) of a straight stroke, ``width`` windows thick, in pictures (C, S, S).
+    """Sample texels (C, rows, columns) from pictures (C, S, S) of a straight stroke ``width`` windows thick.
 
-    It goes from (-STRETCH, 0) to (STRETCH, 0) half-windows.
+    The stroke goes from (-STRETCH, 0) to (STRETCH, 0) half-windows.
     """
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
     x = STRETCH * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
@@ -167,7 +167,7 @@ def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Te
 
 
 def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
-    """Join the beginning of a long stroke (C, rows, .) and its steady end, which holds the ``loop``."""
+    """Join the beginning of a long stroke (C, rows, .) and its steady end, which contains the ``loop``."""
     result = close_loop(texels[..., -columns:], loop)
     part = torch.cat([torch.zeros(loop.begin // 2), torch.linspace(0, 1, loop.begin - loop.begin // 2)])
     result[..., : loop.begin] = torch.lerp(texels[..., : loop.begin], result[..., : loop.begin], part)
@@ -175,10 +175,10 @@ def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
 
 
 def close_loop(texels: Tensor, loop: Loop) -> Tensor:
-    """Make the ``loop`` of texels (..., columns) follow itself, and the end follow the beginning, without a seam.
+    """Make the ``loop`` of texels (..., columns) repeat, and the end follow the beginning, without a seam.
 
-    The second half of the loop goes over into what comes before it, what comes after it begins as the loop does. (The
-    beginning of a loop must be as long as half of it, the end as the rest.)
+    The second half of the loop fades into the texels before it, and the texels after it begin like the loop. (The
+    beginning must be as long as half of the loop, the end as long as the rest.)
     """
     result, half = texels.clone(), loop.length // 2
     after = loop.begin + loop.length
@@ -195,9 +195,9 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 
 
 def weights_of_texels(texels: Tensor) -> Tensor:
-    """Turn coverage and height (2, rows, columns) into weights (3, rows, columns) before sigmoid, tanh, sigmoid.
+    """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) before sigmoid, tanh and sigmoid.
 
-    Where there is more paint than around it, bristles hold more pigment and are paler; where there is less, darker.
+    Where there is more paint than nearby, bristles hold more pigment and are paler; where there is less, darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
     coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
@@ -213,11 +213,11 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 
 
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
-    """Double textures (V, 3, rows, columns) of opacity, tone and height in size, and add detail that is twice as fine.
+    """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add detail twice as fine.
 
-    What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
-    is looked at more closely has finer hairs. It is no detail of the stroke that was simulated. The mean of four of
-    the new texels is about the old one. Heights stay smooth: the slopes of a painting do not depend on its size.
+    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a brush
+    seen from closer has finer hairs. This detail was not simulated. The mean of four new texels is about the old one.
+    Heights stay smooth, so that the slopes of a painting do not depend on its size.
     """
     rows, columns = textures.shape[2:]
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
@@ -235,7 +235,7 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
 
 
 def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
-    """Draw the same weights (variants, 3, rows, columns), before sigmoid, tanh and sigmoid, every time."""
+    """Draw fixed random weights (variants, 3, rows, columns) before sigmoid, tanh and sigmoid."""
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
     waver = torch.randn(variants, rows, 8, generator=generator)  # what changes along a bristle

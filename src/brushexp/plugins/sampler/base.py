@@ -13,11 +13,11 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class View:
-    """The batch of a painting: the place and the strokes that a step looks at.
+    """The batch of a painting: the region and the strokes of a step.
 
-    ``region`` is the part of the canvas that the step renders and compares; all of it if ``active`` is None. The step
-    moves the strokes number ``active`` (A,), int64, or all for None, draws those number ``ring`` (R,) as well, and
-    looks at the whole canvas at half its size if it is ``coarse``.
+    ``region`` is the part of the canvas that the step renders and compares, the whole canvas if ``active`` is None. The
+    step moves the strokes ``active`` (A,), int64, or all for None, also draws the strokes ``ring`` (R,), and looks at
+    the whole canvas at half its size if it is ``coarse``.
     """
 
     def __init__(
@@ -26,13 +26,13 @@ class View:
         self.region, self.active, self.ring, self.coarse = region, active, ring, coarse
 
     def to(self, device: Any) -> View:
-        """Move the numbers to a device, as Lightning does with every batch."""
+        """Move the indices to a device, as Lightning does with batches."""
         active, ring = (None if numbers is None else numbers.to(device) for numbers in (self.active, self.ring))
         return View(self.region, active, ring, coarse=self.coarse)
 
 
 class Sampler(ABC):
-    """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares.
+    """Decides which strokes a gradient step moves and which part of the canvas it renders and compares.
 
     >>> class UpperHalf(Sampler):
     ...     cost, moves = "half", "those of the upper half"
@@ -55,13 +55,13 @@ class Sampler(ABC):
 
     @abstractmethod
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
-        """Choose where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
+        """Choose the view of ``step`` (from 0) on a canvas of ``size`` (H, W); the region lies inside the canvas.
 
-        ``strokes`` have no gradient; ``generator`` is that of everything random.
+        ``strokes`` have no gradient; all randomness comes from ``generator``.
         """
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
-        """Count the steps that move each of the strokes about once, on a canvas of ``size`` (H, W)."""
+        """Count the steps needed to move each stroke about once on a canvas of ``size`` (H, W)."""
         return 1
 
     def state_dict(self) -> dict[str, Any]:
@@ -69,4 +69,4 @@ class Sampler(ABC):
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
-        """Take over what `state_dict` gave."""
+        """Load the result of `state_dict`."""

@@ -1,4 +1,4 @@
-"""The whole canvas at every step."""
+"""Look at the whole canvas in every step."""
 
 import torch
 
@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("sampler", "whole")
 class Whole(Sampler):
-    """The whole canvas and all strokes at every step."""
+    """Looks at the whole canvas and moves all strokes in every step."""
 
     cost, moves = "1", "all strokes"
 
