@@ -1,11 +1,11 @@
 """At which scale are strokes found best, and which criterion would choose it? Known paintings at wrong resolutions.
 
-    python benchmarks/recovery_scale.py scales.csv --kinds impasto scanned daubs textured --repeats 3
+    python benchmarks/recovery_scale.py scales.csv
 
-Paints each kind ``--repeats`` times, enlarges or reduces the picture by each of ``--sizes``, and recovers its strokes
-at each scale of ``--ladder``. The file gets a line per painting, size and scale: F1, and what a criterion may look at
-that does not know the truth. Lines that are there are kept, so that a run that was cut short goes on. At the end it
-prints, per criterion, how often the chosen scale lies within 1.4 times the best one, and F1 there.
+Paints the `PAINTINGS`, enlarges or reduces each, and recovers its strokes at the scales that bring it to each of
+`SIDES`, and at the scale that `recover` takes. The file gets a line per painting and scale: F1, and what a criterion
+may look at that does not know the truth. Lines that are there are kept, so that a run that was cut short goes on. At
+the end it prints, per criterion, how often the chosen scale lies within 1.4 times the best one, and F1 there.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from brushexp_recovery.benchmark.scenes import list_scenes, paint_scene
+from brushexp_recovery.benchmark.scenes import Scene, paint_scene
 from brushexp_recovery.find.regions import find_regions
 from brushexp_recovery.find.scale import find_zoom
 from brushexp_recovery.model.recovery_model import load_model
@@ -22,14 +22,33 @@ from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
 from brushexp_recovery.raster.resampling import nearest_pixels, resample
 
-LADDER = (0.1, 0.14, 0.2, 0.28, 0.4, 0.56, 0.8, 1.1, 1.5, 2.1, 3.0)
-SEED = 61
+from brushexp.contracts.runs import load_plugins
+
+SEED, SIDE = 61, 256  # of the paintings
+PAINTINGS = (  # kind, strokes, number, enlargement, look
+    ("impasto", 20, 0, 0.6, "clean"),
+    ("textured", 60, 0, 2.0, "hard"),
+    ("daubs", 20, 0, 1.0, "hard"),
+    ("scanned", 60, 0, 0.6, "clean"),
+    ("knife", 20, 0, 2.0, "clean"),
+    ("wet_in_wet", 60, 0, 1.0, "hard"),
+    ("hatching", 20, 0, 2.0, "hard"),
+    ("slabs", 60, 0, 2.0, "clean"),
+    ("impasto", 60, 1, 2.0, "hard"),
+    ("textured", 20, 1, 2.0, "clean"),
+    ("daubs", 60, 1, 0.6, "clean"),
+    ("scanned", 20, 1, 2.0, "hard"),
+    ("knife", 60, 1, 1.0, "hard"),
+    ("wet_in_wet", 20, 1, 0.6, "clean"),
+    ("hatching", 60, 1, 2.0, "clean"),
+    ("slabs", 20, 1, 1.0, "hard"),
+)
+SIDES = (64, 90, 128, 181, 256, 362)  # pixels of a painting at the scales of the ladder
 NEAR = 1.4  # times the best scale, within which a scale is near it
-SHORTEST_SIDE, LONGEST_SIDE = 40, 1400  # pixels of a picture at a scale, outside of which it is left out
 LEAST_PIXELS = 12  # of a stroke that counts
 FEWEST_REGIONS = 25  # of the candidate criterion
 GAIN = 1.05  # by which it must beat the present choice
-FIELDS = ("kind", "number", "size", "scale", "is_present", "f1", "regions", "explained", "chance")
+FIELDS = ("painting", "scale", "is_present", "f1", "regions", "explained", "rooted")
 
 
 def f1_of(known, found):
@@ -47,7 +66,7 @@ def look_at(model, image, labels, scale):
         "f1": f1_of(labels, regions.labels),
         "regions": len(area),
         "explained": (area * regions.chance).sum() / labels.size,
-        "chance": regions.chance.mean() if len(area) else 0.0,
+        "rooted": (np.sqrt(area) * regions.chance).sum() / np.sqrt(labels.size),
     }
 
 
@@ -59,26 +78,22 @@ def measure(options, path, done):
         writer = csv.DictWriter(file, FIELDS)
         if not done:
             writer.writeheader()
-        for scene in list_scenes(options.kinds, [options.count], options.repeats):
-            painting = paint_scene(scene, options.side, SEED)
-            for size in options.sizes:
-                place = {"kind": scene.kind, "number": scene.number, "size": size}
-                if tuple(map(str, place.values())) in done:
-                    continue
-                image = resample(painting.clean.astype(np.float32), size)
-                rows = np.ix_(
-                    *(nearest_pixels(a, b) for a, b in zip(image.shape, painting.truth.labels.shape, strict=False))
-                )
-                labels = painting.truth.labels[rows]
-                present = find_zoom(model, classifiers, image)
-                sides = [(scale, scale * max(labels.shape)) for scale in options.ladder]
-                ladder = [scale for scale, side in sides if SHORTEST_SIDE <= side <= LONGEST_SIDE]
-                lines = [
-                    place | {"scale": scale, "is_present": int(scale == present)} | look_at(model, image, labels, scale)
-                    for scale in (present, *ladder)
-                ]
-                writer.writerows(lines)  # all of a picture, or none
-                file.flush()
+        for kind, count, number, size, look in PAINTINGS:
+            name = f"{kind} {count} {number} {size} {look}"
+            if name in done:
+                continue
+            painting = paint_scene(Scene(kind, count, number), SIDE, SEED)
+            image = np.clip(resample(getattr(painting, look).astype(np.float32), size), 0, 1)
+            rows = (nearest_pixels(a, b) for a, b in zip(image.shape, painting.truth.labels.shape, strict=False))
+            labels = painting.truth.labels[np.ix_(*rows)]
+            present = find_zoom(model, classifiers, image)
+            ladder = [(present, 1), *((side / len(image), 0) for side in SIDES)]
+            lines = [
+                {"painting": name, "scale": scale, "is_present": is_present} | look_at(model, image, labels, scale)
+                for scale, is_present in ladder
+            ]
+            writer.writerows(lines)  # all of a picture, or none
+            file.flush()
 
 
 def candidate(lines):
@@ -93,6 +108,7 @@ CRITERIA = {
     "present": lambda lines: next(line for line in lines if int(line["is_present"])),
     "explained": lambda lines: max(lines, key=lambda line: float(line["explained"])),
     "explained by 25 regions, 5 % better": candidate,
+    "explained, by roots of areas": lambda lines: max(lines, key=lambda line: float(line["rooted"])),
     "the truth": lambda lines: max(lines, key=lambda line: float(line["f1"])),
 }
 
@@ -101,7 +117,7 @@ def report(rows):
     """Print how well each criterion chooses."""
     pictures = {}
     for row in rows:
-        pictures.setdefault((row["kind"], row["number"], row["size"]), []).append(row)
+        pictures.setdefault(row["painting"], []).append(row)
     print(f"{len(pictures)} pictures\n\n| criterion | within {NEAR} times the best | F1 |\n|---|---:|---:|")
     for name, choose in CRITERIA.items():
         chosen = [choose(lines) for lines in pictures.values()]
@@ -115,17 +131,12 @@ def main():
     """Measure, then report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
-    parser.add_argument("--kinds", nargs="*", default=["impasto", "scanned", "daubs", "textured"])
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--side", type=int, default=256)
-    parser.add_argument("--sizes", type=float, nargs="*", default=[0.5, 1.0, 2.5])
-    parser.add_argument("--ladder", type=float, nargs="*", default=LADDER)
     parser.add_argument("--weights", default="strokes")
     options = parser.parse_args()
     torch.set_num_threads(1)
+    load_plugins(Path("plugins"), warns=False)
     rows = list(csv.DictReader(options.file.open())) if options.file.is_file() else []
-    measure(options, options.file, {(row["kind"], row["number"], row["size"]) for row in rows})
+    measure(options, options.file, {row["painting"] for row in rows})
     report(csv.DictReader(options.file.open()))
 
 

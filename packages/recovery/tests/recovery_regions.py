@@ -16,4 +16,4 @@ def crossed_regions() -> Regions:
     attributes[:, StrokeAttribute.VISIBLE] = 0.8, 1.0, 1.0
     random = np.random.default_rng(0)
     occlusion = random.integers(-30, 30, (len(OCCLUSION_OFFSETS), 60, 80)).astype(np.int8)
-    return Regions(labels, np.array([0.9, 0.8, 0.5]), attributes, occlusion, 1.0)
+    return Regions(labels, np.array([0.9, 0.8, 0.5]), attributes, occlusion, labels >= 0, 1.0)

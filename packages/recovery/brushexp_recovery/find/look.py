@@ -14,7 +14,7 @@ from brushexp_recovery.model.recovery_model import Classifiers
 from brushexp_recovery.raster.resampling import nearest_pixels
 from brushexp_recovery.segment.affinity_maps import StrokeMaps
 from brushexp_recovery.segment.moments import Moment
-from brushexp_recovery.segment.superpixels import superpixels_of
+from brushexp_recovery.segment.superpixels import Superpixels, superpixels_of
 
 Array = NDArray[Any]
 
@@ -41,7 +41,11 @@ class Look:
 
 def look_at(maps: StrokeMaps, image: Array, classifiers: Classifiers) -> Look:
     """Split a picture (h, w, 3) into superpixels, merge them, and choose the nodes that are strokes."""
-    superpixels = superpixels_of(maps, image)
+    return join_superpixels(superpixels_of(maps, image), classifiers)
+
+
+def join_superpixels(superpixels: Superpixels, classifiers: Classifiers) -> Look:
+    """Merge superpixels, and choose the nodes that are strokes."""
     tree = grow_tree(superpixels, classifiers.pairs)
     score = classifiers.nodes(node_features(tree))
     area, paint = tree.moments[:, Moment.AREA], tree.moments[:, Moment.PAINT]

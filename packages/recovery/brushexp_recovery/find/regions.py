@@ -44,6 +44,7 @@ class Regions:
     attributes: Array  # (N, len(StrokeAttribute)) predicted, in pixels of the picture
     occlusion: Array  # (len(OCCLUSION_OFFSETS), H, W) int8, log-odds in 1 / OCCLUSION_STEPS that the stroke at an
     # offset, divided by the zoom, lies above the one here
+    paint: Array  # (H, W) bool, whether the network sees paint, and not bare ground
     zoom: float  # at which the picture was looked at
 
 
@@ -59,6 +60,7 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     classifiers = model.classifiers()
     zoom = find_zoom(model, classifiers, image) if zoom is None else zoom
     occlusion = np.zeros((len(OCCLUSION_OFFSETS), height, width), np.int8)
+    paint = np.zeros((height, width), bool)
 
     def look(number: int, tile: Tile) -> Look:  # the maps of a look are freed before the next one
         change = CHANGES[number]
@@ -66,7 +68,7 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
         shown = gaussian_blur(shown, (change.blur, change.blur, 0)) if change.blur else shown
         maps = predict_maps(model.network, shown, copies, number)
         if number == 0:
-            _keep_occlusion(occlusion, maps, tile)
+            _keep_maps(occlusion, paint, maps, tile)
         return look_at(maps, shown, classifiers)
 
     def search(tile: Tile) -> list[Candidate]:
@@ -82,7 +84,7 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     surest = keep_surest(candidates, labels, KEPT_SHARE)
     chance = np.array([one.chance for one in surest])
     attributes = np.array([one.attributes for one in surest]).reshape(-1, len(StrokeAttribute))
-    return Regions(labels.reshape(height, width), chance, attributes, occlusion, zoom)
+    return Regions(labels.reshape(height, width), chance, attributes, occlusion, paint, zoom)
 
 
 def _move_to_picture(candidate: Candidate, tile: Tile, width: int) -> Candidate:
@@ -91,12 +93,13 @@ def _move_to_picture(candidate: Candidate, tile: Tile, width: int) -> Candidate:
     return replace(candidate, pixels=(y + tile.box.top) * width + x + tile.box.left)
 
 
-def _keep_occlusion(occlusion: Array, maps: StrokeMaps, tile: Tile) -> None:
-    """Keep the occlusions in the core of a tile, in 8 bits."""
+def _keep_maps(occlusion: Array, paint: Array, maps: StrokeMaps, tile: Tile) -> None:
+    """Keep the occlusions, in 8 bits, and where paint is, in the core of a tile."""
     height, width = tile.box.size
     rows, columns = tile.core.within(tile.box).slices
     zoomed_rows = nearest_pixels(height, maps.occlusion.shape[1])[rows]
     zoomed_columns = nearest_pixels(width, maps.occlusion.shape[2])[columns]
+    paint[tile.core.slices] = maps.paint[zoomed_rows[:, None], zoomed_columns] > 0
     levels = np.clip(maps.occlusion * OCCLUSION_STEPS, -127, 127).astype(np.int8)
     for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
         occlusion[channel][tile.core.slices] = level[zoomed_rows[:, None], zoomed_columns]

@@ -61,7 +61,8 @@ def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
     meet = kept[recovered.meetings].all(1)
     corrected = catalogue_of(labels, StrokeCurves(curve, width, color), confidence, order, image)
     meetings = np.argsort(order)[number[recovered.meetings[meet]]]
-    return replace(corrected, meetings=meetings, chance_above=recovered.chance_above[meet])
+    ground = None if recovered.ground is None else recovered.ground & (labels < 0)
+    return replace(corrected, meetings=meetings, chance_above=recovered.chance_above[meet], ground=ground)
 
 
 def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[Array]) -> Array:

@@ -17,6 +17,8 @@ Array = NDArray[Any]
 
 NARROW = 6.0  # pixels: narrower strokes are hard to find
 LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
+UNSURE = 0.2  # median confidence: below it, a picture does not look like paint; of van Gogh's Road it is 0.22
+MOST_GROUND = 0.6  # share of a picture: with more that looks bare, it does not look like paint
 UNITS = {
     "x": "px",
     "y": "px",
@@ -42,6 +44,7 @@ class StrokeTable:
     outlines: list[Array]  # (P, 2) places x, y of each, pixels
     size: tuple[int, int]  # height and width of the photograph
     mm: float | None  # millimetres of a pixel
+    ground: float | None = None  # share of the photograph that looks like bare ground; None if nobody knows
 
     def __len__(self) -> int:
         return len(self.color)
@@ -77,27 +80,55 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
         outlines=[outlines[k] for k in number],
         size=labels.shape,
         mm=mm,
+        ground=None if recovered.ground is None else float(recovered.ground.mean()),
     )
+
+
+def covered_share(table: StrokeTable) -> float:
+    """Compute the share of the photograph that strokes cover."""
+    return float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
+
+
+def describe_rest(table: StrokeTable) -> str:
+    """Say what the part of the photograph without strokes is."""
+    if table.ground is None:
+        return "the rest is bare ground, or paint in which no stroke can be told apart"
+    unread = max(1 - covered_share(table) - table.ground, 0)
+    return (
+        f"{100 * table.ground:.0f} % looks like bare ground, and {100 * unread:.0f} % like paint in which no stroke "
+        "can be told apart"
+    )
+
+
+def doubt_of_paint(table: StrokeTable) -> str | None:
+    """Say why a picture does not look like paint; None if it does."""
+    if len(table) == 0:
+        reason = "no strokes were found"
+    elif (median := float(np.median(table.columns["confidence"]))) < UNSURE:
+        reason = f"half of the strokes found have a confidence of {median:.2f} or less"
+    elif table.ground is not None and table.ground > MOST_GROUND:
+        reason = f"{100 * table.ground:.0f} % of it looks bare"
+    else:
+        return None
+    return f"this does not look like paint: {reason}"
 
 
 def remark_on(table: StrokeTable) -> str | None:
     """Say why recovered strokes may mislead and what to do about it; None if they are many and wide enough."""
-    if len(table) == 0:
+    if (doubt := doubt_of_paint(table)) is not None:
         return (
-            "no strokes were found: the photograph may be too small, blurred, or of no painting; give a sharper or "
-            "larger one in which strokes are 6 pixels wide or wider"
+            f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are 6 pixels wide or "
+            "wider"
         )
     if (width := float(np.median(table.columns["width"]))) < NARROW:
         return (
             f"half of the strokes found are narrower than {width:.1f} pixels: they may be canvas or grain, and finer "
             "ones are missed; give a larger photograph, or scale=1 to look at it as it is"
         )
-    covered = float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
-    if covered < LEAST_COVERED:
+    if (covered := covered_share(table)) < LEAST_COVERED:
         return (
-            f"strokes were found on {100 * covered:.0f} % of the photograph only: the rest is bare ground, or paint in "
-            "which no stroke can be told apart; figures speak of the strokes found, so compare them with the "
-            "photograph in strokes.html"
+            f"strokes were found on {100 * covered:.0f} % of the photograph only: {describe_rest(table)}; figures "
+            "describe the strokes found, so compare them with the photograph in strokes.html"
         )
     return None
 

@@ -20,6 +20,7 @@ BATCH = 2048  # examples of a step
 PEAK_RATE = 3e-3  # learning rate
 WEIGHT_DECAY = 1e-3
 LOSS_SMOOTHING = 0.02  # weight of a step's loss in the running mean
+ITERATIONS = 100  # of L-BFGS, at most
 
 
 class Perceptron(nn.Module):
@@ -89,3 +90,35 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
         schedule.step()
         mean_loss += LOSS_SMOOTHING * (float(loss.detach()) - mean_loss)
     return mean_loss
+
+
+def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
+    """Fit the last layer of a perceptron to goals (N, outputs) in [0, 1] of features (N, F), weighted (N,).
+
+    ``ridge`` is the weight of the squares of its changes in the loss. By L-BFGS in float64; without goals it stays.
+    """
+    if not len(goal):
+        return
+    *hidden, last = perceptron.layers
+    with torch.no_grad():
+        standardised = (torch.from_numpy(features).float() - perceptron.mean) / perceptron.scale
+        activation = nn.Sequential(*hidden)(standardised.clamp(-CLIP, CLIP)).double()
+    matrix, bias = (parameter.detach().double() for parameter in last.parameters())
+    matrix_change, bias_change = torch.zeros_like(matrix), torch.zeros_like(bias)
+    changes = [matrix_change.requires_grad_(), bias_change.requires_grad_()]
+    y = torch.from_numpy(goal.astype(float))
+    w = torch.from_numpy(weight / weight.mean()).double()[:, None]
+    optimizer = torch.optim.LBFGS(changes, max_iter=ITERATIONS, line_search_fn="strong_wolfe")
+
+    def loss_of() -> Tensor:
+        optimizer.zero_grad()
+        log_odds = activation @ (matrix + matrix_change).T + bias + bias_change
+        penalty = ridge * (matrix_change.square().sum() + bias_change.square().sum())
+        loss = (w * logistic_loss(log_odds, y, reduction="none")).mean() + penalty
+        loss.backward()
+        return loss
+
+    optimizer.step(loss_of)
+    with torch.no_grad():
+        for parameter, change in zip(last.parameters(), changes, strict=True):
+            parameter.add_(change)

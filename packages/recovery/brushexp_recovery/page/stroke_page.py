@@ -10,7 +10,12 @@ from PIL import Image
 from brushexp.contracts.files import write_text
 from brushexp.contracts.pages import embed, page
 from brushexp_recovery.measure.figure_tables import APART, DIRECTIONS, MEANING
-from brushexp_recovery.measure.stroke_table import StrokeTable
+from brushexp_recovery.measure.stroke_table import (
+    StrokeTable,
+    covered_share,
+    describe_rest,
+    doubt_of_paint,
+)
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "strokes.html"
@@ -64,8 +69,10 @@ def page_of(
     height, width = strokes.size
     mm = strokes.mm
     lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
-    covered = float(strokes.columns["seen"].sum()) / (width * height)
-    read = f"They cover {100 * covered:.0f} % of the surface, and the figures describe only that part."
+    covered = f"They cover {100 * covered_share(strokes):.0f} % of the surface"
+    read = f"{covered}, and the figures describe only that part; {describe_rest(strokes)}."
+    if (doubt := doubt_of_paint(strokes)) is not None:
+        read = f"{doubt[0].upper()}{doubt[1:]}. {read}"
     lead += f", {width * mm / 10:.1f} × {height * mm / 10:.1f} cm" if mm else ""
     files = [(file, about) for file, about in FILES.items() if folder is not None and (folder / file).is_file()]
     raised = [(title, [_raise_squares(row) for row in table]) for title, table in (tables or {}).items() if table]

@@ -67,7 +67,7 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
     evidence = log_odds_of(model.order, meetings.features)
     order = rank_strokes(len(regions.chance), meetings.pairs, evidence)
     confidence = sigmoid(log_odds_of(model.confidence, confidence_features(regions)))
-    labels = regions.labels
+    labels, ground = regions.labels, ~regions.paint & (regions.labels < 0)
     del regions  # with its maps of occlusion, which fill the memory
     strokes = refine_curves(
         strokes,
@@ -76,7 +76,8 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
         show=lambda share, state: show(REGION_TIME + (1 - REGION_TIME) * share, state),
     )
     recovered = catalogue_of(labels, strokes, confidence, order, image)
-    return replace(recovered, meetings=np.argsort(order)[meetings.pairs], chance_above=sigmoid(evidence))
+    meetings_by_row = np.argsort(order)[meetings.pairs]
+    return replace(recovered, meetings=meetings_by_row, chance_above=sigmoid(evidence), ground=ground)
 
 
 def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:

@@ -20,6 +20,7 @@ UNITS = {
     "labels": "row of the stroke that is seen, -1 where none was recovered",
     "meetings": "rows of two strokes that meet",
     "chance_above": "chance that the second of two strokes lies above the first, 0 to 1",
+    "ground": "1 where no stroke was recovered and the ground looks bare",
 }
 
 
@@ -32,6 +33,7 @@ class Recovered:
     labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 on bare ground and where no stroke was found
     meetings: Array = field(default_factory=lambda: np.empty((0, 2), np.int32))  # (P, 2) rows of strokes that meet
     chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) that the second lies above
+    ground: Array | None = None  # (H, W) bool, no stroke was found and the ground looks bare; None if nobody knows
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
@@ -40,13 +42,15 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
             group = file.create_group(GROUP)
-            values = (
-                recovered.confidence.astype(np.float32),
-                recovered.labels.astype(np.int32),
-                recovered.meetings.astype(np.int32),
-                recovered.chance_above.astype(np.float32),
-            )
-            for name, value in zip(UNITS, values, strict=True):
+            values = {
+                "confidence": recovered.confidence.astype(np.float32),
+                "labels": recovered.labels.astype(np.int32),
+                "meetings": recovered.meetings.astype(np.int32),
+                "chance_above": recovered.chance_above.astype(np.float32),
+            }
+            if recovered.ground is not None:
+                values["ground"] = recovered.ground.astype(np.uint8)
+            for name, value in values.items():
                 packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
                 group.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(UNITS[name])
 
@@ -64,10 +68,13 @@ def read_recovered(path: Path) -> Recovered:
         if f"{GROUP}/meetings" in file:  # files of earlier versions have none
             above = numbers_of(dataset_of(file, f"{GROUP}/chance_above", np.float32, None))
             meetings = numbers_of(dataset_of(file, f"{GROUP}/meetings", np.int32, (len(above), 2)))
+        ground = None
+        if f"{GROUP}/ground" in file:
+            ground = numbers_of(dataset_of(file, f"{GROUP}/ground", np.uint8, saved.size)) > 0
     if not ((confidence >= 0) & (confidence <= 1)).all():
         raise UserError(f"{path}: confidence is not within 0 and 1; {cure}")
     if labels.min(initial=-1) < -1 or labels.max(initial=-1) >= len(saved.strokes):
         raise UserError(f"{path}: labels name strokes that are not there; {cure}")
     if not ((above >= 0) & (above <= 1)).all() or not ((meetings >= 0) & (meetings < len(saved.strokes))).all():
         raise UserError(f"{path}: meetings name strokes that are not there, or their chance is no chance; {cure}")
-    return Recovered(saved, confidence, labels, meetings, above)
+    return Recovered(saved, confidence, labels, meetings, above, ground)

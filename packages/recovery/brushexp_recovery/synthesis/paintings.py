@@ -1,6 +1,6 @@
-"""Paintings with known strokes, any number of them; each depends on a seed and its number alone.
+"""Paintings with known strokes, any number of them; each depends on a seed, its number and its family of paint.
 
-Half of them are of a family of paint (`families`); the others are drawn by engines and renderers of the program.
+Those without a family are drawn by engines and renderers of the program.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ Array = NDArray[Any]
 
 PAINTING_SIDE = 512  # pixels of a painting
 STROKES = (120, 2600)  # fewest and most of a painting
-FAMILY_SHARE = 0.5  # of the paintings are of a family of paint
+FAMILY_SHARE = 0.5  # of the paintings are of a family of paint, where there are families
 FAMILY_STREAM = 61  # of random numbers that choose it
 FAMILY_STROKES = (25, 1500)  # fewest and most of a painting of a family: some are 100 pixels wide
 PLAIN_SHARE = 0.55  # of the other paintings are by a plain hand
@@ -67,18 +67,17 @@ class KnownPainting:
 
 @cache
 def family_of(seed: int, number: int) -> str | None:
-    """Return the family of paint of painting ``number``, which its seed and number decide; None is a plain painting."""
+    """Return the family of paint of painting ``number``, which its seed and number decide; None means engines."""
     random = np.random.default_rng([seed, number, FAMILY_STREAM])
     if number >= FIRST_PLAIN or random.random() >= FAMILY_SHARE:
         return None
     return str(random.choice(sorted(find_families())))
 
 
-def paint(seed: int, number: int, pictures: Sequence[str]) -> KnownPainting:
+def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
     """Make painting ``number``: of a family of paint, or by engines; from `FIRST_PLAIN` on by a plain hand."""
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
-    family = family_of(seed, number)
     if family is not None:
         count = int(np.exp(random.uniform(*np.log(FAMILY_STROKES))))
         painting = paint_family(family, picture, count, choose_ground(picture, False, random), random)

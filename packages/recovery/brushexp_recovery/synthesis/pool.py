@@ -19,19 +19,37 @@ def fill_pool(
     seed: int,
     numbers: Sequence[int],
     pictures: Sequence[str],
-    left_out: Collection[str] = (),
+    families: Collection[str] = (),
 ) -> None:
     """Paint those of ``numbers`` that are not there yet, as long as the process ``parent`` lives.
 
-    Paintings of the families of paint in ``left_out`` are not made.
+    Half of the paintings are of families of paint: only those of ``families`` are made. Without families, engines make
+    every painting.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         if os.getppid() != parent:  # the training is over, however it ended
             return
-        path = folder / f"{number:06d}.npz"
-        if not path.is_file() and family_of(seed, number) not in left_out:
-            save_painting(path, paint(seed, number, pictures))
+        path = path_of(folder, seed, number, families)
+        if is_made(seed, number, families) and not path.is_file():
+            save_painting(path, paint(seed, number, pictures, family_among(seed, number, families)))
+
+
+def family_among(seed: int, number: int, families: Collection[str]) -> str | None:
+    """Return the family of paint of painting ``number`` of a pool with ``families``; None means engines."""
+    return family_of(seed, number) if families else None
+
+
+def is_made(seed: int, number: int, families: Collection[str]) -> bool:
+    """Tell whether a pool with ``families`` has painting ``number``."""
+    family = family_among(seed, number, families)
+    return family is None or family in families
+
+
+def path_of(folder: Path, seed: int, number: int, families: Collection[str]) -> Path:
+    """Return the file of painting ``number``, whose name says its family, so that a folder serves every pool."""
+    family = family_among(seed, number, families)
+    return folder / f"{number:06d}{f'-{family}' if family else ''}.npz"
 
 
 def save_painting(path: Path, painting: KnownPainting) -> None:
@@ -45,10 +63,10 @@ def load_painting(path: Path) -> KnownPainting:
         return KnownPainting(file["image"], file["labels"], file["geometry"])
 
 
-def main(parent: str, folder: str, seed: str, left_out: str, first: str, end: str, step: str, *pictures: str) -> None:
+def main(parent: str, folder: str, seed: str, families: str, first: str, end: str, step: str, *pictures: str) -> None:
     """Fill a pool, as a process of its own, with the paintings ``range(first, end, step)``.
 
-    ``left_out`` names families of paint, with commas between.
+    ``families`` names families of paint, with commas between; empty means none.
     """
     import torch  # noqa: PLC0415
 
@@ -59,7 +77,7 @@ def main(parent: str, folder: str, seed: str, left_out: str, first: str, end: st
     torch.set_num_threads(1)
     load_plugins(Path("plugins"), warns=False)
     numbers = range(int(first), int(end), int(step))
-    fill_pool(int(parent), Path(folder), int(seed), numbers, pictures, left_out.split(","))
+    fill_pool(int(parent), Path(folder), int(seed), numbers, pictures, families.split(",") if families else ())
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from brushexp_recovery.raster.labels import color_labels
 from brushexp_recovery.raster.threads import Progress, return_freed_memory
 from brushexp_recovery.recover.pipeline import recover_with
 from brushexp_recovery.recover.storage import Recovered, write_recovered
+from brushexp_recovery.train.marked_painting import FEWEST_MARKS, choose_scale, fit_judges, marks_by_hand
 
 Array = NDArray[Any]
 log = logging.getLogger(__name__)
@@ -34,11 +35,19 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     picture = load_picture(cfg.image, None)
     model = load_model(cfg.weights)
     image = picture.permute(1, 2, 0).numpy()
+    marks = None if cfg.marks is None else read_marks(find_path(cfg.marks))
+    scale = cfg.scale
+    if marks is not None and len(marks_by_hand(marks)) >= FEWEST_MARKS:
+        scale = choose_scale(model, image, marks) if scale is None else scale
+        fitted = fit_judges(model, image, marks, scale, cfg.seed)
+        learnt = "do not learn from the marks: they would find no more" if fitted is model else "learn from the marks"
+        log.info("strokes are sought at %.2f times the size of the photograph; judges %s", scale, learnt)
+        model = fitted
     with showing("finding strokes") as show:
-        recovered = recover_with(model, image, cfg.scale, cfg.copies, show)
-    if cfg.marks is not None:
+        recovered = recover_with(model, image, scale, cfg.copies, show)
+    if marks is not None:
         before = len(recovered.confidence)
-        recovered = correct(recovered, read_marks(find_path(cfg.marks)), image)
+        recovered = correct(recovered, marks, image)
         log.info("%d strokes were found, and %d are there after the corrections", before, len(recovered.confidence))
     pixels = to_bytes(picture)
     del picture, image  # which is four times as large
@@ -48,6 +57,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     metrics: dict[str, object] = {
         "n_strokes": len(strokes),
         "covered": covered,
+        "ground": None if recovered.ground is None else float(recovered.ground.mean()),
         "confidence": float(recovered.confidence.mean()) if len(strokes) else None,
         "seconds_total": time.monotonic() - start,
         "peak_memory_mb": peak_memory(),

@@ -155,6 +155,9 @@ class TrainRecoveryTask(NetworkTask):
     sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")
     paintings: int = key(400, "how many paintings to learn from", at_least(1))
     painters: int = key(1, "processes that make paintings meanwhile", at_least(1))
+    families: bool = key(
+        False, "half of the paintings are of families of paint, from which shipped weights do not learn"
+    )
     leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
     batch_size: int = key(5, "crops of a step", at_least(1))
     minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
@@ -168,3 +171,5 @@ class TrainRecoveryTask(NetworkTask):
         NetworkTask.check(cfg, overrides)
         if unknown := [name for name in cfg.leave_out if name not in find_families()]:
             raise UserError(f"leave_out has no {unknown[0]!r}; choose from: {', '.join(sorted(find_families()))}")
+        if cfg.leave_out and not cfg.families:
+            raise UserError("leave_out= leaves families of paint out, and families=false has none; add families=true")

@@ -42,7 +42,8 @@ class RecoveryJob(NetworkJob):
         self.cfg, self.provenance = cfg, provenance_of(cfg)
         self.subjects = pictures_of(PICTURES if cfg.subjects is None else cfg.subjects)
         learnt_before = () if cfg.start is None else families_learnt(cfg.start)
-        self.families = sorted((find_families().keys() - set(cfg.leave_out)) | set(learnt_before))
+        families = find_families().keys() - set(cfg.leave_out) if cfg.families else set()
+        self.families = sorted(families | set(learnt_before))
         self.data = RecoveryData(
             Path(cfg.sets),
             self.subjects,
@@ -50,7 +51,7 @@ class RecoveryJob(NetworkJob):
             cfg.batch_size,
             cfg.paintings,
             cfg.painters,
-            cfg.leave_out,
+            families,
         )
         self.started_from = None if cfg.start is None else recipe_of(cfg.start)
         network = StrokeNetwork() if cfg.start is None else load_model(cfg.start).network

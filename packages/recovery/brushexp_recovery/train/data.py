@@ -15,8 +15,8 @@ import numpy as np
 from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, StrokeLoader
 
 from brushexp.contracts import UserError
-from brushexp_recovery.synthesis.paintings import KnownPainting, family_of
-from brushexp_recovery.synthesis.pool import load_painting
+from brushexp_recovery.synthesis.paintings import KnownPainting
+from brushexp_recovery.synthesis.pool import is_made, load_painting, path_of
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
 
 FIRST_PAINTINGS = 8  # that must be there before learning begins
@@ -33,7 +33,8 @@ WAIT = 0.5  # seconds between looks for paintings that are not there yet
 class RecoveryData(L.LightningDataModule):
     """Crops of a pool of paintings, which processes of their own go on filling.
 
-    Painting k depends on the seed and k; the crops of a step on the seed, the step and the paintings that are there.
+    Painting k depends on the seed, k and its family; the crops of a step depend on the seed, the step and the paintings
+    that are there.
     """
 
     def __init__(
@@ -44,19 +45,20 @@ class RecoveryData(L.LightningDataModule):
         batch_size: int,
         paintings: int,
         painters: int,
-        left_out: Iterable[str] = (),
+        families: Iterable[str] = (),
     ) -> None:
         """Learn from the paintings of ``pictures`` numbered below ``paintings``, made by ``painters`` processes.
 
-        Those of the families of paint in ``left_out`` are neither made nor learnt from, even where they are there.
+        Half of them are of families of paint, and only those of ``families`` are made and learnt from. Without
+        families, engines make every painting.
         """
         super().__init__()
-        self.left_out = frozenset(left_out)
+        self.families = frozenset(families)
         self.folder, self.pictures, self.seed = folder, list(pictures), seed
         self.batch_size, self.paintings, self.painters = batch_size, paintings, painters
         self.processes: list[subprocess.Popen[bytes]] = []
         self.loaded: dict[Path, KnownPainting] = {}
-        held_out = (number for number in count(FIRST_HELD_OUT) if self._is_learned(number))
+        held_out = (number for number in count(FIRST_HELD_OUT) if is_made(seed, number, self.families))
         self.held_out_numbers = list(islice(held_out, HELD_OUT_COUNT))
 
     def setup(self, stage: str) -> None:
@@ -73,7 +75,7 @@ class RecoveryData(L.LightningDataModule):
         """Begin to make the paintings that are not there yet, in processes of their own."""
         command = [sys.executable, "-m", "brushexp_recovery.synthesis.pool"]
         command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it sees by the number when this process ends
-        command.append(",".join(sorted(self.left_out)))
+        command.append(",".join(sorted(self.families)))
         held_out = range(FIRST_HELD_OUT, self.held_out_numbers[-1] + 1)
         parts = [range(first, self.paintings, self.painters) for first in range(self.painters)]
         for numbers in (held_out, *parts):
@@ -119,16 +121,17 @@ class RecoveryData(L.LightningDataModule):
 
     def _training_paths(self) -> list[Path]:
         most = min(self.paintings, FIRST_HELD_OUT)
-        numbers = {path: int(path.stem) for path in sorted(self.folder.glob(PAINTINGS))}
-        return [path for path, number in numbers.items() if number < most and self._is_learned(number)]
+        numbers = {path: int(path.stem.partition("-")[0]) for path in sorted(self.folder.glob(PAINTINGS))}
+        return [path for path, number in numbers.items() if number < most and self._has(path, number)]
 
     def _held_out_paths(self) -> list[Path]:
-        paths = [self.folder / f"{number:06d}.npz" for number in self.held_out_numbers]
+        paths = [path_of(self.folder, self.seed, number, self.families) for number in self.held_out_numbers]
         return [path for path in paths if path.is_file()]
 
-    def _is_learned(self, number: int) -> bool:
-        """Tell whether a painting is of no family that is left out."""
-        return family_of(self.seed, number) not in self.left_out
+    def _has(self, path: Path, number: int) -> bool:
+        """Tell whether a file is painting ``number`` of this pool, and not of one with other families."""
+        is_own = path == path_of(self.folder, self.seed, number, self.families)
+        return is_own and is_made(self.seed, number, self.families)
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
         """Wait until there are so many paintings; a UserError if no process makes them any more."""

@@ -72,12 +72,17 @@ def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
     return SegmentedPart(superpixels_of(maps, image), part.labels[np.ix_(rows, columns)])
 
 
-def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random) -> Examples:
-    """Make examples of the pairs that are there at each of the `STAGES` of merging."""
-    return join_examples([_pairs_at(part, tree, stage, random) for stage in STAGES])
+def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_ground: bool = True) -> Examples:
+    """Make examples of the pairs that are there at each of the `STAGES` of merging.
+
+    Unless it ``knows_ground``, -1 in the labels is unknown, and tells nothing about two regions that are both there.
+    """
+    return join_examples([_pairs_at(part, tree, stage, random, knows_ground) for stage in STAGES])
 
 
-def _pairs_at(part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random) -> Examples:
+def _pairs_at(
+    part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random, knows_ground: bool
+) -> Examples:
     """Make examples of the pairs that are left after all merges with a chance of ``least_chance`` or more."""
     graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
     stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
@@ -85,7 +90,8 @@ def _pairs_at(part: SegmentedPart, tree: MergeTree, least_chance: float, random:
     near = graph.between[:, [AffinityColumn.PAIRS_ADJACENT, AffinityColumn.PAIRS_3]].sum(1)
     far = graph.between[:, [AffinityColumn.PAIRS_8, AffinityColumn.PAIRS_20]].sum(1)
     is_clear = (share[first] > CLEAR_SHARE) & (share[second] > CLEAR_SHARE)
-    rows = np.flatnonzero(is_clear & (near + FAR_WEIGHT * far > LEAST_CONTACT))
+    is_known = knows_ground | (stroke[first] >= 0) | (stroke[second] >= 0)
+    rows = np.flatnonzero(is_clear & is_known & (near + FAR_WEIGHT * far > LEAST_CONTACT))
     rows = random.choice(rows, MOST_PAIRS, replace=False) if len(rows) > MOST_PAIRS else rows
     first, second = first[rows], second[rows]
     features = pair_features(graph.moments, graph.pairs[rows], graph.between[rows])

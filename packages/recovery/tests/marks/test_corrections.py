@@ -39,6 +39,7 @@ def test_deleted_strokes_go_marks_replace_them_and_the_rest_stays():
     image = painting()
     found = recover_dark(image, 0.6)
     found = replace(found, meetings=np.array([[0, 1], [1, 2], [0, 2]]), chance_above=np.array([0.9, 0.2, 0.7]))
+    found = replace(found, ground=found.labels < 0)
     marks = marks_of(level(30, 20, 38), level(30, 42, 60), level(50, by="recovery"), deleted=(level(10),))
     corrected = correct(found, marks, image)
     table = tabulate_strokes(corrected)
@@ -49,6 +50,8 @@ def test_deleted_strokes_go_marks_replace_them_and_the_rest_stays():
     assert table.color[1:] == pytest.approx(np.tile([0.2, 0.1, 0.0], (2, 1)), abs=0.05)
     assert corrected.labels[10, 40] == corrected.labels[30, 40] == -1
     assert corrected.labels[50, 40] == 0
+    assert corrected.ground[5, 5]
+    assert not corrected.ground[corrected.labels >= 0].any()
     assert not len(corrected.meetings), "no pair has two strokes that stay"
 
 

@@ -158,10 +158,47 @@ def test_what_is_doubtful_is_said_with_what_to_do_about_it(width, seen, words):
     assert remark is None if words is None else words in remark
 
 
-def test_no_strokes_are_remarked_on():
-    table, _ = table_and_image()
-    none = {name: column[:0] for name, column in table.columns.items()}
-    assert "no strokes were found" in remark_on(replace(table, columns=none, color=table.color[:0], outlines=[]))
+def test_bare_ground_is_told_from_paint_that_was_not_read():
+    found, image = recovered()
+    ground = np.zeros(SIZE, bool)
+    ground[:, 72:] = True  # a tenth, without strokes
+    table = tabulate_strokes(replace(found, ground=ground))
+    table = replace(table, columns={**table.columns, "seen": np.full(3, FIFTH / 3)})
+    words = "10 % looks like bare ground, and 70 % like paint in which no stroke can be told apart"
+    assert words in remark_on(table)
+    assert words in page_of((255 * image).astype(np.uint8), table, "x")
+    assert "the rest is bare ground, or paint" in remark_on(replace(table, ground=None))
+
+
+@pytest.mark.parametrize(
+    ("confidence", "ground", "words"),
+    [
+        ([], 0.0, "no strokes were found"),
+        ([0.1, 0.15, 0.9], 0.0, "half of the strokes found have a confidence of 0.15 or less"),
+        ([0.8, 0.8, 0.8], 0.65, "65 % of it looks bare"),
+        ([0.1, 0.25, 0.9], 0.39, None),
+    ],
+)
+def test_a_picture_that_does_not_look_like_paint_is_told(confidence, ground, words):
+    table, image = table_and_image()
+    count = len(confidence)
+    columns = {name: column[:count] for name, column in table.columns.items()}
+    columns |= {"confidence": np.array(confidence), "seen": np.full(count, FIFTH)}
+    table = replace(
+        table,
+        columns=columns,
+        color=table.color[:count],
+        lines=table.lines[:count],
+        outlines=table.outlines[:count],
+        ground=ground,
+    )
+    html = page_of((255 * image).astype(np.uint8), table, "x")
+    if words is None:
+        assert remark_on(table) is None
+        assert "does not look like paint" not in html
+    else:
+        assert f"this does not look like paint: {words}" in remark_on(table)
+        assert f"This does not look like paint: {words}" in html
 
 
 def test_numbers_have_three_digits_and_no_powers_of_ten():

@@ -1,5 +1,7 @@
 """Strokes are found again in a small painting, any picture can be looked at, and results are stored."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -21,6 +23,7 @@ def test_any_picture_can_be_looked_at(size, kind):
     recovered = recover_with(shipped(), image, 1.0, 1, silent)
     assert recovered.labels.shape == size
     assert len(recovered.confidence) == len(recovered.saved.strokes)
+    assert not (recovered.ground & (recovered.labels >= 0)).any()
     recovered.saved.check()
 
 
@@ -42,7 +45,11 @@ def some_strokes(n: int, random: np.random.Generator) -> Recovered:
 def test_what_was_recovered_is_read_as_it_was_written(n, tmp_path):
     recovered = some_strokes(n, np.random.default_rng(n))
     write_recovered(tmp_path / "catalogue.h5", recovered)
+    assert read_recovered(tmp_path / "catalogue.h5").ground is None
+    recovered = replace(recovered, ground=recovered.labels < 0)
+    write_recovered(tmp_path / "catalogue.h5", recovered)
     again = read_recovered(tmp_path / "catalogue.h5")
+    np.testing.assert_array_equal(again.ground, recovered.ground)
     np.testing.assert_array_equal(again.labels, recovered.labels)
     np.testing.assert_array_equal(again.confidence, recovered.confidence)
     color = load_catalogue(tmp_path / "catalogue.h5").strokes.color

@@ -111,7 +111,6 @@ def test_half_of_the_paintings_are_of_families_and_those_left_out_can_be_told(mo
     assert family_of(3, paintings.FIRST_PLAIN) is None
     monkeypatch.setattr(paintings, "PAINTING_SIDE", SIDE)
     monkeypatch.setattr(paintings, "FAMILY_STROKES", (8, 12))
-    number = next(number for number, name in enumerate(chosen) if name == "dabs")
-    painting = paintings.paint(3, number, PICTURES)
+    painting = paintings.paint(3, 0, PICTURES, "dabs")
     assert painting.image.shape == (SIDE, SIDE, 3)
     assert (painting.labels >= 0).any()

@@ -99,21 +99,38 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
     assert not pool.processes
 
 
-def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_from(tmp_path, monkeypatch):
-    families = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}
-    monkeypatch.setattr(data, "family_of", lambda _, number: families.get(number))
+@pytest.fixture
+def families_of_paintings(monkeypatch) -> list[str | None]:
+    """The families that paintings were made of, in turn; paintings 0 and 2 and the second held-out one have one."""
+    families, made = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}, []
     monkeypatch.setattr(pool_of_paintings, "family_of", lambda _, number: families.get(number))
-    monkeypatch.setattr(pool_of_paintings, "paint", lambda *_: bars())
-    every = [*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + 3)]
-    pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, every, [], ["dabs"])
-    assert not (tmp_path / "000000.npz").is_file()
-    save_painting(tmp_path / "000000.npz", bars())  # of a training that did not leave it out
-    some = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1, left_out=["dabs"])
+    monkeypatch.setattr(pool_of_paintings, "paint", lambda *words: made.append(words[-1]) or bars())
+    return made
+
+
+EVERY = (*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + 3))
+
+
+def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_from(tmp_path, families_of_paintings):
+    pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, EVERY, [], ["washes"])
+    assert families_of_paintings == [None, "washes", None, None]
+    save_painting(tmp_path / "000000-dabs.npz", bars())  # of a training that did not leave it out
+    some = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1, families=["washes"])
     some.batch(0)
-    assert sorted(path.stem for path in some.loaded) == ["000001", "000002"]
+    assert sorted(path.stem for path in some.loaded) == ["000001", "000002-washes"]
     assert some.held_out_numbers[:2] == [FIRST_HELD_OUT, FIRST_HELD_OUT + 2]
     assert len(some.held_out_numbers) == data.HELD_OUT_COUNT
     assert len(some.held_out(2)) == 2
+
+
+def test_without_families_engines_make_every_painting(tmp_path, families_of_paintings):
+    save_painting(tmp_path / "000000-dabs.npz", bars())
+    pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, EVERY, [])
+    assert families_of_paintings == [None] * len(EVERY)
+    none = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1)
+    none.batch(0)
+    assert sorted(path.stem for path in none.loaded) == ["000000", "000001", "000002"]
+    assert none.held_out_numbers[1] == FIRST_HELD_OUT + 1
 
 
 def maps_of(labels: np.ndarray) -> torch.Tensor:

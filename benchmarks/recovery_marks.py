@@ -1,0 +1,125 @@
+"""What do some marks by hand gain on the rest of a painting? Known paintings, and marks that people drew.
+
+    python benchmarks/recovery_marks.py --kinds impasto daubs dabs
+    python benchmarks/recovery_marks.py --kinds --hand FOLDER        # of NAME.json with NAME.png
+
+Of each known painting, weathered, ``--marks`` strokes by chance play the marks of a person: they tell the scale, and
+the judges learn from them, as ``recover marks=`` does. A line says the recall of the other strokes at an IoU of 0.5
+before and after, and F1 of all regions. Of marks by hand, one half teaches and the other half is looked for, then the
+other way round.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import torch
+from brushexp_recovery.benchmark.scenes import Scene, paint_scene
+from brushexp_recovery.find.regions import find_regions
+from brushexp_recovery.marks.mark_regions import overlaps_of_pixels, pixels_of_mark
+from brushexp_recovery.marks.marks_file import Mark, Marks, read_marks
+from brushexp_recovery.measure.contours import outlines_of
+from brushexp_recovery.model.recovery_model import load_model
+from brushexp_recovery.raster.labels import count_pixels, group_pixels
+from brushexp_recovery.raster.overlap import overlaps_between
+from brushexp_recovery.synthesis.families.family import find_families
+from brushexp_recovery.train.marked_painting import choose_scale, fit_judges
+
+from brushexp.contracts.pictures import load_picture
+from brushexp.contracts.runs import load_plugins
+
+SEED = 61
+MATCH, SOFT = 0.5, 0.3  # intersections over union
+LEAST_PIXELS = 12  # of a region that counts
+
+
+def find(model, image, scale=None):
+    """Find regions as `recover` does."""
+    return find_regions(model, image, scale, 1, lambda *_: None)
+
+
+def find_with(model, image, marks):
+    """Find regions as ``recover marks=`` does, before the marks take their places."""
+    scale = choose_scale(model, image, marks)
+    return find(fit_judges(model, image, marks, scale, 0), image, scale)
+
+
+def marks_of(truth, chosen):
+    """Make marks of known strokes, whose regions are what is seen of them."""
+    outlines = outlines_of(truth.labels, len(truth))
+    strokes = [
+        Mark(str(k), truth.curve[k], np.full(3, truth.width[k]), (outlines[k],) if len(outlines[k]) > 2 else ())
+        for k in chosen
+    ]
+    return Marks(strokes, [], truth.labels.shape, None, complete=False)
+
+
+def compare_known(model, options):
+    """Print a line for each kind, and the means."""
+    print(f"| {options.marks} marks | scale | recall of the rest | F1 |\n|---|---|---|---|")
+    gains = []
+    for kind in options.kinds:
+        painting = paint_scene(Scene(kind, options.count, options.number), options.side, SEED)
+        truth, image = painting.truth, painting.hard.astype(np.float32)
+        marked = np.random.default_rng(0).permutation(np.flatnonzero(truth.counts))[: options.marks]
+        rest = truth.counts & ~np.isin(np.arange(len(truth)), marked)
+        results = []
+        for regions in (find(model, image), find_with(model, image, marks_of(truth, marked))):
+            area = count_pixels(regions.labels, len(regions.chance))
+            overlaps = overlaps_between(truth.labels, regions.labels, len(truth), len(area))
+            hit = np.isin(np.arange(len(truth)), overlaps.first[overlaps.iou >= MATCH])
+            f1 = 2 * hit[truth.counts].sum() / (truth.counts.sum() + (area >= LEAST_PIXELS).sum())
+            results.append((regions.zoom, hit[rest].mean(), f1))
+        gains.append(results)
+        words = [" -> ".join(f"{value:.2f}" for value in column) for column in zip(*results, strict=True)]
+        print(f"| {kind} | {' | '.join(words)} |", flush=True)
+    if gains:
+        mean = np.mean(gains, 0)
+        print(f"| mean | | {mean[0, 1]:.3f} -> {mean[1, 1]:.3f} | {mean[0, 2]:.3f} -> {mean[1, 2]:.3f} |")
+
+
+def compare_hand(model, folder):
+    """Print, for each picture of a folder, the recall of each half of its marks before and after the other teaches."""
+    print("| marks by hand | recall at 0.5 | at 0.3 | marks looked for |\n|---|---|---|---|")
+    for path in sorted(folder.glob("*.json")):
+        marks = read_marks(path)
+        image = load_picture(str(path.with_suffix(".png")), None).permute(1, 2, 0).numpy()
+        size = image.shape[:2]
+        order = np.random.default_rng(0).permutation(len(marks.strokes))
+        halves = np.array_split(order, [len(order) // 2])
+        before = find(model, image)
+        for teach, test in (halves, halves[::-1]):
+            taught = Marks([marks.strokes[k] for k in teach], [], size, None, complete=False)
+            pixels = [pixels_of_mark(marks.strokes[k], size) for k in test]
+            columns = []
+            for regions in (before, find_with(model, image, taught)):
+                groups = [group.astype(np.int64) for group in group_pixels(regions.labels, len(regions.chance))]
+                overlaps = overlaps_of_pixels(pixels, groups, size[0] * size[1])
+                best = np.zeros(len(pixels))
+                np.maximum.at(best, overlaps.first, overlaps.iou)
+                columns.append(((best >= MATCH).mean(), (best >= SOFT).mean()))
+            words = [f"{one:.2f} -> {other:.2f}" for one, other in zip(*columns, strict=True)]
+            print(f"| {path.stem} | {' | '.join(words)} | {len(test)} |", flush=True)
+
+
+def main():
+    """Compare known paintings, then marks by hand."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kinds", nargs="*", default=sorted(find_families()))
+    parser.add_argument("--marks", type=int, default=20)
+    parser.add_argument("--count", type=int, default=90)
+    parser.add_argument("--number", type=int, default=3)
+    parser.add_argument("--side", type=int, default=224)
+    parser.add_argument("--hand", type=Path, help="folder of marks, NAME.json, and pictures, NAME.png")
+    parser.add_argument("--weights", default="strokes")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    load_plugins(Path("plugins"), warns=False)
+    model = load_model(options.weights)
+    compare_known(model, options)
+    if options.hand is not None:
+        compare_hand(model, options.hand)
+
+
+if __name__ == "__main__":
+    main()
