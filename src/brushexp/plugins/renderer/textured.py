@@ -26,6 +26,7 @@ FADED, LIT = 0.003, 0.95  # margin of opacities, and largest tone, at which they
 SAMPLES = 4  # samples of a texel in each direction, when it is read off a picture
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
 FULL = 0.98  # share of texels with paint that are no higher than a full film
+LEVEL = 0.7  # films of paint whose bristles leave no furrow
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 HAIR_REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
@@ -51,7 +52,7 @@ class Textured(Renderer):
         variants: how many different textures.
         rows: texels across, to ``SPREAD`` half widths on either side.
         columns: texels along, ``LONG`` times as long, beyond the ends too.
-        tone: strength of paler and darker bristles, over that of the textures.
+        tone: strength of paler and darker bristles, and of the furrows between them, over that of the textures.
         fullness: how full of paint the brush is: it covers as so many strokes do, and gaps between bristles close.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             bristles drawn at random.
@@ -147,7 +148,7 @@ def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, level
     """Make all sizes, from twice their own down, of textures (V, 3, rows, columns) before sigmoid, tanh, sigmoid."""
     opacity, tones, height = textures.unbind(1)
     covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
-    values = torch.stack([covering, tone * tones.tanh(), height.sigmoid()], dim=1)
+    values = torch.stack([covering, tone * tones.tanh(), LEVEL + tone * (height.sigmoid() - LEVEL)], dim=1)
     finest = Loop(2 * loop.begin, 2 * loop.length)
     return sheets_of(double_textures(values, loop), levels, finest, rounded=rounded)
 
