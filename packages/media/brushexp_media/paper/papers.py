@@ -46,7 +46,7 @@ class GrainedPaper(Paper):
         drag: how much grain is drawn out along the strokes, as a stick does that skips, 0 to 1.
         accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
         roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
-        granulation: how much wet pigment settles in hollows, 0 to 2, where it pools: in dark washes, and here and there.
+        granulation: how much wet pigment settles in hollows, 0 to 2, where it pools: in dark washes, here and there.
         rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
         blooms: how unevenly a wash dries, 0 to 2.
         clean: how far paint is evened along its edges, in grains: what many touches made has the edges of one.
