@@ -198,13 +198,17 @@ def test_marks_that_stand_alone_go_unless_the_picture_has_a_cause_for_them():
     specks = [straight((x, 20), (x + 6, 20), width=3, color=dark) for x in (20, 60)]
     line = [straight((x, 50), (x + 8, 50), width=3, color=dark) for x in range(10, 80, 8)]
     ground = straight((0, 35), (100, 35), width=90, color=grey)
+    broad = straight((70, 35), (74, 35), width=12, color=dark)  # hides the ground
+    edge = straight((94, 60), (98, 60), width=3, color=dark)
     target = torch.full((3, 70, 100), 0.6)
     target[:, 18:22, 60:67] = 0.3  # a cause for the second speck
-    strokes = Strokes.join(ground, *specks, *line)
+    strokes = Strokes.join(ground, *specks, *line, broad, edge)
     image = torch.full((3, 70, 100), 0.6)
     for left, top in ((20, 18), (60, 18)):
         image[:, top : top + 3, left : left + 7] = 0.3
     image[:, 48:52, 10:82] = 0.3
+    image[:, 29:41, 64:80] = 0.3
+    image[:, 58:62, 92:100] = 0.3
     state = replace(state_of(strokes=strokes, target=target), image=image)
     policy = {"thin": 0, "askew": 90}
     assert (~Strays(**policy).revise(state).keep).nonzero()[:, 0].tolist() == [1]

@@ -13,6 +13,7 @@ INSIDE, BESIDE = 7, 5  # points along a stroke, and along each of its sides
 BEYOND = (1.3, 1.5)  # half widths, and pixels beside them, from the curve to the points around a stroke
 OUT = 0.05  # least median difference of the picture around a stroke from its colour, 0 to 1
 ALIKE, TOUCHING = 0.5, 0.4  # points that differ by such a share of the median are like it; share of them that may be
+BROADEST = 1.25  # typical widths: a broader stroke is no spot or tick
 SEEN = 0.4  # share of a stroke that must be visible
 REACH = 2.5  # typical widths within which marks belong together
 ONE_COLOR = 0.15  # largest difference of a channel between marks that belong together, 0 to 1
@@ -22,8 +23,9 @@ CROWD = 5  # marks from which on they are a line, or foliage, or hatching
 def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
     """Tell which strokes (N,) stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
 
-    The median difference around a stroke from its colour is its contrast. A stroke stands out if it is seen, and at
-    most 40 % of the pixels around it differ by less than half of its contrast; it stands alone if it is one of fewer
+    The median difference around a stroke from its colour is its contrast. A stroke stands out if it is seen, is not
+    broad, has nothing beyond the edge of the picture around it, and at most 40 % of the pixels around it differ by less
+    than half of its contrast; it stands alone if it is one of fewer
     than five such strokes that are near each other: a spot, a tick. The target has a cause for it if it differs there
     from what is around by at least ``least`` (0 to 1), in the same direction of colour.
     """
@@ -36,7 +38,10 @@ def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: floa
     apart = np.abs(around - color).max(2)
     contrast = np.median(apart, axis=0)
     is_seen = (np.abs(seen - color).max(2) < ALIKE * contrast).mean(0) > SEEN
-    stands_out = is_seen & (contrast > OUT) & ((apart < ALIKE * contrast).mean(0) < TOUCHING)
+    is_small = (half <= BROADEST * half.median()).numpy()  # a broad stroke hides the ground
+    height, width = painting.shape[1:]
+    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # what lies beyond the edge is not known
+    stands_out = is_small & is_within & is_seen & (contrast > OUT) & ((apart < ALIKE * contrast).mean(0) < TOUCHING)
     direction = color - np.median(around, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True).clip(1e-9)
     cause = _sample(aim, inside).mean(0) - np.median(_sample(aim, ring), axis=0)
