@@ -9,7 +9,7 @@ from brushexp_policies.accuracy import Accuracy
 from brushexp_policies.patches import Patches
 from painters import error_of, take
 from painters import painter_of as some_painter
-from scenes import Windowed, random_strokes
+from scenes import Windowed, random_strokes, straight
 
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Depth, Picture
@@ -24,7 +24,7 @@ from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.strokes.catalogue import check_strokes
+from brushexp.strokes.catalogue import Strokes, check_strokes
 
 SIZE = (40, 56)
 
@@ -179,7 +179,7 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     scores[[24, 40]] = 5.0  # what the picture would miss
     state = state_of(strokes=replace(strokes, **lines), target=torch.rand(3, 60, 60), scores=scores)
     assert (~policy.revise(state).keep).nonzero()[:, 0].tolist() == [10, 17, 31]
-    assert Strays(thin=0, askew=90).revise(state) is None
+    assert Strays(thin=0, askew=90, lone=0).revise(state) is None
     fresh = Strays(missed=0.04)
     assert next(step for step in range(1, 61) if fresh.due(step, 60)) == 42
     assert fresh.due(50, 60), "also where the number of steps has changed, so that 42 was passed by"
@@ -191,3 +191,28 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     )
     assert len(blind.strokes()) < len(asked.strokes()) < len(fixed.strokes())
     assert error_of(asked) < 0.8 * error_of(blind)
+
+
+def test_marks_that_stand_alone_go_unless_the_picture_has_a_cause_for_them():
+    grey, dark = (0.6, 0.6, 0.6), (0.3, 0.3, 0.3)
+    specks = [straight((x, 20), (x + 6, 20), width=3, color=dark) for x in (20, 60)]
+    line = [straight((x, 50), (x + 8, 50), width=3, color=dark) for x in range(10, 80, 8)]
+    ground = straight((0, 35), (100, 35), width=90, color=grey)
+    broad = straight((70, 35), (74, 35), width=12, color=dark)  # hides the ground
+    edge = straight((94, 60), (98, 60), width=3, color=dark)
+    target = torch.full((3, 70, 100), 0.6)
+    target[:, 18:22, 60:67] = 0.3  # a cause for the second speck
+    strokes = Strokes.join(ground, *specks, *line, broad, edge)
+    image = torch.full((3, 70, 100), 0.6)
+    for left, top in ((20, 18), (60, 18)):
+        image[:, top : top + 3, left : left + 7] = 0.3
+    image[:, 48:52, 10:82] = 0.3
+    image[:, 29:41, 64:80] = 0.3
+    image[:, 58:62, 92:100] = 0.3
+    state = replace(state_of(strokes=strokes, target=target), image=image)
+    policy = {"thin": 0, "askew": 90}
+    assert (~Strays(**policy).revise(state).keep).nonzero()[:, 0].tolist() == [1]
+    assert Strays(**policy, lone=0).revise(state) is None
+    attended = torch.ones(70, 100)
+    attended[:, :40] = 2
+    assert Strays(**policy).revise(replace(state, focus=attended)) is None

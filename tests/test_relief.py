@@ -18,13 +18,14 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
-from brushexp.shading.height import CARRIED, FILM, Impasto, typical_width
+from brushexp.shading.height import CARRIED, FILM, Impasto, filled_in, typical_width
 from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.tasks import export, paint
 
+WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 RENDERERS = {"plain": Analytic(), "pointed": Analytic(taper=1.0), "bristles": Textured(checkpoint=None)}
 RENDERERS |= {"windows": Windowed(), "another kind": DabRenderer()}
 
@@ -77,12 +78,12 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
 
 
 def test_there_is_paint_where_the_stroke_is_pushed_aside_to_either_side_and_nowhere_else():
-    height = painted(straight((20, 15), (60, 15), width=12), (30, 80)).height()
+    height = painted(straight((20, 15), (60, 15), width=12, color=WHITE), (30, 80)).height()
     y, x = np.mgrid[:30, :80] + 0.5
     distance = np.hypot(y - 15, np.maximum(0, np.maximum(20 - x, x - 60)))
     assert (height[distance < 0.6 * 6] > 0.05 * FILM * 12).all()
     assert (height[distance > 1.2 * 6 + 1] == 0).all()
-    stroke, clear = (straight((20, 15), (60, 15), width=12, opacity=opacity) for opacity in (1.0, 0.0))
+    stroke, clear = (straight((20, 15), (60, 15), width=12, color=WHITE, opacity=opacity) for opacity in (1.0, 0.0))
     brushes = [Strokes.join(*[clear] * number, stroke) for number in range(8)]
     mean = np.mean([painted(strokes, (30, 80)).height()[:, 25:55].mean(1) for strokes in brushes], axis=0)
     middle, sides = mean[13:17].mean(), (mean[9:12].mean(), mean[18:21].mean())
@@ -91,9 +92,34 @@ def test_there_is_paint_where_the_stroke_is_pushed_aside_to_either_side_and_nowh
     np.testing.assert_array_less(mean[:9], max(sides))
 
 
+def test_dark_paint_is_thin_and_paint_of_one_lightness_equally_thick():
+    thickness = {}
+    for name, color in {"white": WHITE, "black": BLACK, "red": (1.0, 0.0, 0.0), "grey": (0.299, 0.299, 0.299)}.items():
+        thickness[name] = painted(straight((20, 15), (60, 15), width=12, color=color), (30, 80)).height().max()
+    assert 0 < thickness["black"] < 0.2 * thickness["white"]
+    assert thickness["black"] < thickness["red"] < thickness["white"]
+    assert thickness["grey"] == pytest.approx(thickness["red"], rel=1e-5)
+
+
+def test_furrows_are_as_deep_as_they_are_seen_in_the_colour():
+    strokes = straight((20, 15), (60, 15), width=12, color=WHITE)
+    rough, smooth = (
+        painted(strokes, (30, 80), renderer=Textured(checkpoint=None, tone=tone)).height()[12:18, 30:50]
+        for tone in (1.0, 0.0)
+    )
+    assert smooth[:, 5:15].std(1).mean() < 0.5 * rough[:, 5:15].std(1).mean()
+
+
+def test_thick_paint_hides_the_threads_of_a_canvas():
+    threads = hills(8, 8, roughness=0.1)
+    np.testing.assert_array_equal(filled_in(np.zeros((8, 8), np.float32), threads, 10), threads)
+    film = np.full((8, 8), FILM * 10, np.float32)
+    assert np.ptp(filled_in(film, threads, 10)) < 0.05 * np.ptp(threads)
+
+
 @pytest.mark.parametrize("name", ["plain", "pointed", "bristles"])
 def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_size(name):
-    strokes = straight((30, 50), (70, 55), width=60)
+    strokes = straight((30, 50), (70, 55), width=60, color=WHITE)
     slopes = []
     for zoom in (8, 16):
         size = (100 * zoom, 120 * zoom)

@@ -15,7 +15,7 @@ from torch import Tensor
 from brushexp.contracts import between, one_of, register
 from brushexp.contracts.families import Blend, ColorSpace, Exporter, ExportJob, Rows
 from brushexp.contracts.files import to_bytes, with_progress
-from brushexp.contracts.layers import Drawer, Impasto, cuts, normals_of, shade_picture, typical_width
+from brushexp.contracts.layers import Drawer, Impasto, cuts, filled_in, normals_of, shade_picture, typical_width
 from brushexp.contracts.members import Rgb, profile_of
 from brushexp.contracts.pictures import filming, largest_side
 from brushexp.contracts.strokes import LATER_FIELDS, Strokes, cut_short
@@ -90,11 +90,14 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     if not job.light.depth:
         yield from colors
         return
-    ground = 0.0 if job.paper is None else job.paper.relief(rows).numpy()
-    impasto = Impasto(job.renderer, typical_width(job.strokes))
+    ground = None if job.paper is None else job.paper.relief(rows).numpy()
+    typical = typical_width(job.strokes)
+    impasto = Impasto(job.renderer, typical)
     heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
     for color, height in zip(colors, heights, strict=True):
-        normals = normals_of(height[0].cpu().numpy() + ground, job.light.depth)
+        paint = height[0].cpu().numpy()
+        surface = paint if ground is None else filled_in(paint, ground, typical)
+        normals = normals_of(surface, job.light.depth)
         yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
 
 

@@ -1,19 +1,31 @@
-"""Draw strokes with the marks of chalk, flat brushes, palette knives, washes and dabs, whose textures are formulas."""
+"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs: formulas, and scans of strokes."""
 
 from functools import lru_cache
 from typing import Annotated
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.contracts import one_of, register
 from brushexp.contracts.families import Renderer
 from brushexp.contracts.layers import SPREAD, Loop, Sheets, TexturedProfile, coordinates_of, sheets_of
-from brushexp.contracts.strokes import Strokes, curve_of, half_width_of
+from brushexp.contracts.strokes import (
+    SCAN_BEYOND_ENDS,
+    SCAN_BEYOND_SIDES,
+    SCAN_COLUMNS,
+    SCAN_ROWS,
+    Strokes,
+    curve_of,
+    half_width_of,
+    read_scans,
+)
 from brushexp_media.picture.noise import fractal_noise, gradient_noise
 
-VARIANTS, LEVELS, ROWS, COLUMNS = 8, 6, 128, 192
-RUBBED = 2  # the last variants of chalk, which are rubbed in
+VARIANTS, LEVELS, ROWS, COLUMNS = 16, 6, 128, 192
+DRY, RUN_OUT = 4, 5.0  # the last variants of flat, loaded and knife are dry; widths after which paint has run out
+FULL_SCAN, DRY_SCAN = 0.93, 0.6  # share of the middle of a scan that paint covers, in full and at least in dry ones
+RUBBED = 4  # the last variants of chalk, which are rubbed in
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
 KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 
@@ -22,7 +34,8 @@ KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 class Marks(Renderer):
     """Bezier stroke with the mark of a tool: chalk, a flat or a loaded brush, a palette knife, a wash, a dab.
 
-    Textures are drawn by formulas, the same every time; nothing is trained.
+    Textures are the same every time; nothing is trained. Those of brushes and knives have the outlines and the dry ends
+    of scanned strokes, and formulas fill them. A stroke has a dry end only if it is longer than five of its widths.
 
     Args:
         kind: chalk, flat, loaded, knife, wash or dab.
@@ -39,12 +52,17 @@ class Marks(Renderer):
         softened = (half.square() + THIN**2).sqrt()
         finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         once = torch.ones_like(strokes.brush)
+        variant = strokes.brush % VARIANTS
+        if self.kind in DRIED:
+            curve = curve_of(strokes).detach()
+            spent = (curve[:, 2] - curve[:, 0]).norm(dim=1) > RUN_OUT * 2 * half.detach()
+            variant = torch.where(spent, variant, variant % (VARIANTS - DRY))
         return TexturedProfile(
             curve_of(strokes),
             softened,
             strokes.color,
             strokes.opacity * half / softened,
-            look=strokes.brush % VARIANTS * LEVELS + finer.clamp(0, LEVELS - 1).long(),
+            look=variant * LEVELS + finer.clamp(0, LEVELS - 1).long(),
             repeats=once,
             flip=1 - 2 * (strokes.brush // VARIANTS % 2),
             sheets=_sheets(self.kind, half.device),
@@ -90,51 +108,69 @@ def chalk(variant: int) -> Tensor:
     return torch.stack([opacity, tone.clamp(-0.3, 0.3), 0.3 + 0 * t])
 
 
+@lru_cache(maxsize=1)
+def _scans() -> tuple[Tensor, Tensor]:
+    """Return scanned strokes (M, 1, rows, columns), coverage from 0 to 1, those with full and those with dry ends."""
+    scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
+    inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
+    filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))
+    return scans[(filled > FULL_SCAN) & (end > FULL_SCAN)], scans[(filled > DRY_SCAN) & (end < FULL_SCAN)]
+
+
+def _scan(variant: int, seed: int) -> Tensor:
+    """Look a scanned stroke up in the places of a texture: coverage (ROWS, COLUMNS)."""
+    full, dry = _scans()
+    number = torch.randperm(10_000, generator=torch.Generator().manual_seed(seed))[variant]
+    scan = dry[number % len(dry)] if variant >= VARIANTS - DRY else full[number % len(full)]
+    across, _, _, along = _grid()
+    beyond = 2 * SCAN_BEYOND_ENDS  # half widths
+    share = (along + beyond) / (LENGTH + 2 * beyond)
+    places = torch.stack([across / (1 + 2 * SCAN_BEYOND_SIDES), 2 * share - 1], -1)[None]
+    return functional.grid_sample(scan[None], places, align_corners=False)[0, 0]
+
+
 def flat(variant: int) -> Tensor:
-    """Draw a flat brush full of body colour: square ends, the last one dry, and streaks of its hairs."""
-    across, outside, t, along = _grid()
+    """Draw a flat brush full of body colour: even paint within the outline of a scanned stroke, and its hairs."""
+    across, _, _, along = _grid()
     hairs = gradient_noise(along / 40, across / 0.13, 300 + variant)
     hairs = hairs + gradient_noise(along / 25, across / 0.3, 400 + variant)
-    grain = fractal_noise(along / 0.7, across / 0.12, 500 + variant, 2)
-    side = ((0.98 + 0.03 * grain - across.abs()) / 0.06).clamp(0, 1)
-    reach = 0.35 + 0.22 * hairs
-    start = ((reach + (outside.clamp_max(0) + 0)) / 0.1 + 0 * t).clamp(0, 1)
-    end = ((reach - outside.clamp_min(0)) / 0.1).clamp(0, 1)
-    dry = ((1 - t) * 2.6 + 0.9 + 0.8 * hairs + 0.45 * grain).clamp(0, 1)
-    tone = 0.04 * hairs + 0.1 * (0.5 - t) + 0.05 * across * (1 if variant % 2 else -1)
-    opacity = side * start * end * dry
+    opacity = ((_scan(variant, 310) - 0.35) / 0.3).clamp(0, 1)
+    tone = 0.03 * hairs + 0.02 * across * (1 if variant % 2 else -1)
     return torch.stack([opacity, tone.clamp(-0.35, 0.35), (0.45 + 0.4 * hairs).clamp(0.05, 1)])
 
 
 def loaded(variant: int) -> Tensor:
-    """Draw a brush full of paste: round ends, a few furrows of uneven width, and paint pushed to both sides."""
+    """Draw a brush full of paste: set down bluntly, lifted to a point, with a few furrows and paint pushed aside."""
     across, outside, t, along = _grid()
     furrows = gradient_noise(along / 30, across / 0.34, 1000 + variant)
     furrows = furrows + 0.6 * gradient_noise(along / 14, across / 0.15, 1100 + variant)
     rough = fractal_noise(along / 0.8, across / 0.25, 1200 + variant, 2)
-    inside = 0.97 + 0.05 * rough + 0.1 * furrows - torch.hypot(across, outside)
-    dry = ((1 - t) * 3 + 0.9 + 1.2 * furrows + 0.4 * rough).clamp(0, 1)
+    lifted = (0.15 + 0.5 * (5 * variant % VARIANTS) / (VARIANTS - 1)) * t**2  # of half the width, by how it is lifted
+    inside = 0.99 - lifted + 0.03 * rough + 0.06 * furrows - torch.hypot(across, outside)
+    dry = (1 + 2 * (_scan(variant, 1010) - 0.5)).clamp(0, 1) if variant >= VARIANTS - DRY else 1.0 + 0 * t
     tone = 0.22 * furrows + 0.04 * rough + 0.05 * across * (1 if variant % 2 else -1)
     film = 0.4 + 0.25 * furrows + 0.28 * torch.exp(-(((inside - 0.2) / 0.13) ** 2)) + 0.15 * (t - 0.5) + 0.03 * rough
     return torch.stack([(inside / 0.09).clamp(0, 1) * dry, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 
 
 def knife(variant: int) -> Tensor:
-    """Draw a palette knife: a smooth film with straight sides, ridges pushed aside, and a torn end."""
-    across, outside, t, along = _grid()
+    """Draw a palette knife: a smooth slab, paint heaped at one side and where the blade is lifted, and torn drags."""
+    across, _, t, along = _grid()
+    beyond = along - LENGTH
     drag = gradient_noise(along / 30, across / 0.6, 600 + variant)
-    torn = fractal_noise(along / 0.5, across / 0.2, 700 + variant, 2)
-    side = ((1.0 + 0.05 * torn + 0.06 * drag - across.abs()) / 0.05).clamp(0, 1)
-    slant = 0.25 * across * (1 if variant % 2 else -1)  # the blade is set down and lifted askew
-    start = ((0.5 + slant + 0.06 * drag + outside.clamp_max(0)) / 0.12).clamp(0, 1)
-    end = ((0.35 + slant + 0.05 * torn + 0.1 * drag - outside.clamp_min(0)) / 0.16).clamp(0, 1)
-    gaps = (2.6 + 1.0 * (1 - t) + 0.3 * torn + 0.6 * drag).clamp(0, 1)
-    ridge = torch.exp(-(((across - (0.88 if variant % 2 else -0.88)) / 0.1) ** 2)) * (0.9 + drag).clamp_min(0)
-    lip = torch.exp(-(((outside - 0.2 - slant) / 0.12) ** 2))
-    streaks = gradient_noise(along / 20, across / 0.22, 650 + variant)
-    film = 0.4 + 0.16 * drag + 0.06 * streaks + 0.6 * slant + 0.45 * ridge + 0.4 * lip
-    tone = 0.2 * drag + 0.1 * streaks + 0.03 * torn
-    return torch.stack([side * start * end * gaps, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
+    wavy = fractal_noise(along / 2.5, 0 * across + variant, 700 + variant, 2)
+    hand = torch.rand(3, generator=torch.Generator().manual_seed(620 + variant)).tolist()
+    slant = (0.5 * hand[0] - 0.25) * across  # the blade is set down and lifted askew
+    side = ((0.98 + 0.04 * wavy + 0.04 * drag - across.abs()) / 0.05).clamp(0, 1)
+    start = ((0.3 + 0.3 * hand[1] + slant + 0.08 * drag + along) / 0.1).clamp(0, 1)
+    end = ((0.2 + 0.3 * hand[2] + slant + 0.12 * drag - beyond) / 0.1).clamp(0, 1)
+    torn = ((_scan(variant, 610) - 0.2) / 0.4).clamp(0, 1) if variant >= VARIANTS - DRY else 1.0 + 0 * t
+    heap = 0.9 if variant % 2 else -0.9
+    ridge = torch.exp(-(((across - heap) / 0.12) ** 2)) * (0.6 + hand[1] + drag).clamp_min(0)
+    lip = torch.exp(-(((beyond - 0.05 - 0.3 * hand[2] - slant) / 0.16) ** 2)) * (0.8 + wavy).clamp_min(0)
+    film = 0.45 + 0.1 * drag + 0.5 * slant + 0.4 * ridge + 0.5 * lip
+    tone = 0.16 * drag + 0.06 * gradient_noise(along / 25, across / 0.25, 650 + variant)
+    return torch.stack([side * start * end * torn, tone.clamp(-0.3, 0.3), film.clamp(0.05, 1)])
 
 
 def wash(variant: int) -> Tensor:
@@ -155,4 +191,5 @@ def dab(variant: int) -> Tensor:
     return torch.stack([(inside / 0.36).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
+DRIED = ("flat", "loaded", "knife")  # marks of which the last variants are dry
 DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded, "knife": knife, "wash": wash, "dab": dab}

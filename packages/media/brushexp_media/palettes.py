@@ -123,11 +123,15 @@ class Toned(Palette):
 
     def __call__(self, picture: Tensor) -> Tensor:
         lines = edge_lines(picture.numpy()) if self.outlines else None
+        own = as_lab(picture)[..., 0]
         lab = as_lab(flattened(picture, self.flatness * max(picture.shape) / FLAT_AT))
         lightness = grouped(spread_out(lab[..., 0], self.spread), self.values, self.grouping)
         if self.irradiation:
             lightness = lightness + self.irradiation * (lightness - _around(lightness))
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
+        toned = self.dark + tone * (self.light - self.dark)
+        share = share_of_night(own.mean(), toned.mean())
+        tone = tone + share * (own / 100 - tone)
         chroma = np.hypot(lab[..., 1], lab[..., 2])
         raised = self.chroma * chroma
         raised += (self.least_chroma - raised).clip(0) * (chroma / 8).clip(0, 1)
@@ -136,15 +140,24 @@ class Toned(Palette):
             raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
         if self.hues:
             lab[..., 1:] = harmonised(lab[..., 1:], self.hues, self.harmony)
-        share = raised / chroma.clip(1e-6)
-        lab[..., 0] = self.dark + tone * (self.light - self.dark)
+        purity = raised / chroma.clip(1e-6)
+        lab[..., 0] = toned + share * (own - toned)
         bleached = ((tone - 0.9) / 0.1).clip(0, 1) * (2 - 2 * chroma / CLEAR).clip(0, 1) * (self.white < 100)
-        lab[..., 1:] *= (share * (1 - bleached))[..., None]
+        lab[..., 1:] *= (purity * (1 - bleached))[..., None]
         lab[..., 2] += self.warmth * (2 * tone - 1) * (1 - bleached)
         if lines is not None:
             strength = self.outlines * lines[..., None]
             lab += strength * (np.array(OUTLINE) - lab)
         return as_picture(lab)
+
+
+def share_of_night(own: float, toned: float) -> float:
+    """Compute how far a palette goes back to the picture's own lightness, 0 to 1, so that night stays night.
+
+    ``own`` and ``toned`` are means of L* of the picture and of what the palette makes of it.
+    """
+    allowed = NIGHT_LIFT + TWILIGHT_LIFT * max(own - NIGHT, 0.0)
+    return 1 - min(1.0, allowed / max(toned - own, 1e-6))
 
 
 def _around(lightness: Array) -> Array:
@@ -154,6 +167,8 @@ def _around(lightness: Array) -> Array:
     return around
 
 
+NIGHT = 32.0  # mean L* of a picture up to which it is one of the night
+NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lift it, and by how much more for each L* above
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared

@@ -1,5 +1,8 @@
 """Palettes give a picture the colours of a medium, and losses of dots ask for their hues and their mean."""
 
+from pathlib import Path
+
+import brushexp_media
 import numpy as np
 import pytest
 import torch
@@ -7,15 +10,18 @@ from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
 from brushexp_media.palettes import (
     CLEAR,
+    NIGHT,
     STEEPEST,
     as_lab,
     as_picture,
     grouped,
     harmonised,
     limited,
+    share_of_night,
     spread_out,
 )
 from brushexp_media.picture.smoothing import gaussian_blur
+from omegaconf import OmegaConf
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
 
@@ -49,6 +55,19 @@ def test_values_are_grouped():
     groups = grouped(np.linspace(0, 100, 1001), 4, 1.0)
     assert np.unique(groups.round(6)).tolist() == [12.5, 37.5, 62.5, 87.5]
     assert np.array_equal(grouped(np.linspace(0, 100, 11), 0, 1.0), np.linspace(0, 100, 11))
+
+
+@pytest.mark.parametrize("look", ["impasto", "gouache", "watercolour", "pastel", "vangogh", "pointillist", "ink"])
+def test_night_stays_night_and_day_does_not_change(look):
+    conf = Path(brushexp_media.__file__).parent / "conf" / "look" / f"{look}.yaml"
+    toned = build_named("palette", "toned", OmegaConf.to_container(OmegaConf.load(conf).palette))
+    night = 0.25 * torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
+    night[:, 5:9, 20:40] = 0.9  # a lit window
+    lab, own = as_lab(toned(night)), as_lab(night)
+    assert own[..., 0].mean() < NIGHT
+    assert lab[..., 0].mean() - own[..., 0].mean() < 3
+    assert share_of_night(50.0, 62.0) == 0
+    assert share_of_night(20.0, 19.0) == 0
 
 
 def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():

@@ -53,6 +53,7 @@ from brushexp.strokes.prior import (
     width_parameter,
 )
 from brushexp.strokes.saved import Saved, alpha_of, config_of, png_of
+from brushexp.strokes.scanned import SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES, SCAN_COLUMNS, SCAN_ROWS, SCANS, read_scans
 from brushexp.strokes.storage import CATALOGUE_NAME, load_catalogue, save_catalogue
 from brushexp.system.precision import at_least_single
 
@@ -66,6 +67,11 @@ __all__ = [
     "MIN_WIDTH_PITCHES",
     "NEIGHBOURS",
     "PRECISE",
+    "SCANS",
+    "SCAN_BEYOND_ENDS",
+    "SCAN_BEYOND_SIDES",
+    "SCAN_COLUMNS",
+    "SCAN_ROWS",
     "SHORTEST_CHORD",
     "THICKEST",
     "THINNEST",
@@ -99,6 +105,7 @@ __all__ = [
     "pitch_of",
     "png_of",
     "point_at",
+    "read_scans",
     "rewindow",
     "roomy_window",
     "sample_prior",

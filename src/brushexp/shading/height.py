@@ -20,6 +20,7 @@ from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import HALF, Loop, Sheets, cells_of, coordinates_of, sheets_of
 from brushexp.compositing.windows import Windows
+from brushexp.pictures.load import BRIGHTNESS
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes, drawable
 
@@ -29,6 +30,9 @@ CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or
 THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
 AT_ONCE = 256  # windows that are computed in one batch
 DENSE = 0.97  # coverage of a full film
+LEAN = 0.12  # films of the darkest paint: darks are painted thinly, lights with body
+LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # luma of paint up to which it is that lean, and from which on it has its full body
+FILLED = 0.25  # thicknesses of a film that level the relief of the ground to a third
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
 VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
 ROWS, COLUMNS = 48, 64  # texels of their textures, across and along
@@ -96,6 +100,7 @@ class Impasto:
         strokes = drawable(strokes)
         layers = self.renderer(strokes)
         film = FILM * self.typical ** (1 - BROADER) * (2 * half_width_of(strokes)) ** BROADER
+        film = film * body_of(strokes.color)
         if isinstance(layers, Profile):
             return _add_bristles(layers, film, strokes.brush)
         if isinstance(layers, TexturedProfile):
@@ -103,6 +108,26 @@ class Impasto:
         if isinstance(layers, Windows):
             return _raise_windows(layers, film)
         return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
+
+
+def body_of(color: Tensor) -> Tensor:
+    """Compute how thickly paint of colours (N, 3) is laid (N,), from LEAN to 1: thin in the dark, thick in the light.
+
+    So paint of one lightness has one thickness, and a ridge goes along with a change of tone.
+    """
+    luma = color @ color.new_tensor(BRIGHTNESS)
+    share = ((luma - LEAN_UNTIL) / (BODY_FROM - LEAN_UNTIL)).clamp(0, 1)
+    return LEAN + (1 - LEAN) * share
+
+
+def filled_in(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.ndarray:
+    """Add the height of ``paint`` to that of the ``ground``, both (h, W) in pixels, which thick paint levels.
+
+    ``typical`` is the median width of a stroke in pixels.
+    """
+    film = max(FILM * typical, 1e-6)
+    levelled: np.ndarray = paint + ground * np.exp(-paint / (FILLED * film))
+    return levelled
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,8 @@ WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
 BROAD, LONG = 1.6, 1.0  # width and length of touches below the dots, in their distances
-BARE, SOFT = (56.0, 87.0), 5.0  # L* between which no touch hides the ground; softness of the first
-ATTENDED = 30.0  # L* by which what is looked at first may be lighter and still have touches below
-DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.4, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
+SHADOW, WHITE = 56.0, 87.0  # L* below which a touch is in shadow, and from which on it keeps its colour
+DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
 TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
 
@@ -42,8 +41,7 @@ class Dots(Initializer):
         length: of a dab, in distances of its layer.
         jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
         division: how far the hues of the largest go apart, 0 to 1; those of small ones, and in the focus, less.
-        under: share of the strokes that are broad touches below the dots, in shadows, whites and the focus: elsewhere
-            the ground is bare between dots.
+        under: share of the strokes that are broad touches below the dots.
     """
 
     layers: Annotated[int, between(1, 8)] = 2
@@ -62,7 +60,7 @@ class Dots(Initializer):
         )  # fmt: skip
         under = round(n * self.under)
         dots = self._divided(layers(target, n - under, generator, focus), generator, focus)
-        return Strokes.join(_undertouches(target, under, generator, focus), dots) if under else dots
+        return Strokes.join(_undertouches(target, under, generator), dots) if under else dots
 
     def _divided(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
         """Move the hues of strokes apart, and their lightness hardly, so that no dot is a speck."""
@@ -84,18 +82,15 @@ class Dots(Initializer):
         return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
 
 
-def _undertouches(target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> Strokes:
-    """Lay broad touches below the dots, duller and cooler than the place, but none in middle tones out of focus."""
+def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
+    """Lay broad touches below the dots, duller than the place, and cooler in shadow: no ground is bare."""
     strokes = InLayers(layers=1, width=BROAD, length=LONG, opacity=1.0, jitter=0.3)(target, n, generator)
     lab = torch.from_numpy(to_lab(strokes.color.double().numpy()))
-    attended = 0 if focus is None else (_at(focus, strokes) - 1).clamp(0, 1)
-    chance = torch.rand(n, generator=generator, dtype=torch.float64) - 0.5
-    bare = (lab[:, 0] + 2 * SOFT * chance - ATTENDED * attended > BARE[0]) & (lab[:, 0] < BARE[1])
-    shadow = (1 - lab[:, :1] / BARE[0]).clamp(0, 1)
-    below = lab[:, :1] < BARE[1]
+    shadow = (1 - lab[:, :1] / SHADOW).clamp(0, 1)
+    below = lab[:, :1] < WHITE
     lab[:, :1] *= torch.where(below, DULL - DUSK * shadow, 1.0)
     lab[:, 1:] = torch.where(below, MUTED * lab[:, 1:] - COOL * shadow * WARM, lab[:, 1:])
-    return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float(), opacity=strokes.opacity * ~bare)
+    return replace(strokes, color=torch.from_numpy(to_rgb(lab.numpy())).float())
 
 
 def _at(weights: Tensor, strokes: Strokes) -> Tensor:

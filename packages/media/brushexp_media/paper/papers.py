@@ -29,6 +29,7 @@ RUNS, RAN = 3.0, 1.5  # grains: how far edges run where paper is wet, and deviat
 WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of the paper from a dry place to a wet one
 SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
 HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
+POOLED, POOLS = 3.0, 0.1  # times the darkness of a wash at which all of its pigment settles; longer sides between pools
 LEFT = 0.5  # share of the paint that is dust which a hollow keeps
 STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
 
@@ -45,7 +46,7 @@ class GrainedPaper(Paper):
         drag: how much grain is drawn out along the strokes, as a stick does that skips, 0 to 1.
         accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
         roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
-        granulation: how much wet pigment settles in hollows, 0 to 2.
+        granulation: how much wet pigment settles in hollows, 0 to 2, where it pools: in dark washes, here and there.
         rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
         blooms: how unevenly a wash dries, 0 to 2.
         clean: how far paint is evened along its edges, in grains: what many touches made has the edges of one.
@@ -119,6 +120,9 @@ class GrainedPaper(Paper):
             hue = self.charged * (1 - dry) * fractal_noise(x / HUES, y / HUES, self.seed + 57, 3).to(flat)
         ground = bare[:, None, None]
         density = self.granulation * (0.5 - low)
+        if self.granulation:
+            load = (POOLED * (ground - flat).mean(0)).clamp(0, 1)
+            density = density * load * evened(fractal_noise(x / POOLS, y / POOLS, self.seed + 61, 3)).to(flat)
         if self.blooms:
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
         if self.rims:

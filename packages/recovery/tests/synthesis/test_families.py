@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from brushexp_recovery.synthesis import paintings
 from brushexp_recovery.synthesis.canvas import Mixing, compose, geometry_of, opaque_mixing
-from brushexp_recovery.synthesis.families import scanned
 from brushexp_recovery.synthesis.families.family import find_families, paint_family
 from brushexp_recovery.synthesis.hand import Hand
 from brushexp_recovery.synthesis.layout import lay_strokes
 from brushexp_recovery.synthesis.paintings import PICTURES, family_of
 from brushexp_recovery.synthesis.sheets import Sheet, draw_sheets, grey_tint
 from recovery_scenes import plain_strokes, straight
+
+from brushexp.contracts.strokes import SCAN_COLUMNS, SCAN_ROWS, read_scans
 
 SIDE = 96
 
@@ -63,8 +64,8 @@ def test_a_plain_sheet_covers_what_lies_near_its_curve():
 
 
 def test_scans_are_full_at_the_start_and_dry_at_the_end():
-    scans = scanned.read_scans().astype(float) / 255
-    assert scans.shape[1:] == (scanned.ROWS, scanned.COLUMNS)
+    scans = read_scans().astype(float) / 255
+    assert scans.shape[1:] == (SCAN_ROWS, SCAN_COLUMNS)
     assert len(scans) > 40
     middle = scans[:, :, 20:44].mean((0, 2))
     begin, end = middle[40:60].mean(), middle[100:120].mean()

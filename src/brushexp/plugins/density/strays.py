@@ -1,12 +1,14 @@
-"""Remove hairlines and strokes that cross all their neighbours."""
+"""Remove hairlines, strokes that cross all their neighbours, and marks that stand alone."""
 
 import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import torch
+from torch import Tensor
 
 from brushexp.bounds import at_least, between
+from brushexp.plugins.density._lone_marks import find_lone_marks
 from brushexp.plugins.density._rounds import CHANNELS
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
@@ -20,22 +22,25 @@ MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in di
 @register("density", "strays")
 @dataclass(kw_only=True)
 class Strays(Density):
-    """Removes hairlines, and strokes that cross all their neighbours, if the picture hardly needs them.
+    """Removes hairlines, strokes that cross all their neighbours, and lone marks, if the picture hardly needs them.
 
     It does so once, before the last steps, which then close the gaps. How much the picture needs a stroke is the growth
-    of the squared error without it, relative to the stroke's area.
+    of the squared error without it, relative to the stroke's area. A mark that stands alone, a spot or a tick, stays
+    where the picture has a cause for it, and where one looks first.
 
     Args:
         after: share of the steps after which strays are removed.
         thin: thickness in pixels below which a stroke is a hairline.
         askew: angle in degrees to the mean direction of its ten nearest above which a stroke crosses them.
         missed: root mean square error, 0 to 1, that removing a stray may add under it.
+        lone: least difference of the picture from its surroundings, 0 to 1, that justifies a lone mark; 0 keeps all.
     """
 
     after: Annotated[float, between(0, 1)] = 0.7
     thin: Annotated[float, at_least(0)] = 1.5
     askew: Annotated[float, between(0, 90)] = 50
     missed: Annotated[float, between(0, 1)] = 0.04
+    lone: Annotated[float, between(0, 1)] = 0.1
     _done: bool = field(default=False, init=False)
     uses_importance = True
 
@@ -51,10 +56,12 @@ class Strays(Density):
         cosine = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)  # of twice the angle
         crossing = (strength > MIN_COHERENCE) & (cosine < math.cos(math.radians(2 * self.askew)))
         stray = (width < self.thin) | crossing
-        if not stray.any():
-            return None
-        allowed = CHANNELS * self.missed**2 * area_of(length_of(shape), width)
-        stray &= state.importance() < allowed
+        if stray.any():
+            allowed = CHANNELS * self.missed**2 * area_of(length_of(shape), width)
+            stray &= state.importance() < allowed
+        if self.lone:
+            lone = find_lone_marks(strokes, state.image, state.target, self.lone)
+            stray |= lone & ~_in_focus(strokes, state.focus)
         return DensificationUpdate(~stray, Strokes.none(width)) if stray.any() and not stray.all() else None
 
     def state_dict(self) -> dict[str, Any]:
@@ -62,3 +69,11 @@ class Strays(Density):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._done = state["done"]
+
+
+def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
+    """Tell which strokes (N,) lie where a ``focus`` (H, W) is nearer to its largest value than to its least."""
+    if focus is None:
+        return torch.zeros_like(strokes.opacity, dtype=torch.bool)
+    x, y = (strokes.position[:, k].long().clamp(0, focus.shape[1 - k] - 1) for k in range(2))
+    return focus[y, x] > (focus.min() + focus.max()) / 2

@@ -80,9 +80,9 @@ class Worth(Density):
     The painting minimises distortion + price * rate. Distortion is the squared error, summed over pixels and channels
     and weighted by the focus; the rate is 150 bits per stroke.
 
-    - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes where
-      they lower the error most, adds up to half as many as there are, and removes those whose removal costs less than
-      their price.
+    - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes
+      where they lower the error most, adds up to half as many as there are, and removes those whose removal costs less
+      than their price.
     - When rounds add almost nothing, growth ends, and as many steps again follow. Strokes no longer worth their price
       are removed.
     - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds

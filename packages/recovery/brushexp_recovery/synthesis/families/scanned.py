@@ -1,27 +1,17 @@
 """Real strokes: scans of acrylic by a flat brush, from full to dry, bent along curves and inked again.
 
-The scans are those of Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
-straightens them.
+The scans are those that renderers draw marks with (`brushexp.strokes.scanned`).
 """
 
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
+from brushexp.contracts.strokes import read_scans
 from brushexp_recovery.synthesis.choices import choose_hand
 from brushexp_recovery.synthesis.families.family import PaintFamily
 from brushexp_recovery.synthesis.hand import Hand, Random
 from brushexp_recovery.synthesis.sheets import Sheet, draw_bristles, grey_tint
-
-Array = NDArray[Any]
-
-SCANS = Path(__file__).parents[1] / "scans" / "strokes.png"  # sheets one below the other
-ROWS, COLUMNS = 160, 64  # of a sheet
 
 
 class Scanned(PaintFamily):
@@ -47,10 +37,3 @@ class Scanned(PaintFamily):
         cover = cover ** (self.load * np.exp(0.2 * random.normal()))
         bristles = draw_bristles(random, *cover.shape)
         return Sheet(cover, grey_tint(1 + self.streak * bristles), cover * (1 + 0.3 * bristles))
-
-
-@cache
-def read_scans() -> Array:
-    """Read the sheets (N, `ROWS`, `COLUMNS`) uint8 of all scans."""
-    picture = np.asarray(Image.open(SCANS))
-    return picture.reshape(-1, ROWS, COLUMNS)

@@ -1,0 +1,94 @@
+"""Find marks that stand alone: unlike all around them, and neither part of a line nor of a crowd."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.pictures.structure import sampled_at
+from brushexp.strokes.bezier import half_width_of, point_at, shape_of
+from brushexp.strokes.catalogue import Strokes
+
+Array = np.ndarray
+INSIDE, BESIDE = 7, 5  # points along a stroke, and along each of its sides
+BEYOND = (1.3, 1.5)  # half widths, and pixels beside them, from the curve to the points around a stroke
+OUT = 0.05  # least median difference of the picture around a stroke from its colour, 0 to 1
+ALIKE, TOUCHING = 0.5, 0.4  # points that differ by such a share of the median are like it; share of them that may be
+BROADEST = 1.25  # typical widths: a broader stroke is no spot or tick
+SEEN = 0.4  # share of a stroke that must be visible
+REACH = 2.5  # typical widths within which marks belong together
+ONE_COLOR = 0.15  # largest difference of a channel between marks that belong together, 0 to 1
+CROWD = 5  # marks from which on they are a line, or foliage, or hatching
+
+
+def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
+    """Tell which strokes (N,) stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
+
+    The median difference around a stroke from its colour is its contrast. A stroke stands out if it is seen, is not
+    broad, has nothing beyond the edge of the picture around it, and at most 40 % of the pixels around it differ by less
+    than half of its contrast; it stands alone if it is one of fewer
+    than five such strokes that are near each other: a spot, a tick. The target has a cause for it if it differs there
+    from what is around by at least ``least`` (0 to 1), in the same direction of colour.
+    """
+    painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
+    curve = (strokes.position[:, None] + shape_of(strokes)).detach().cpu().double()
+    half = half_width_of(strokes).detach().cpu().double()
+    color = strokes.color.detach().cpu().double().numpy()
+    inside, ring = _points(curve, INSIDE), _ring(curve, half)
+    seen, around = _sample(painting, inside), _sample(painting, ring)
+    apart = np.abs(around - color).max(2)
+    contrast = np.median(apart, axis=0)
+    is_seen = (np.abs(seen - color).max(2) < ALIKE * contrast).mean(0) > SEEN
+    is_small = (half <= BROADEST * half.median()).numpy()  # a broad stroke hides the ground
+    height, width = painting.shape[1:]
+    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # what lies beyond the edge is not known
+    stands_out = is_small & is_within & is_seen & (contrast > OUT) & ((apart < ALIKE * contrast).mean(0) < TOUCHING)
+    direction = color - np.median(around, axis=0)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True).clip(1e-9)
+    cause = _sample(aim, inside).mean(0) - np.median(_sample(aim, ring), axis=0)
+    lone = np.zeros(len(color), bool)
+    number = np.flatnonzero(stands_out)
+    if len(number):
+        reach = REACH * 2 * float(half.median())
+        lone[number] = _size_of_groups(inside[:, number], color[number], reach) < CROWD
+    return torch.from_numpy(lone & ((cause * direction).sum(1) < least)).to(strokes.position.device)
+
+
+def _points(curve: Tensor, count: int) -> Array:
+    """Compute ``count`` points (count, N, 2) of curves (N, 3, 2)."""
+    points: Array = np.stack([point_at(curve, t).numpy() for t in torch.linspace(0, 1, count, dtype=curve.dtype)])
+    return points
+
+
+def _ring(curve: Tensor, half: Tensor) -> Array:
+    """Compute points (P, N, 2) just outside strokes: beside them, and beyond their ends."""
+    middle = _points(curve, BESIDE)
+    tangent = np.gradient(middle, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=2, keepdims=True).clip(1e-9)
+    away = (BEYOND[0] * half + BEYOND[1]).numpy()[:, None]
+    normal = np.stack([-tangent[..., 1], tangent[..., 0]], -1)
+    ends = [middle[:1] - away * tangent[:1], middle[-1:] + away * tangent[-1:]]
+    return np.concatenate([middle + away * normal, middle - away * normal, *ends])
+
+
+def _sample(picture: Array, places: Array) -> Array:
+    """Look up the colours (P, N, 3) of a picture (3, H, W) at places (P, N, 2)."""
+    x, y = places.reshape(-1, 2).T
+    return sampled_at(picture, x, y).T.reshape(*places.shape[:2], 3)
+
+
+def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
+    """Count the marks (n,) of the group of each.
+
+    Marks are in one group whose points (P, n, 2) are within ``reach`` pixels, and whose colours (n, 3) are alike.
+    """
+    from scipy.sparse import coo_array  # noqa: PLC0415  (slow to import)
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+    from scipy.spatial import KDTree  # noqa: PLC0415
+
+    n = points.shape[1]
+    pairs = KDTree(points.reshape(-1, 2)).query_pairs(reach, output_type="ndarray") % n
+    pairs = pairs[np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]).max(1) < ONE_COLOR]
+    links = coo_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(n, n))
+    _, group = connected_components(links, directed=False)
+    sizes: Array = np.bincount(group)[group]
+    return sizes
