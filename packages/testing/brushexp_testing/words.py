@@ -62,12 +62,13 @@ def options_of_docstring(docstring: str) -> dict[str, str]:
 def speaks_plainly(make: Callable[..., Any]) -> None:
     """Check that a plugin's summary and the help of its options are plain, short and complete."""
     for cls in type(make()).__mro__:
-        is_written = cls.__doc__ and not cls.__doc__.startswith(f"{cls.__name__}(")  # or a dataclass has made it
-        if not is_written or cls.__module__.partition(".")[0] in LIBRARIES:
+        written = cls.__doc__ or ""
+        is_generated = written.startswith(f"{cls.__name__}(")  # by a dataclass
+        if not written or is_generated or cls.__module__.partition(".")[0] in LIBRARIES:
             continue
-        summary = inspect.cleandoc(cls.__doc__).partition("\n")[0]
+        summary = inspect.cleandoc(written).partition("\n")[0]
         assert not (wrong := problem_of_summary(summary)), f"{cls.__name__}: {summary!r}: {wrong}"
-        for option, text in options_of_docstring(cls.__doc__).items():
+        for option, text in options_of_docstring(written).items():
             assert not (wrong := problem_of_help(text)), f"{cls.__name__}, {option}: {text!r}: {wrong}"
 
 
