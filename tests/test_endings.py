@@ -140,7 +140,7 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
         path.write_bytes(content)
     else:
         torch.save(content, path)
-    refuses(r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew", resumed)
+    refuses(r"checkpoint\.ckpt is (damaged|not a checkpoint) .*; start a new run", resumed)
 
 
 @pytest.mark.parametrize(("version", "words"), [
@@ -253,7 +253,7 @@ PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3
 
 @pytest.mark.parametrize(("error", "message"), [
     (RuntimeError("a bug"), "a bug"),
-    (SystemExit(0), r"ends the program \(exit code 0\)"),
+    (SystemExit(0), r"ended the program \(exit code 0\)"),
     (MemoryError(), "there is not enough memory; choose a smaller resolution= or strokes="),
     (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
     (OSError(errno.ENOSPC, "No space left"), "cannot write into .*: No space left; choose another"),
@@ -523,7 +523,7 @@ def test_ctrl_c_after_the_last_step_leaves_the_painting(run_task, tmp_path, monk
 @pytest.mark.parametrize(("files", "task", "said"), [
     ([], "export", "nothing is finished; to start over, repeat the command with: output=my run"),
     (["run.log", "a", "b"], "export", "my run has a, b; to start over, repeat the command with: output=my run"),
-    (["a", "b", "c", "d", "e", "painting.png"], "x", "my run has painting.png, a, b, c and 2 more; to begin anew"),
+    (["a", "b", "c", "d", "e", "painting.png"], "x", "my run has painting.png, a, b, c and 2 more; to start over"),
     ([METRICS_FILE], "paint", f"my run has {METRICS_FILE}; to start over, repeat the command with: output=my run over"),
     (["a", CHECKPOINT], "paint", "continue with: brushexp resume=my run"),
     ([CHECKPOINT], "train", "continue with: brushexp task=train resume=my run"),

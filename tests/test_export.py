@@ -461,7 +461,7 @@ def test_a_sheet_has_bleed_beyond_its_edges_or_a_margin_within_or_is_filled(tmp_
             {"size_cm": "4x3", "margin": 15.0},
             r"margin=15 leaves no room on to\.png\.size_cm=4x3; try to\.png\.margin=10",
         ),
-        ({"bleed": 50.0}, r"bleed=50 is more than the picture; try to\.png\.bleed=3"),
+        ({"bleed": 50.0}, r"bleed=50 is larger than the picture; try to\.png\.bleed=3"),
         ({"size_cm": "1x500", "fill": True}, r"size_cm=1x500 paints 85302 pixels a side, not 1 to 65536"),
     ],
 )

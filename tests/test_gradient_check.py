@@ -85,6 +85,4 @@ def test_a_metric_that_is_no_number_is_told_once_by_its_name(caplog):
     assert math.isnan(numbers["undefined"])
     assert numbers["unknown"] is None
     (record,) = caplog.records
-    assert record.getMessage() == (
-        "metric=undefined: it is not a number (NaN) for this painting; metrics.json has null"
-    )
+    assert record.getMessage() == ("metric=undefined is not a number (NaN) for this painting; metrics.json has null")

@@ -39,7 +39,7 @@ from brushexp.compositing.windows import Windows
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer, window_pictures
-from brushexp.plugins.renderer.textured import STRETCH, Textured, close_loop, double_textures, unroll_stroke
+from brushexp.plugins.renderer.textured import LEVEL, STRETCH, Textured, close_loop, double_textures, unroll_stroke
 from brushexp.registry import build_named
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import FIELDS, Strokes
@@ -367,7 +367,7 @@ def test_renderers_of_the_same_weights_share_their_textures_and_these_are_as_mad
     assert first(stroke).sheets is shared
 
 
-def test_a_tone_of_its_own_makes_bristles_as_much_fainter_and_changes_nothing_else():
+def test_a_tone_of_its_own_makes_bristles_and_furrows_as_much_fainter_and_changes_nothing_else():
     stroke = straight((4, 8), (12, 9))
     full, half, none = (
         Textured(variants=2, tone=tone, checkpoint=None).requires_grad_(False)(stroke).sheets.texels
@@ -376,8 +376,10 @@ def test_a_tone_of_its_own_makes_bristles_as_much_fainter_and_changes_nothing_el
     torch.testing.assert_close(half[:, 1], 0.5 * full[:, 1], atol=0.15, rtol=0)  # detail is clamped to -1 .. 1
     assert half[:, 1].std() == pytest.approx(0.5 * float(full[:, 1].std()), rel=0.1)
     assert not none[:, 1].any()
+    torch.testing.assert_close(half[:, 2] - LEVEL, 0.5 * (full[:, 2] - LEVEL), atol=0.15, rtol=0)
+    assert none[:, 2].std() < 0.01
     for texels in (half, none):
-        assert torch.equal(texels[:, [0, 2]], full[:, [0, 2]])
+        assert torch.equal(texels[:, 0], full[:, 0])
 
 
 def line(length, width, number=0, zoom=1.0):
@@ -497,7 +499,7 @@ def test_a_texture_is_read_where_the_stroke_is_its_loop_follows_itself_and_one_t
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])
     torch.testing.assert_close(result[..., 56:], texels[..., 56:])
-    words = r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"
+    words = r"renderer.columns=64 is too small for renderer.rows=128; set renderer.columns=96 or more"
     refuses(words, Textured, rows=128, columns=64, checkpoint=None)
     pictures = window_pictures(
         Textured(variants=1, rows=128, columns=96, checkpoint=None), parameters_of(sample_prior(3)), 64

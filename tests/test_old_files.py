@@ -1,7 +1,7 @@
 """Files that version 0.1 has written still open: catalogues of every version, a recipe of a renderer, a stopped run.
 
 They stand in old_files/ with what that version made of them. The run was stopped after 5 of its 12 steps, and oil.png
-is what it came to when it was not:
+is the unlit painting that it came to when it was not:
 
     brushexp coffee resolution=24 strokes=9 steps=12 frames=0 report=false look=oil
 """
@@ -46,4 +46,4 @@ def test_a_stopped_run_goes_on_to_the_painting_that_it_would_have_become(tmp_pat
     shutil.copytree(OLD / "stopped", tmp_path / "stopped")
     code, output = ended(tmp_path, "resume=stopped")
     assert code == 0, output
-    assert_looks_like(tmp_path / "stopped" / "painting.png", "oil.png")
+    assert_looks_like(tmp_path / "stopped" / "flat.png", "oil.png")

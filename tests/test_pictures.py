@@ -323,7 +323,7 @@ KINDS = ("JPEG", "PNG", "GIF", "WEBP", "TIFF", "BMP", "JPEG2000")
 def test_a_truncated_picture_is_refused_without_a_word_of_its_decoder(tmp_path, whole, share, capfd):
     (tmp_path / "cut").write_bytes(whole[: int(len(whole) * share)])
     message = refusal(tmp_path / "cut")
-    assert any(words in message for words in ("damaged or cannot be decoded", "not a picture", "is cut short"))
+    assert any(words in message for words in ("damaged or cannot be decoded", "not a picture", "is truncated"))
     assert capfd.readouterr() == ("", "")
 
 
@@ -332,7 +332,7 @@ def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path, 
     (tmp_path / "bomb.png").write_bytes(png((side, side, 8, 2), b""))
     message = refusal(tmp_path / "bomb.png")
     assert f"{side} x {side} pixels" in message or "more than 178 megapixels" in message
-    assert re.search("at most [12]00 megapixels are read", message)
+    assert re.search("(at most|the limit is) [12]00 megapixels", message)
 
 
 @pytest.mark.parametrize(("width", "height", "message"), [

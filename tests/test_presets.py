@@ -39,7 +39,7 @@ def test_a_preset_composes_with_everything_and_says_what_was_measured(preset):
     check(cfg)
     head = PRESETS[preset].read_text().splitlines()
     assert head[0] == "# @package _global_"
-    assert re.match(r"# with look=\w+ \d+(\.\d+)? dB in \d+(\.\d+)? (s|min)\b", head[1])
+    assert re.search(r"\(look=\w+: \d+(\.\d+)? dB in \d+(\.\d+)? (s|min)\)$", head[1])
 
 
 def test_better_takes_longer_and_normal_is_the_default():

@@ -81,7 +81,7 @@ SENT = {
     "nothing": (b"", "is empty"),
     "half a JPEG": (encoded_as("JPEG")[:900], "is damaged"),
     "half a PNG": (encoded_as("PNG")[:200], "is damaged"),
-    "PNG with a flipped bit": (flipped(encoded_as("PNG"), 60), "does not match its checksums"),
+    "PNG with a flipped bit": (flipped(encoded_as("PNG"), 60), "do not match its checksums"),
     "GIF of 65535 x 65535": (claiming("GIF", 6, WIDEST), "megapixels"),
     "BMP of 2^31 x 2^31": (claiming("BMP", 18, b"\xff\xff\xff\x7f" * 2), "megapixels"),
     "a page": (b"<script>alert(1)</script>", "is not a picture"),

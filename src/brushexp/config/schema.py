@@ -198,8 +198,7 @@ class PaintTask(Task):
     focus_strength: float = key(8, "weight of errors in the focus relative to errors elsewhere", between(1, 1000))
     faces: str = key(
         "auto",
-        "faces: auto = detect them, weigh them most in focus=auto, paint eyes and mouths in small strokes; a mask adds "
-        "the faces that it marks; off",
+        "faces, which get small strokes and most weight in focus=auto: auto = detect; a mask = detect and add; off",
         FACES,
     )
     light: Lamp = field(default_factory=Lamp)

@@ -149,7 +149,8 @@ def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, level
     """Make all sizes, from double size down, of textures (V, 3, rows, columns) before sigmoid, tanh and sigmoid."""
     opacity, tones, height = textures.unbind(1)
     covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
-    values = torch.stack([covering, tone * tones.tanh(), LEVEL + tone * (height.sigmoid() - LEVEL)], dim=1)
+    level = torch.full_like(height, LEVEL)
+    values = torch.stack([covering, tone * tones.tanh(), level.lerp(height.sigmoid(), tone)], dim=1)
     finest = Loop(2 * loop.begin, 2 * loop.length)
     return sheets_of(double_textures(values, loop), levels, finest, rounded=rounded)
 
