@@ -144,9 +144,9 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
 
 
 @pytest.mark.parametrize(("version", "words"), [
-    (resume.VERSION + 1, "and this brushexp reads 1; update brushexp"),
-    (0, "an invalid format_version"),
-    (True, "an invalid format_version"),
+    (resume.VERSION + 1, "has format_version 2, and this brushexp reads 1; update brushexp"),
+    (0, "has an invalid format_version 0; get it again"),
+    (True, "has an invalid format_version True; get it again"),
 ])  # fmt: skip
 def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions_goes_on(
     resumed, tmp_path, version, words
@@ -155,7 +155,7 @@ def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions
     path = tmp_path / CHECKPOINT
     record = torch.load(path)[RECORD_KEY]
     torch.save({RECORD_KEY: record | {"format_version": version}}, path)
-    refuses(f"resume=.*has format_version {version}, {words}", resumed)
+    refuses(f"resume=.*{words}", resumed)
     torch.save({RECORD_KEY: {key: value for key, value in record.items() if key != "format_version"}}, path)
     assert resumed().steps == 9
 
