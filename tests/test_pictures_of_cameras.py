@@ -273,7 +273,7 @@ def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
     (b"\x76\x2f\x31\x01\x02", "tone-map it"),
     (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n", "tone-map it"),
     (b"%PDF-1.7", "pdftoppm"),
-    (b"<?xml version='1.0'?>\n<svg xmlns=", "drawing of vectors"),
+    (b"<?xml version='1.0'?>\n<svg xmlns=", "vector drawing"),
     (b"<!DOCTYPE html><img src=", "web page"),
     (b"gimp xcf v011", "painting program"),
     (b"FUJIFILMCCD-RAW 0201", "raw photograph"),

@@ -213,7 +213,7 @@ def test_settings_name_plugins_sizes_and_what_was_typed_and_are_the_same_in_one_
     assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
     assert 'id="settings"' not in page_of(replace(saved_with(5), config=""))
     html = page_of(replace(saved_with(5), config="init: {_target_: brushexp.plugins.init.grid.Grid}\n"))
-    assert html.count('"note": "Set by init=grid: no measure') == 3
+    assert html.count('"note": "Set by init=grid, so it says nothing') == 3
     assert "<code>init=grid</code>, not by the picture" in html
     assert "not by the picture" not in page_of(saved_with(5))
 
