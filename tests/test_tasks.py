@@ -404,7 +404,7 @@ def test_names_of_folders_are_plain_and_differ_and_are_read_as_they_are():
 def test_jobs_are_processes(monkeypatch):
     assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
     assert in_processes(["jobs=1"]) == []
-    refuses("jobs=x is no number", in_processes, ["jobs=x"])
+    refuses("jobs=x is not a number", in_processes, ["jobs=x"])
     monkeypatch.setattr(many_pictures, "find_spec", lambda _: True)
     monkeypatch.setattr(runtime, "cores", lambda: 5)
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))

@@ -200,7 +200,8 @@ def test_a_chosen_length_is_kept_and_players_can_follow(tmp_path, seconds):
         assert MIN_FPS <= rate <= MOST_FPS
         assert rate == MOST_FPS or abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
     for impossible in (0.0, -seconds, 1.1, 301.0, float("nan")):
-        refuses(r"^timelapse_seconds is .*; choose 1.2 to 300 for 60 frames$", Timelapse, 60, 64, seconds=impossible)
+        words = "^timelapse_seconds=.* does not fit; choose 1.2 to 300 for 60 frames$"
+        refuses(words, Timelapse, 60, 64, seconds=impossible)
     video, gif = (filled(side=16, size=(8, 12), seconds=seconds, kind=kind).write(tmp_path) for kind in ("mp4", "gif"))
     frames, rate = decoded(video)
     assert abs(len(frames) / rate - seconds - HOLD_SECONDS) < 0.1
