@@ -274,7 +274,7 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
             ["resume=sweep", "seed=3"],
             r"job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6 .*=\$\{steps\}' .*resume=sweep",
         ),
-        (["resume=sweep", "output=t"], "output=t holds no sweep"),
+        (["resume=sweep", "output=t"], "output=t does not hold a sweep"),
     ):
         refused, output = ended(tmp_path, *words, *more)
         assert refused == 1

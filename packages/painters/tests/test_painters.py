@@ -131,10 +131,10 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
 
 
 @pytest.mark.parametrize(("broken", "message"), [
-    (lambda state: None, "yields NoneType, not a PaintState"),
-    (lambda state: state.strokes, "yields Strokes, not a PaintState"),
+    (lambda state: None, "yielded NoneType, not a PaintState"),
+    (lambda state: state.strokes, "yielded Strokes, not a PaintState"),
     (lambda state: PaintState(state.strokes.map(lambda value: value * torch.nan), 1, 9), "position is nan, nan"),
-    (lambda state: PaintState(sample_prior(51, seed=0), 1, 9), "yields 51 strokes, not 50 at most"),
+    (lambda state: PaintState(sample_prior(51, seed=0), 1, 9), "yielded 51 strokes, but 50 are allowed"),
 ])  # fmt: skip
 def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, message):
     class Broken(Counting):

@@ -68,7 +68,7 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
     assert weights_hash(again) == weights_hash(renderer) != ""
     words = r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"
     refuses(words, build_named, "renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
-    refuses("is of renderer=dual, not of inverse_vgg", tiny, checkpoint=str(path))
+    refuses("is for renderer=dual, not for inverse_vgg", tiny, checkpoint=str(path))
     for other, typed in (({"dense": [16, 16]}, r"dense=\[16\]"), ({"tint": False}, "tint=true")):
         refuses(f"set renderer.{typed}", tiny, **{**OPTIONS, **other, "checkpoint": str(stored)})
     assert weights_hash(build_named("renderer", "analytic", {})) == "", "it has no weights"
@@ -117,7 +117,7 @@ def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, capl
      "renderer.checkpoint=outputs/neural_thesis/inverse_vgg.safetensors"),
     (("renderer=inverse_vgg", "renderer.checkpoint=null"), "task=train renderer=inverse_vgg output="),
     (("renderer=neural", "renderer.checkpoint=null"), "task=train renderer=neural output="),
-    (("warm_up=dual",), "renderer=dual has no trained weights here"),
+    (("warm_up=dual",), "renderer=dual has no trained weights"),
 ])  # fmt: skip
 def test_nothing_is_painted_with_random_weights(config, words, typed):
     words = ("image=astronaut", "resolution=32", "strokes=9", *words)
@@ -138,7 +138,7 @@ def change_bias(path: Path, bias: torch.Tensor | None) -> None:
 
 
 DAMAGE = {
-    "missing": (Path.unlink, "there is no such file; give the .safetensors of task=train"),
+    "missing": (Path.unlink, "there is no such file; give the .safetensors file of task=train"),
     "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or cut short"),
     "other weights": (lambda p: change_bias(p, torch.ones(16)), "describes other weights; copy both files"),
     "no tensor": (lambda p: change_bias(p, None), "train it again with task=train: .*Missing.*last.bias"),

@@ -136,7 +136,7 @@ def test_a_checkpoint_brings_the_same_loss_back_and_others_are_refused(trained, 
     for checkpoint, message in (
         (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
         ("yours", r"yours is not a shipped checkpoint \(there are: discriminator\)"),
-        (tmp_path / "none.safetensors", r"give the \.safetensors of task=train_discriminator"),
+        (tmp_path / "none.safetensors", r"give the \.safetensors file of task=train_discriminator"),
     ):
         refuses(message, Discriminated, checkpoint=str(checkpoint))
     refuses("not the recipe of a renderer; give", build_named, "renderer", "neural", {"checkpoint": str(trained[1])})
