@@ -198,7 +198,7 @@ def test_hardly_any_strokes_and_points_can_be_given_brushwork(n):
 
 def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     few = saved_painting(tmp_path / "few.h5", visible(MIN_STROKES - 1, dtype=torch.float32))
-    refuses(r"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of 30 strokes", load_brushwork, few)
+    refuses(r"style.brushwork=.*few.h5: only 29 of 29 strokes .* painting of 30 strokes", load_brushwork, few)
     refuses(r"there is no file .*, loss\.brushwork\.catalogue=", BrushworkTransfer, catalogue=str(tmp_path / "none.h5"))
     words = r"there is no file .*, style\.brushwork="
     refuses(words, BrushworkTransfer, "style.brushwork", catalogue=str(tmp_path / "none.h5"))

@@ -142,7 +142,7 @@ def test_each_region_has_a_number_inside_it_and_the_difference_from_a_target_is_
     io.imsave(tmp_path / "same.png", picture, check_contrast=False)
     io.imsave(tmp_path / "other.png", picture[:30], check_contrast=False)
     assert difference_from(plan, str(tmp_path / "same.png")) == pytest.approx(0, abs=0.05)
-    with pytest.raises(UserError, match="whose sides have the same ratio"):
+    with pytest.raises(UserError, match="give one with the same aspect ratio"):
         difference_from(plan, str(tmp_path / "other.png"))
     picture = torch.rand(3, 5, 6)
     assert median_difference(picture, picture) == 0

@@ -100,7 +100,7 @@ def test_paint_keeps_away_from_pixels_that_a_tile_or_the_light_shows_outside(dep
 @pytest.mark.parametrize(("words", "message"), [
     ("catalogue=plain change=region", "change=region has no mask; type region=mask.png"),
     ("region=mask.png", "is a part of a painting; add catalogue=outputs/"),
-    ("region=other.png catalogue=plain", "region=.*other.png has 96 x 20 pixels.*same ratio"),
+    ("region=other.png catalogue=plain", "region=.*other.png has 96 x 20 pixels.*same aspect ratio"),
     ("region=empty.png catalogue=plain", "has no bright pixel; make white in it what is to be repainted"),
     ("region=tiny.png catalogue=plain", "holds no stroke of .*plain wholly; make it larger"),
     ("region=mask.png catalogue=plain image=astronaut", "comes to 96 x 96 pixels, and the painting has 96 x 64; give"),

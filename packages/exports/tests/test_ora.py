@@ -169,4 +169,4 @@ def test_a_painting_without_strokes_is_its_ground_and_one_too_large_is_refused(t
     assert name == "ground"
     assert pixels[0, 0].tolist() == pytest.approx([0.9, 0.8, 0.7, 1], abs=0.003)
     wide = replace(job, saved=replace(job.saved, size=(2, 30_001)))
-    refuses(r"30000 pixels a side.* to=ora", written, wide, tmp_path)
+    refuses(r"30000 pixels per side.* to=ora", written, wide, tmp_path)

@@ -124,7 +124,9 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
         Hpgl(plotter="hp7475a").write(job_of(inside(30)), tmp_path)
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr("brushexp_exports.plotters.pens.MOST_STROKES", 4)
-    refuses(r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; ", Hpgl().write, job_of(inside(5)), tmp_path)
+    refuses(
+        r"to\.hpgl: 5 strokes are more than the 4 that a plan can hold; ", Hpgl().write, job_of(inside(5)), tmp_path
+    )
     monkeypatch.setitem(sys.modules, "vpype", None)
     refuses(re.escape("pip install 'brushexp[plot]'"), Gcode)
 

@@ -150,7 +150,7 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
     words = ("image=astronaut", "resolution=48", "strokes=60", "frames=4", "steps=3", "look=plain")
     with caplog.at_level("WARNING"):
         metrics = run_task(paint, f"painter={name}", *words)
-    assert f"painter={name} has no use for steps" in caplog.text
+    assert f"painter={name} ignores steps" in caplog.text
     options = ((), ("style=coffee", "focus=auto"))
     plain, styled = (build_painter(config(f"painter={name}", *words, *more)) for more in options)
     assert styled.pictures.keys() == {"target"}

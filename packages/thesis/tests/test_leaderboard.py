@@ -184,7 +184,7 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog, mo
     assert page.count("Theirs") > 2
     assert '<tr class="published">' in page
     page = (tmp_path / "leaderboard.md").read_text()
-    assert "*Somebody, 2020, table 1*" in page
+    assert "Somebody, 2020, table 1" in (tmp_path / "leaderboard.csv").read_text()
     assert "L1" not in page.partition("## How to read the tables")[0]
     assert [row["picture"] for row in read_csv(tmp_path / "pictures.csv")] == ["x"] * 2
     assert r"\toprule" in (tmp_path / "leaderboard.tex").read_text()

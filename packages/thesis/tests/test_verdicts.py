@@ -264,7 +264,8 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     second = settings.iloc[1]
     assert second["setting"] == "order=o1"
     assert second["mean"] == pytest.approx(np.mean(GAINED), abs=0.01)
-    assert second["low"] < float(second["change"]) == pytest.approx(0.5) < second["high"]
+    assert float(second["change"]) == pytest.approx(0.5)
+    assert second["low"] < float(second["change"]) < second["high"]
     assert f"`brushexp {shlex.join(SHORT)}`" in text
     assert "4 pictures; 12 runs; 3.00 CPU hours: [mine.csv](ablations/mine.csv)." in text
     assert "![Differences of mine](ablations/mine.png)" in text

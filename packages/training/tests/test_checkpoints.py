@@ -144,7 +144,7 @@ DAMAGE = {
     "no tensor": (lambda p: change_bias(p, None), "train it again with task=train: .*Missing.*last.bias"),
     "shape": (lambda p: change_bias(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
     "nan": (lambda p: change_bias(p, torch.full((16,), torch.nan)), "last.bias has non-finite numbers"),
-    "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "cut short; pickles are refused"),
+    "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "cut short; pickle files are refused"),
     "old pickle": (lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})), "refused, because they can run code"),
     "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; also copy mine.json"),
     "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),
