@@ -140,7 +140,7 @@ def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
         path.write_bytes(content)
     else:
         torch.save(content, path)
-    refuses(r"checkpoint\.ckpt is (damaged|not a checkpoint) .*; start a new run", resumed)
+    refuses(r"checkpoint\.ckpt is (damaged|not a checkpoint) .*; start (anew|a new run)", resumed)
 
 
 @pytest.mark.parametrize(("version", "words"), [

@@ -252,7 +252,7 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     for name in ("MOST_PIXELS", "MOST_WHOLE"):
         monkeypatch.setattr(f"brushexp.pictures.limits.{name}", 200_000)
     os.utime(path, ns=(1, 1))  # sizes of files that stay as they are, are known
-    assert "make it smaller" in refusal(path, 60)
+    assert "give a smaller version" in refusal(path, 60)
 
 
 def test_halvings_lead_to_no_less_than_is_wanted_and_fit_into_memory():
@@ -339,7 +339,12 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     (tmp_path / "gone.png").symlink_to(tmp_path / "nothing")
     assert [Path(path).name for path in pictures_in(str(tmp_path))] == read
     lines = left_out(str(tmp_path))
-    for words in ("x.DNG left out: raw", "x.MOV, y.mp4 left out: a film", "x.svg left out", "notes.txt left out: no p"):
+    for words in (
+        "x.DNG left out: develop",
+        "x.MOV, y.mp4 left out: paint a film",
+        "x.svg left out",
+        "notes.txt left out: not",
+    ):
         assert any(words in line for line in lines), (words, lines)
     assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
     assert any("gone.png left out: these links lead nowhere" in line for line in lines)

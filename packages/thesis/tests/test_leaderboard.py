@@ -186,7 +186,7 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog, mo
     page = (tmp_path / "leaderboard.md").read_text()
     assert "Somebody, 2020, table 1" in (tmp_path / "leaderboard.csv").read_text()
     assert "L1" not in page.partition("## How to read the tables")[0]
-    assert [row["picture"] for row in read_csv(tmp_path / "pictures.csv")] == ["x"] * 2
+    assert [row["picture"] for row in read_csv(tmp_path / "pictures.csv")] == ["picture"] * 2
     assert r"\toprule" in (tmp_path / "leaderboard.tex").read_text()
     run_task(task, "task=leaderboard", "name=Again", f"add={run}/catalogue.h5", f"target={photos}/x.png")
     again = gather([tmp_path / "added" / "catalogue"], tmp_path)

@@ -275,7 +275,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "| something else | 9 | brushexp experiment=other |" in text
     assert "| what nobody has run | 8 | a week of a GPU would answer it |" in text
     assert "## other" not in text
-    assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
+    assert "A claim of *no worse* holds if the interval allows no loss that matters" in " ".join(text.split())
     message = "there is no sweep of an experiment=; run one first"
     refuses(message, run_task, verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 
