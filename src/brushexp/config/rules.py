@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.bounds import Rule
 from brushexp.config.output_folders import run_beside
 from brushexp.errors import UserError
+from brushexp.pictures.focus import AUTO, OFF
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.load import check_ratio, named_color, sides_of_picture, size_of_picture
 from brushexp.plugins.painter.base import Painter
@@ -50,8 +51,6 @@ EFFORT = (  # numbers of metrics.json about the cost of a painting
 )
 BYTES_PER_STROKE = 500  # minimum memory of an export per stroke; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # bytes per pixel: RGBA in 32 bits
-AUTO = "auto"  # focus by saliency, detected faces, warm-up with the renderer that the chosen one names
-OFF = "off"  # no search for faces
 PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # prefixes of the names of curves that callbacks may watch
 
 

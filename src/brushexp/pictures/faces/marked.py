@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from torch import Tensor
 
 from brushexp.pictures.face import Face
-from brushexp.pictures.faces.detection import LARGEST_SIDE, find_faces
-from brushexp.pictures.load import downsample
+from brushexp.pictures.faces.detection import find_faces
 
 MARKED = 0.5  # grey value from which a pixel of the mask is marked
 MARK_AREA = 1.5  # squared sides of a face that its mark covers: a disc with a radius of 0.7 sides
@@ -37,9 +37,7 @@ def marked_faces(picture: Tensor, mask: Tensor, found: Sequence[Face] = ()) -> l
         margin = round(AROUND * max(bottom - top, right - left))
         first, leftmost = max(0, top - margin), max(0, left - margin)
         near = picture[:, first : bottom + margin, leftmost : right + margin]
-        zoom = max(1.0, max(near.shape[1:]) / LARGEST_SIDE)
-        candidates = find_faces(downsample(near, LARGEST_SIDE), DOUBTFUL_SCORE)
-        inside = [_moved(face, zoom, (leftmost, first)) for face in candidates]
+        inside = [_moved(face, (leftmost, first)) for face in find_faces(near, DOUBTFUL_SCORE)]
         inside = [face for face in inside if _lies_in(face, holds, (top, left))]
         if inside:
             faces.append(max(inside, key=lambda face: face.score))
@@ -55,10 +53,10 @@ def _lies_in(face: Face, holds: np.ndarray, corner: tuple[int, int]) -> bool:
     return 0 <= y < holds.shape[0] and 0 <= x < holds.shape[1] and bool(holds[y, x])
 
 
-def _moved(face: Face, zoom: float, shift: tuple[int, int]) -> Face:
-    """Enlarge a face ``zoom`` times about the origin, and shift it by (x, y) in pixels."""
+def _moved(face: Face, shift: tuple[int, int]) -> Face:
+    """Shift a face by (x, y) in pixels."""
     x, y = shift
-    return Face(zoom * face.x + x, zoom * face.y + y, zoom * face.side, face.score, zoom * face.landmarks + [x, y])
+    return replace(face, x=face.x + x, y=face.y + y, landmarks=face.landmarks + np.array(shift))
 
 
 def _is_round(holds: np.ndarray) -> bool:

@@ -1,7 +1,6 @@
 """Choose the number of strokes by what they are worth in bits."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -11,6 +10,7 @@ from torch import Tensor
 from brushexp.bounds import at_least
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density._proposals import proposals
+from brushexp.plugins.density._trials import Trials
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -33,43 +33,11 @@ ADDING = 0.75  # share of the steps after which no strokes are added for their p
 LATEST = 0.9  # share of the steps after which the strokes stay until the last one
 EXTRA = 60  # steps after a correction or a trial at the end
 LONGEST = 2.0  # most steps with those of corrections, in the planned ones
-SPARE = 0.01  # least share of the strokes that a trial removes
-TRIED = 0.1  # share of the strokes that a trial at the end removes at first; half as many after one that failed
-TRIALS = 4  # in a row that may fail
 RECOVERED = 0.3  # share of the removed importance that the other strokes make up for
 MARGIN = 0.01  # dB above the wanted PSNR
 ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
 HUNDRED = 100  # strokes of which the verdict says what they would gain
 POINTS = 12  # points of the curve without the least important strokes
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Strokes (N,) that reached the wanted PSNR, from the bottom to the top, and how important (N,) each was."""
-
-    strokes: Strokes
-    importance: Tensor
-
-    @staticmethod
-    def at(state: DensificationState) -> "_Found":
-        """Remember the strokes of a state."""
-        upward = torch.arange(len(state.strokes)) if state.front_to_back is None else state.front_to_back.flip(0)
-        return _Found(state.strokes[upward].map(Tensor.clone), state.importance()[upward])
-
-    def without(self, count: int, spared: int = 0) -> Strokes:
-        """Leave out the ``count`` least important strokes but for the ``spared`` least important of all."""
-        ranks = self.importance.argsort(stable=True)
-        return self.strokes[torch.cat([ranks[:spared], ranks[spared + count :]]).sort().values]
-
-    def state_dict(self) -> dict[str, Tensor]:
-        return dict(self.strokes.items()) | {"brush": self.strokes.brush, "importance": self.importance}
-
-    @staticmethod
-    def of(state: Mapping[str, Tensor]) -> "_Found":
-        """Restore what `state_dict` gave."""
-        fields = dict(state)
-        importance = fields.pop("importance")
-        return _Found(Strokes(**fields), importance)
 
 
 @register("density", "worth")
@@ -104,8 +72,7 @@ class Worth(Density):
     _grown: int = field(default=0, init=False)  # step after which growth was over; 0 before
     _is_cut_short: bool = field(default=False, init=False)  # whether steps ended growth
     _idle: int = field(default=0, init=False)  # rounds in a row that added next to nothing
-    _best: "_Found | None" = field(default=None, init=False)  # the fewest strokes so far that reach the PSNR
-    _failed: int = field(default=0, init=False)  # trials in a row after which the PSNR was missed
+    _trials: Trials = field(default_factory=Trials, init=False)  # of fewer strokes, at the end
     _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
     _reason: str = field(default="", init=False)
@@ -178,34 +145,10 @@ class Worth(Density):
         assert state.psnr is not None
         slack = _allowed(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
-        if slack >= 0:
-            self._best, self._failed = _Found.at(state), 0
-        elif self._best is None:
+        if slack < 0 and self._trials.strokes is None:
             update = self._more(state, -slack)
             return replace(update, steps=steps) if steps is not None and len(update.new) else None
-        else:
-            self._failed += 1
-        return self._try_fewer(state, self._best, slack, steps)
-
-    def _try_fewer(
-        self, state: DensificationState, best: _Found, slack: float, steps: int | None
-    ) -> DensificationUpdate | None:
-        """Leave out some of the best strokes so far for trial, or return to all of them where no trial is left."""
-        n, importance = len(best.strokes), best.importance.sort().values.clamp_min(0)
-        spare = int((importance.cumsum(0) <= slack).sum())
-        fewest = max(1, round(SPARE * n))
-        count = min(n - 1, max(spare, fewest, round(TRIED * n / 2**self._failed)))
-        is_over = steps is None or n <= fewest or self._failed == TRIALS
-        if slack < 0:
-            keep = torch.zeros(len(state.strokes), dtype=torch.bool, device=best.importance.device)
-            before = sum(round(TRIED * n / 2**failed) <= fewest for failed in range(self._failed))  # trials of as few
-            new = best.without(0) if is_over else best.without(count, min(before * count, n - 1 - count))
-            return DensificationUpdate(keep, new, None if is_over else steps)
-        if is_over:
-            return None
-        keep = torch.ones(n, dtype=torch.bool, device=best.importance.device)
-        keep[state.importance().argsort(stable=True)[:count]] = False
-        return DensificationUpdate(keep, Strokes.none(state.strokes.position), steps)
+        return self._trials.next(state, slack, steps)
 
     def _more(self, state: DensificationState, missing: float) -> DensificationUpdate:
         """Add enough of the best proposals to lower the squared error by ``missing``."""
@@ -268,16 +211,14 @@ class Worth(Density):
             "is_cut_short": self._is_cut_short,
             "idle": self._idle,
             "history": self._history,
-            "failed": self._failed,
-            "best": self._best.state_dict() if self._best else None,
+            "trials": self._trials.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._limit, self._grown, self._idle = state["limit"], state["grown"], state["idle"]
         self._is_cut_short = state["is_cut_short"]
         self._history = [(int(count), float(psnr)) for count, psnr in state["history"]]
-        self._failed, best = state["failed"], state["best"]
-        self._best = _Found.of(best) if best else None
+        self._trials.load_state_dict(state["trials"])
 
 
 def _mean_error(state: DensificationState) -> float:
