@@ -50,8 +50,8 @@ EFFORT = (  # numbers of metrics.json about the cost of a painting
 )
 BYTES_PER_STROKE = 500  # minimum memory of an export per stroke; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # bytes per pixel: RGBA in 32 bits
-AUTO = "auto"  # focus by saliency, detected faces, warm-up with the renderer that the chosen one names
-OFF = "off"  # no search for faces
+AUTO = "auto"  # value of focus (by saliency), faces (detected) and warm_up (suggested by the renderer)
+OFF = "off"  # value of faces: do not detect any
 PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # prefixes of the names of curves that callbacks may watch
 
 
