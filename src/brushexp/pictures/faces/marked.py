@@ -22,9 +22,9 @@ LONGEST = 1.6  # largest ratio of the sides of such a mark
 def marked_faces(picture: Tensor, mask: Tensor, known: Sequence[Face] = ()) -> list[Face]:
     """Read faces from the bright areas of a mask (H, W) over a picture (3, H, W) with some ``known`` faces.
 
-    A mark that contains the middle of a known face adds none. At every other mark the network searches again and accepts
-    a face at low confidence. If it detects none, a mark about as round as a face becomes a face without landmarks and
-    with a score of 0; other marks are ignored.
+    A mark that contains the middle of a known face adds none. At every other mark the network searches again, with a
+    lower confidence. If it detects none, a mark about as round as a face becomes a face without landmarks and with a
+    score of 0; other marks are ignored.
     """
     from skimage.measure import label, regionprops  # noqa: PLC0415  (rarely needed)
 
