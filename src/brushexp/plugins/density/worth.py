@@ -87,8 +87,9 @@ class Worth(Density):
       are removed.
     - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
       remove the least important strokes while the rest is good enough, and add some if it is not. At the end, strokes
-      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth as a trial, and restores
-      it if the rest misses the PSNR 60 steps later. After a failed trial it removes half as many, up to four times.
+      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth as a trial, and
+      restores it if the rest misses the PSNR 60 steps later. After a failed trial it removes half as many, up to four
+      times.
 
     ``strokes=`` or ``max_strokes=`` limits the number of strokes, otherwise one per 16 pixels; ``steps=`` limits the
     number of steps, which corrections and trials may double.
