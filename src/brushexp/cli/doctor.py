@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp import __version__
-from brushexp.system.caches import can_hold
+from brushexp.system.caches import can_hold, home_folder
 from brushexp.system.environment import PACKAGE, code_state, processor
 
 COLUMN = 12  # column at which descriptions start
@@ -228,5 +228,5 @@ def _packages() -> str:
 
 
 def _without_home(text: str) -> str:
-    home = os.path.expanduser("~")
-    return text.replace(home + os.sep, f"~{os.sep}") if len(home) > 1 else text
+    home = home_folder()
+    return text if home is None else text.replace(f"{home}{os.sep}", f"~{os.sep}")
