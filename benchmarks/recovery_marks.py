@@ -1,11 +1,11 @@
-"""What do some marks by hand gain on the rest of a painting? Known paintings, and marks that people drew.
+"""How much do a few marks by hand improve the recovery of the other strokes? On known paintings and marked ones.
 
     python benchmarks/recovery_marks.py --kinds impasto daubs dabs
-    python benchmarks/recovery_marks.py --kinds --hand FOLDER        # of NAME.json with NAME.png
+    python benchmarks/recovery_marks.py --kinds --hand FOLDER        # NAME.json and NAME.png
 
-Of each known painting, weathered, ``--marks`` strokes by chance play the marks of a person: they tell the scale, and
-the judges learn from them, as ``recover marks=`` does. A line says the recall of the other strokes at an IoU of 0.5
-before and after, and F1 of all regions. Of marks by hand, one half teaches and the other half is looked for, then the
+In each known painting, weathered, ``--marks`` random strokes replace the marks of a person: they determine the scale
+and train the judges, as in ``recover marks=``. A row has the recall of the other strokes at an IoU of 0.5 before and
+after, and F1 of all regions. Of marks by hand, one half is used for training and the other half for testing, then the
 other way round.
 """
 
@@ -30,22 +30,22 @@ from brushexp.contracts.runs import load_plugins
 
 SEED = 61
 MATCH, SOFT = 0.5, 0.3  # intersections over union
-LEAST_PIXELS = 12  # of a region that counts
+LEAST_PIXELS = 12  # smallest region that counts
 
 
 def find(model, image, scale=None):
-    """Find regions as `recover` does."""
+    """Find regions like `recover`."""
     return find_regions(model, image, scale, 1, lambda *_: None)
 
 
 def find_with(model, image, marks):
-    """Find regions as ``recover marks=`` does, before the marks take their places."""
+    """Find regions like ``recover marks=``, before marks replace regions."""
     scale = choose_scale(model, image, marks)
     return find(fit_judges(model, image, marks, scale, 0), image, scale)
 
 
 def marks_of(truth, chosen):
-    """Make marks of known strokes, whose regions are what is seen of them."""
+    """Make marks from the ``chosen`` known strokes, with their visible regions."""
     outlines = outlines_of(truth.labels, len(truth))
     strokes = [
         Mark(str(k), truth.curve[k], np.full(3, truth.width[k]), (outlines[k],) if len(outlines[k]) > 2 else ())
@@ -55,7 +55,7 @@ def marks_of(truth, chosen):
 
 
 def compare_known(model, options):
-    """Print a line for each kind, and the means."""
+    """Print a row for each kind of painting, and the means."""
     print(f"| {options.marks} marks | scale | recall of the rest | F1 |\n|---|---|---|---|")
     gains = []
     for kind in options.kinds:
@@ -79,8 +79,8 @@ def compare_known(model, options):
 
 
 def compare_hand(model, folder):
-    """Print, for each picture of a folder, the recall of each half of its marks before and after the other teaches."""
-    print("| marks by hand | recall at 0.5 | at 0.3 | marks looked for |\n|---|---|---|---|")
+    """Print, for each picture, the recall of each half of its marks before and after training on the other half."""
+    print("| marks by hand | recall at 0.5 | at 0.3 | marks in the test |\n|---|---|---|---|")
     for path in sorted(folder.glob("*.json")):
         marks = read_marks(path)
         image = load_picture(str(path.with_suffix(".png")), None).permute(1, 2, 0).numpy()
@@ -88,11 +88,11 @@ def compare_hand(model, folder):
         order = np.random.default_rng(0).permutation(len(marks.strokes))
         halves = np.array_split(order, [len(order) // 2])
         before = find(model, image)
-        for teach, test in (halves, halves[::-1]):
-            taught = Marks([marks.strokes[k] for k in teach], [], size, None, complete=False)
+        for train, test in (halves, halves[::-1]):
+            known = Marks([marks.strokes[k] for k in train], [], size, None, complete=False)
             pixels = [pixels_of_mark(marks.strokes[k], size) for k in test]
             columns = []
-            for regions in (before, find_with(model, image, taught)):
+            for regions in (before, find_with(model, image, known)):
                 groups = [group.astype(np.int64) for group in group_pixels(regions.labels, len(regions.chance))]
                 overlaps = overlaps_of_pixels(pixels, groups, size[0] * size[1])
                 best = np.zeros(len(pixels))
@@ -103,14 +103,14 @@ def compare_hand(model, folder):
 
 
 def main():
-    """Compare known paintings, then marks by hand."""
+    """Compare on known paintings, then on marks by hand."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="*", default=sorted(find_families()))
     parser.add_argument("--marks", type=int, default=20)
     parser.add_argument("--count", type=int, default=90)
     parser.add_argument("--number", type=int, default=3)
     parser.add_argument("--side", type=int, default=224)
-    parser.add_argument("--hand", type=Path, help="folder of marks, NAME.json, and pictures, NAME.png")
+    parser.add_argument("--hand", type=Path, help="folder with marks, NAME.json, and pictures, NAME.png")
     parser.add_argument("--weights", default="strokes")
     options = parser.parse_args()
     torch.set_num_threads(1)

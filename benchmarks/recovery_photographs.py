@@ -1,11 +1,11 @@
-"""Are photographs that show no painting told apart, and bare ground from paint?
+"""Does recovery recognise photographs that show no painting, and bare ground?
 
     python benchmarks/recovery_photographs.py camera.png coins.png kodim15.png kodim23.png --side 224
 
-Finds strokes in photographs, brought to ``--side`` pixels, and in known paintings of 192 pixels. A line for each says
-how many strokes were found, their median confidence, the share that looks bare, and whether `recover` says that it
-does not look like paint. For paintings it says how much of what looks bare is so, and how much of the bare ground that
-no stroke covers looks so.
+Recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels. A row for
+each has the number of strokes, their median confidence, the share of pixels classified as bare, and whether `recover`
+says that the picture does not look like paint. For the paintings it also prints the precision of bare pixels, and their
+recall on the ground that no recovered stroke covers.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from brushexp_recovery.recover.pipeline import recover_with
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import load_plugins
 
-SEED, NUMBER, SIDE = 61, 7, 192  # of the paintings
+SEED, NUMBER, SIDE = 61, 7, 192  # seed, number and side in pixels of the paintings
 PAINTINGS = (
     ("textured", 75, "clean"),
     ("fluid", 75, "hard"),
@@ -45,7 +45,7 @@ PAINTINGS = (
 
 
 def look_at(model, name, image):
-    """Recover strokes, print a line, and return what was recovered."""
+    """Recover strokes, print a row, and return the recovered painting."""
     recovered = recover_with(model, image, None, 1, lambda *_: None)
     table = tabulate_strokes(recovered)
     median = np.median(recovered.confidence) if len(table) else 0.0
@@ -55,7 +55,7 @@ def look_at(model, name, image):
 
 
 def main():
-    """Look at photographs, then at paintings."""
+    """Print rows for photographs, then for paintings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photographs", nargs="*")
     parser.add_argument("--side", type=int, default=224)
@@ -64,7 +64,7 @@ def main():
     torch.set_num_threads(1)
     load_plugins(Path("plugins"), warns=False)
     model = load_model(options.weights)
-    print("| picture | strokes | median confidence | looks bare | does not look like paint |\n|---|---:|---:|---:|---|")
+    print("| picture | strokes | median confidence | bare | does not look like paint |\n|---|---:|---:|---:|---|")
     for path in options.photographs:
         look_at(model, Path(path).stem, load_picture(path, options.side).permute(1, 2, 0).numpy())
     right, said, bare = 0, 0, 0
@@ -75,7 +75,7 @@ def main():
         right += (recovered.ground & ground).sum()
         said += recovered.ground.sum()
         bare += (ground & (recovered.labels < 0)).sum()
-    print(f"\nOf what looks bare, {right / said:.2f} is; of bare ground without strokes, {right / bare:.2f} looks so.")
+    print(f"\nbare pixels: precision {right / said:.2f}, recall on ground without recovered strokes {right / bare:.2f}")
 
 
 if __name__ == "__main__":

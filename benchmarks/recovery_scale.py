@@ -2,10 +2,10 @@
 
     python benchmarks/recovery_scale.py scales.csv
 
-Paints the `PAINTINGS`, enlarges or reduces each, and recovers its strokes at the scales that bring it to each of
-`SIDES`, and at the scale that `recover` takes. The file gets a line per painting and scale: F1, and what a criterion
-may look at that does not know the truth. Lines that are there are kept, so that a run that was cut short goes on. At
-the end it prints, per criterion, how often the chosen scale lies within 1.4 times the best one, and F1 there.
+Paints the `PAINTINGS`, enlarges or reduces each, and recovers its strokes at the scales that resample it to each of
+`SIDES`, and at the scale that `recover` chooses. The file gets a row per painting and scale: F1, and the quantities
+that a criterion can use without the truth. Existing rows are kept, so an interrupted run continues. At the end it
+prints, per criterion, how often the chosen scale lies within a factor of 1.4 of the best one, and F1 there.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from brushexp_recovery.raster.resampling import nearest_pixels, resample
 
 from brushexp.contracts.runs import load_plugins
 
-SEED, SIDE = 61, 256  # of the paintings
+SEED, SIDE = 61, 256  # seed and side in pixels of the paintings
 PAINTINGS = (  # kind, strokes, number, enlargement, look
     ("impasto", 20, 0, 0.6, "clean"),
     ("textured", 60, 0, 2.0, "hard"),
@@ -43,7 +43,7 @@ PAINTINGS = (  # kind, strokes, number, enlargement, look
     ("hatching", 60, 1, 2.0, "clean"),
     ("slabs", 20, 1, 1.0, "hard"),
 )
-SIDES = (64, 90, 128, 181, 256, 362)  # pixels of a painting at the scales of the ladder
+SIDES = (64, 90, 128, 181, 256, 362)  # sides in pixels of a painting at the scales of the ladder
 NEAR = 1.4  # times the best scale, within which a scale is near it
 LEAST_PIXELS = 12  # of a stroke that counts
 FEWEST_REGIONS = 25  # of the candidate criterion

@@ -1,11 +1,11 @@
-"""What rounding strokes costs: the PSNR of decoded strokes and the bits of each, beside a plain packing.
+"""Measure the cost of rounding strokes: PSNR of decoded strokes and bits per stroke, compared with a plain packing.
 
     python benchmarks/rounding.py
 
 Paints three photographs of scikit-image at 192 px with 1,024 strokes of `look=plain` in 500 steps. Codes each painting
-with a loss of at most 0.15 dB, and with the loss of the plain packing. That one rounds points, widths and softness to
-quarters of a pixel, colours and drifts to 8 bits, opacity to 6 and widening to 5 and a sign, and compresses the columns
-with LZMA. Prints a table in Markdown, with the CPU seconds of the first coding.
+with a loss of at most 0.15 dB, and with the loss of the plain packing. The plain packing rounds points, widths and
+softness to quarters of a pixel, colours and drifts to 8 bits, opacity to 6 bits and widening to 5 bits and a sign, and
+compresses the columns with LZMA. Prints a table in Markdown, with the CPU seconds of the first coding.
 """
 
 import lzma
@@ -27,11 +27,11 @@ from brushexp.contracts.strokes import curve_of, drift_of, half_width_of, softne
 PHOTOGRAPHS = ("astronaut", "coffee", "chelsea")
 SIDE, STROKES, STEPS = 192, 1024, 500
 LOSS = 0.15  # dB
-PLACES, LEVELS, OPACITIES, WIDENINGS = 4, 255, 63, 31  # steps of a pixel, a colour, an opacity, a widening
+PLACES, LEVELS, OPACITIES, WIDENINGS = 4, 255, 63, 31  # steps per pixel, colour, opacity and widening
 
 
 def pack(strokes):
-    """Round strokes plainly: their bytes in LZMA, and the strokes that come of them."""
+    """Pack strokes plainly; return the LZMA bytes and the decoded strokes."""
     start, control, end = curve_of(strokes).unbind(1)
     across = torch.stack([2 * half_width_of(strokes), softness_of(strokes)], dim=1)
     lengths = torch.cat([start, control - start, end - start, across], dim=1) * PLACES
@@ -49,7 +49,7 @@ def pack(strokes):
 
 
 def row_of(name):
-    """Paint a photograph, and measure one row of the table."""
+    """Paint a photograph and print its row of the table; return both shares of the bits of the plain packing."""
     keys = {"look": "plain", "resolution": SIDE, "strokes": STROKES, "steps": STEPS, "threads": 1}
     painting = brushexp.paint(name, **keys)
     job = painting.finished.job.bare()
@@ -83,8 +83,8 @@ def row_of(name):
 
 
 def main():
-    """Print the table, and the mean shares of the plain packing's bits."""
-    heads = ("plain packing: bits a stroke, PSNR", f"at {LOSS} dB", "at the loss of the plain packing", "CPU, s")
+    """Print the table and the mean shares of the bits of the plain packing."""
+    heads = ("plain packing: bits per stroke, PSNR", f"at {LOSS} dB", "at the loss of the plain packing", "CPU, s")
     print(f"| photograph | PSNR of the strokes | {' | '.join(heads)} |\n|---{'|---:' * 5}|")
     shares = np.mean([row_of(name) for name in PHOTOGRAPHS], 0)
     print("\nmean share of the bits of the plain packing: {:.2f} and {:.2f}".format(*shares))

@@ -1,4 +1,4 @@
-"""Straighten scanned strokes along their curves into one grey picture, which marks and `task=train_recovery` draw with.
+"""Straighten scanned strokes along their curves into one grey picture, used by marks and `task=train_recovery`.
 
     python benchmarks/scanned_strokes.py ../shared/real/public/strokes
 

@@ -6,7 +6,7 @@
 
 The oracle paints with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps, again and again. It
 searches for the smallest number, until two numbers are within 4 % of each other. strokes=auto takes 1,000 steps at
-most. The scenes are drawn here or are of scikit-image; they are a development set.
+most. The scenes are drawn here or come from scikit-image; they are a development set.
 """
 
 import argparse

@@ -92,13 +92,13 @@ def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_be
 
 def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, caplog):
     resumed(begun=["steps=900"])
-    assert "with other versions" not in caplog.text
+    assert "another environment" not in caplog.text
     checkpoint = torch.load(tmp_path / CHECKPOINT)
     checkpoint[RECORD_KEY]["provenance"] |= {"torch": "1.0", "plugins": {}}
     torch.save(checkpoint, tmp_path / CHECKPOINT)
     resumed()
     now = torch.__version__
-    assert f"continues with other versions than it began with: PyTorch (1.0, {now}); for a comparable" in caplog.text
+    assert f"continues in another environment than it began in: PyTorch (1.0, {now}); for a comparable" in caplog.text
     for other in (None, "odd"):  # of an earlier version, or spoilt
         checkpoint[RECORD_KEY]["provenance"] = other
         torch.save(checkpoint, tmp_path / CHECKPOINT)

@@ -155,7 +155,7 @@ MISTAKES = {
     "task=train renderer=analytic": "has no checkpoint, which this task sets; choose renderer=dual or renderer=inverse",
     "+renderer.foo=1": "renderer.foo is not an option of renderer=analytic; its options, nearest first: soft, taper",
     "optimizer.options={foo:1}": "type a plus: '+optimizer.options.foo=...'",
-    "+optimizer.options.foo=1": "unexpected keyword argument 'foo'; with optimizer.options={",
+    "+optimizer.options.foo=1": "unexpected keyword argument 'foo' (optimizer.options={",
     "+loss.foo=3": "loss.foo=3 is not an option of any loss; type loss.<name>.foo=3",
     "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
     "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",

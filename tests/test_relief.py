@@ -18,7 +18,7 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
-from brushexp.shading.height import CARRIED, FILM, Impasto, filled_in, typical_width
+from brushexp.shading.height import CARRIED, FILM, Impasto, surface_height, typical_width
 from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -112,9 +112,9 @@ def test_furrows_are_as_deep_as_they_are_seen_in_the_colour():
 
 def test_thick_paint_hides_the_threads_of_a_canvas():
     threads = hills(8, 8, roughness=0.1)
-    np.testing.assert_array_equal(filled_in(np.zeros((8, 8), np.float32), threads, 10), threads)
+    np.testing.assert_array_equal(surface_height(np.zeros((8, 8), np.float32), threads, 10), threads)
     film = np.full((8, 8), FILM * 10, np.float32)
-    assert np.ptp(filled_in(film, threads, 10)) < 0.05 * np.ptp(threads)
+    assert np.ptp(surface_height(film, threads, 10)) < 0.05 * np.ptp(threads)
 
 
 @pytest.mark.parametrize("name", ["plain", "pointed", "bristles"])

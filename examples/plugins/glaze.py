@@ -10,7 +10,7 @@ from brushexp.contracts.strokes import Strokes, curve_of, half_width_of
 
 @register("renderer", "glaze")
 class Glaze(Renderer):
-    """Thin paint: what lies below shows through every stroke.
+    """Thin paint: the paint below shows through every stroke.
 
     Args:
         cover: largest share of the paint below that a stroke hides.

@@ -12,7 +12,7 @@ from brushexp.contracts.strokes import closest_parameter, point_at, strokes_of
 
 @register("engine", "marker")
 class Marker(Engine):
-    """Felt-tip pen: even ink with a soft rim.
+    """Simulates a felt-tip pen: even ink with a soft rim.
 
     Args:
         window: side of a picture in pixels.
@@ -27,9 +27,9 @@ class Marker(Engine):
 
     @torch.no_grad()
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        strokes = strokes_of(parameters.double().clamp(-10, 10))  # anything finite is drawn
+        strokes = strokes_of(parameters.double().clamp(-10, 10))  # all finite values are drawn
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)  # (n, 3, 2) half-windows
-        middle = 2 * (torch.arange(self.window) + 0.5) / self.window - 1  # of pixels
+        middle = 2 * (torch.arange(self.window) + 0.5) / self.window - 1  # centres of pixels in half-windows
         y, x = torch.meshgrid(middle, middle, indexing="ij")
         points = torch.stack([x, y], dim=-1).reshape(1, -1, 2).double()
         t = closest_parameter(curve[:, None], points)  # (n, S * S)

@@ -13,7 +13,7 @@ from brushexp.contracts.strokes import Strokes, roomy_window, strokes_along
 
 @register("init", "raster")
 class Raster(Initializer):
-    """Horizontal strokes in rows, like the lines of an old television.
+    """Places horizontal strokes in rows, like the lines of an old television.
 
     Args:
         overlap: overlap of neighbours in a row, in their spacing.

@@ -15,7 +15,7 @@ from torch import Tensor
 from brushexp.contracts import between, one_of, register
 from brushexp.contracts.families import Blend, ColorSpace, Exporter, ExportJob, Rows
 from brushexp.contracts.files import to_bytes, with_progress
-from brushexp.contracts.layers import Drawer, Impasto, cuts, filled_in, normals_of, shade_picture, typical_width
+from brushexp.contracts.layers import Drawer, Impasto, cuts, normals_of, shade_picture, surface_height, typical_width
 from brushexp.contracts.members import Rgb, profile_of
 from brushexp.contracts.pictures import filming, largest_side
 from brushexp.contracts.strokes import LATER_FIELDS, Strokes, cut_short
@@ -96,7 +96,7 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
     for color, height in zip(colors, heights, strict=True):
         paint = height[0].cpu().numpy()
-        surface = paint if ground is None else filled_in(paint, ground, typical)
+        surface = paint if ground is None else surface_height(paint, ground, typical)
         normals = normals_of(surface, job.light.depth)
         yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
 

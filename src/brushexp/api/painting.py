@@ -182,7 +182,7 @@ def paint(
     Args:
         image: a path, the name of a scikit-image sample, a PIL image, the bytes of a file, an open file, an array
             (H, W, 3), (H, W) or, with alpha composited over white, (H, W, 4), or a tensor (3, H, W); uint8, bool or
-                floats in [0, 1].
+            floats in [0, 1].
         look: the medium and style: oil (the default), watercolour, ...
         strokes: number of strokes; None for the look's own number for a picture of this size.
         seconds: seconds of optimisation; None for the look's own number of steps.

@@ -97,7 +97,8 @@ def render(
     depths = _depths(depth, canvases, is_one=is_one)
     canvas = _canvas(size)
     if options and not isinstance(renderer, str):
-        raise UserError(f"{', '.join(options)}: this renderer is built already; give these to create, or give its name")
+        cure = "pass its options to brushexp.create, or pass its name here"
+        raise UserError(f"{', '.join(options)}: this renderer is built already; {cure}")
     with undisturbed(gradients=False):
         grounds = _grounds(background, len(canvases), is_one=is_one)
         chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer

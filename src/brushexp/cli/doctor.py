@@ -1,7 +1,7 @@
 """Describe this installation in fifteen lines to paste into a bug report: ``brushexp doctor``.
 
-Libraries and plugins are imported in processes of their own, where they may fail or crash, and each line that cannot be
-written says why. A line that begins with "!" names something broken.
+Libraries and plugins are imported in separate processes, where they may fail or crash. A line that cannot be written
+says why. A line that begins with "!" names something broken.
 """
 
 import json
@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from brushexp import __version__
-from brushexp.system.caches import can_hold
+from brushexp.system.caches import can_hold, home_folder
 from brushexp.system.environment import PACKAGE, code_state, processor
 
-COLUMN = 12  # letters up to what a line says
-PATIENCE = 300  # seconds after which an import has failed
-FOR_DEVELOPERS = ("test", "docs", "dev")  # extras that no user needs
+COLUMN = 12  # column at which descriptions start
+PATIENCE = 300  # seconds after which an import counts as failed
+FOR_DEVELOPERS = ("test", "docs", "dev")  # extras that users do not need
 VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "CUDA_VISIBLE_DEVICES", "NUMBA_DISABLE_JIT")
 
 # Each probe runs in its own process and ends with a line of JSON.
@@ -67,7 +67,7 @@ Probes = Mapping[str, Future[dict[str, Any]]]
 
 
 class Broken(Exception):
-    """What is broken, in words for a line."""
+    """Something is broken; the message is the text of its line."""
 
 
 def examine() -> int:
@@ -81,7 +81,7 @@ def examine() -> int:
                 text = describe()
             except Broken as error:
                 mark, text, exit_code = "!", str(error), 1
-            except Exception as error:  # whatever is wrong with this machine, the other lines are written
+            except Exception as error:  # the other lines are written whatever is wrong with this machine
                 mark, text, exit_code = "!", f"unknown: {type(error).__name__}: {error}", 1
             print(f"{mark} {name:<{COLUMN}}{_without_home(' '.join(text.split()))}", flush=True)
     return exit_code
@@ -108,7 +108,7 @@ def _lines(probes: Probes) -> dict[str, Callable[[], str]]:
 
 
 def _run(code: str) -> dict[str, Any]:
-    """Run a probe and return what it prints; Broken says how it failed."""
+    """Run a probe and return the data that it prints; raise Broken with the reason if it fails."""
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-c", code],
@@ -140,19 +140,19 @@ def _program() -> str:
 
 
 def _cores() -> int:
-    from brushexp.system.runtime import cores  # noqa: PLC0415  (a line of its own fails where this does)
+    from brushexp.system.runtime import cores  # noqa: PLC0415  (only one line fails if this does)
 
     return cores()
 
 
 def _environment() -> str:
-    typed = [f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ]
-    return ", ".join([f"{sys.stdout.encoding} output", *(typed or ["no variables for threads or devices"])])
+    variables = [f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ]
+    return ", ".join([f"{sys.stdout.encoding} output", *(variables or ["no variables for threads or devices"])])
 
 
 def _gpu(torch: Mapping[str, Any]) -> str:
     if torch["gpu"] is None:
-        return "none that PyTorch finds" if torch["cuda"] else "none: this PyTorch is a build for CPUs"
+        return "PyTorch finds none" if torch["cuda"] else "none: this PyTorch is a build for CPUs"
     try:
         return f"{torch['gpu']}, CUDA {torch['cuda']}, Triton {version('triton')}"
     except PackageNotFoundError as error:
@@ -162,9 +162,9 @@ def _gpu(torch: Mapping[str, Any]) -> str:
 
 def _kernels(folder: str | None) -> str:
     if folder is None or not can_hold(Path(folder)):
-        raise Broken("no folder to keep compiled kernels can be written; NUMBA_CACHE_DIR=FOLDER names one")
+        raise Broken("compiled kernels cannot be stored; set NUMBA_CACHE_DIR to a folder that can be written")
     place = "beside the program's code" if Path(folder).is_relative_to(PACKAGE) else f"in {folder}"
-    return f"kept {place}, where files can be written"
+    return f"stored {place}, which can be written"
 
 
 def _libraries() -> str:
@@ -175,22 +175,22 @@ def _libraries() -> str:
 
 
 def _extras() -> tuple[list[str], list[str]]:
-    """List the extras that are installed, and those that are not; one without libraries for this system is neither."""
+    """List the installed and the missing extras; an extra without libraries for this system is neither."""
     names = distribution("brushexp").metadata.get_all("Provides-Extra") or []
     extras = {
         name: [is_there for _, is_there in _requirements(name)] for name in sorted(set(names) - {*FOR_DEVELOPERS})
     }
-    there = [name for name, found in extras.items() if found and all(found)]
-    return there, [name for name, found in extras.items() if not all(found)]
+    installed = [name for name, libraries in extras.items() if libraries and all(libraries)]
+    return installed, [name for name, libraries in extras.items() if not all(libraries)]
 
 
 def _missing_extras() -> str:
     missing = ",".join(_extras()[1])
-    return f"{missing}; to add all: pip install 'brushexp[{missing}]'" if missing else "no extras"
+    return f"{missing}; to add all: pip install 'brushexp[{missing}]'" if missing else "none"
 
 
 def _requirements(extra: str) -> Iterable[tuple[str, bool]]:
-    """Yield what an extra needs on this system, "" what all need, and whether it is installed."""
+    """Yield each requirement of an extra on this system ("" for the program itself), and whether it is installed."""
     from packaging.requirements import Requirement  # noqa: PLC0415  (it may be missing)
 
     for text in distribution("brushexp").requires or ():
@@ -223,10 +223,10 @@ def _plugins(probed: Mapping[str, Any]) -> str:
 def _packages() -> str:
     groups = [name for name in entry_points().groups if name.startswith("brushexp.")]
     owners = [point.dist for group in groups for point in entry_points(group=group) if point.dist is not None]
-    found = {f"{owner.name} {owner.version}" for owner in owners if owner.name != "brushexp"}
-    return ", ".join(sorted(found)) or "no others that extend the program"
+    names = {f"{owner.name} {owner.version}" for owner in owners if owner.name != "brushexp"}
+    return ", ".join(sorted(names)) or "none that extend the program"
 
 
 def _without_home(text: str) -> str:
-    home = os.path.expanduser("~")
-    return text.replace(home + os.sep, f"~{os.sep}") if len(home) > 1 else text
+    home = home_folder()
+    return text if home is None else text.replace(f"{home}{os.sep}", f"~{os.sep}")

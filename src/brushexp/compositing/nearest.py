@@ -211,8 +211,8 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 def recall_nearest(p, i, ox, oy, own, near, j):
     """Part `recall`: bring back what `find_nearest` kept; most of a Newton step makes up for the rounding.
 
-    1 / slope comes from two of Newton's steps from the least that it can be, so that it is never too large. Where the
-    slope is negative, the nearest point is an end, and so it is 0; a tile may have no positive one.
+    Two of Newton's steps compute 1 / slope from its lower bound, so that it is never too large. A negative slope counts
+    as 0, because the nearest point is then an end; in a tile, all slopes may be negative.
     """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy

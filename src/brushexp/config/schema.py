@@ -217,5 +217,7 @@ class ExportTask(Task):
 
     catalogue: str = key(MISSING, "folder of a run, its catalogue.h5, or a strokes.json from to=json", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as painted", between(1, 65536))
-    output: str = key(BESIDE_PAINTING, "folder for the files (default: beside the painting), or for all exports")
+    output: str = key(
+        BESIDE_PAINTING, "folder for the files (default: beside the painting), or for all exports of a sweep"
+    )
     light: OtherLamp = field(default_factory=OtherLamp)

@@ -1,7 +1,7 @@
 """The public interface for plugins, packages and your own programs.
 
 Everything here keeps its name and meaning within a major version; the rest of ``brushexp`` may change. This module
-provides what every plugin needs: registration, bounds of options, and the error that users see. The others provide:
+provides what every plugin needs: registration, bounds of options, and the error that users see. Its submodules provide:
 
 - `families`: the contract of each family of plugins.
 - `members`: shipped plugins that others extend.

@@ -6,7 +6,7 @@ from brushexp.compositing.layers import PAINT_REACH, SOFT_EDGE, SPREAD, Canvas, 
 from brushexp.compositing.profile import DRIFTING, Profile
 from brushexp.compositing.textured_profile import KERNEL, TexturedProfile
 from brushexp.compositing.textures import TEXEL_ASPECT, Loop, Sheets, coordinates_of, sheets_of
-from brushexp.shading.height import Impasto, filled_in, typical_width
+from brushexp.shading.height import Impasto, surface_height, typical_width
 from brushexp.shading.light import UNLIT, Light, normals_of, overlay, shade_picture
 
 __all__ = [
@@ -31,12 +31,12 @@ __all__ = [
     "accuracy_of",
     "coordinates_of",
     "cuts",
-    "filled_in",
     "normals_of",
     "overlay",
     "padded_lists",
     "paint_tiles",
     "shade_picture",
     "sheets_of",
+    "surface_height",
     "typical_width",
 ]

@@ -19,8 +19,8 @@ class Distance(nn.Module):
     """Perceptual distance between two pictures: 0 if they are equal, about 1 if they have nothing in common.
 
     Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the difference of feature vectors scaled to
-    length 1, averages over positions and weighs the channels of several taps. The network ``effl0`` has one
-    weight per tap instead of one per channel, so it is called effl0, never LPIPS, and its numbers are not comparable.
+    length 1, averages over positions and weights the channels of several taps. The network ``effl0`` has one weight per
+    tap instead of one per channel, so it is called effl0, never LPIPS, and its numbers are not comparable.
 
     The ``weights`` of each tap are (C,), or (1,) for all channels; ``label`` is its name in logs and metrics.
     """

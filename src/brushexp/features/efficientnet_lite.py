@@ -23,8 +23,8 @@ class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and
-    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` with missing or
-    additional tensors, compared with the published file, is refused (UserError).
+    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` without exactly the tensors of the published
+    file is refused (UserError).
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))

@@ -211,7 +211,7 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     hidden = float((measures.visible < 0.01).mean())
     lead = (
         f"Half of the {len(measures):,} strokes are longer than {np.median(measures.length):.1f} px and wider than "
-        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % of them are hidden by later strokes."
+        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % of all strokes are hidden by later ones."
         if len(measures) > 1
         else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
     )

@@ -71,11 +71,11 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
     from brushexp.pictures.faces.detection import find_faces  # noqa: PLC0415  (not every painting asks for it)
     from brushexp.pictures.faces.marked import marked_faces  # noqa: PLC0415
 
-    found = find_faces(picture)
+    faces = find_faces(picture)
     if cfg.faces == AUTO:
-        return found
+        return faces
     mask = load_mask(cfg.faces, (picture.shape[1], picture.shape[2]), "faces", f"{AUTO}, {OFF}, ")
-    return found + marked_faces(picture, mask, found)
+    return faces + marked_faces(picture, mask, faces)
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:

@@ -17,7 +17,7 @@ from brushexp.strokes.catalogue import Strokes
 
 EYE_RADIUS = 0.17  # sides of a face
 MOUTH_RADIUS = 0.22  # sides of a face
-UNKNOWN_RADIUS = 0.6  # sides of a face whose eyes and mouth are unknown: all of it is drawn
+UNKNOWN_RADIUS = 0.6  # sides of a face, radius of the part to draw if eyes and mouth are unknown
 FLOOR = 120  # small strokes for an eye or a mouth
 FLOOR_OF_FACE = 6 * FLOOR  # small strokes for a face whose eyes and mouth are unknown
 FLOOR_OF_SPOT = 60  # small strokes for a spot, which may be the eye of an animal

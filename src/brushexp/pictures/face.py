@@ -22,7 +22,7 @@ class Face:
     """A face at (``x``, ``y``), its middle in pixels from the upper left corner of the picture.
 
     ``side`` is the root of the area of its box in pixels, ``score`` the confidence of the detector, 0 to 1, and
-    ``landmarks`` (5, 2) has x and y of each `Landmark`; it is empty, (0, 2), where only the place is known.
+    ``landmarks`` (5, 2) has x and y of each `Landmark`; it is empty, (0, 2), if only the place is known.
     """
 
     x: float

@@ -11,8 +11,8 @@ from brushexp.pictures.color import to_lab
 from brushexp.pictures.face import Face
 from brushexp.pictures.load import downsample, load_mask
 
-AUTO = "auto"  # focus, or faces, that are found in the picture
-OFF = "off"  # faces that are not looked for
+AUTO = "auto"  # value of focus and faces: detect them in the picture
+OFF = "off"  # value of faces: do not detect any
 GLANCE_SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
 BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle

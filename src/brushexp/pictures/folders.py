@@ -80,7 +80,7 @@ def _cure_of(name: str, image: str) -> str:
         return f"they need a decoder, pip install 'brushexp[{CODEC_SUFFIXES[suffix]}]'"
     if suffix in RAW_SUFFIXES:
         return "develop raw photographs first"
-    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "not pictures by their names"
+    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "their names are not those of pictures"
 
 
 def _in_words(names: list[str]) -> str:

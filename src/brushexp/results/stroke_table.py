@@ -49,10 +49,9 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
     Returns:
         (N,) records of float64: x and y of the curve's centre in pixels from the left and the top, and ``MEASURES``,
-        with
-            angles in radians, orientation clockwise in [0, pi). Undefined measures are NaN: elongatedness without
-            width; deviation, coherence and homogeneity without neighbours; straightness and orientation of dots shorter
-            than `ruler.POINT_LENGTH`, whose length and curvature are 0.
+        with angles in radians, orientation clockwise in [0, pi). Undefined measures are NaN: elongatedness without
+        width; deviation, coherence and homogeneity without neighbours; straightness and orientation of dots shorter
+        than `ruler.POINT_LENGTH`, whose length and curvature are 0.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)

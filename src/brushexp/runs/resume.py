@@ -117,7 +117,7 @@ def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
 def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
     """Warn if a run continues with other versions, plugin files or hardware than recorded at its start."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
-        line = "resume=%s continues with other versions than it began with: %s; for a comparable run, start a new one"
+        line = "resume=%s continues in another environment than it began in: %s; for a comparable run, start a new one"
         log.warning(line, folder, "; ".join(parts))
 
 

@@ -30,9 +30,9 @@ CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or
 THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
 AT_ONCE = 256  # windows that are computed in one batch
 DENSE = 0.97  # coverage of a full film
-LEAN = 0.12  # films of the darkest paint: darks are painted thinly, lights with body
-LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # luma of paint up to which it is that lean, and from which on it has its full body
-FILLED = 0.25  # thicknesses of a film that level the relief of the ground to a third
+LEAN = 0.12  # thickness of the darkest paint in films, because painters keep darks thin and lights thick
+LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # luma up to which paint is this thin, and from which it has its full thickness
+FILLED = 0.25  # thickness of paint, in films, that reduces the relief of the ground to about a third
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
 VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
 ROWS, COLUMNS = 48, 64  # texels of their textures, across and along
@@ -111,23 +111,23 @@ class Impasto:
 
 
 def body_of(color: Tensor) -> Tensor:
-    """Compute how thickly paint of colours (N, 3) is laid (N,), from LEAN to 1: thin in the dark, thick in the light.
+    """Compute the thickness (N,) of paint of colours (N, 3), from LEAN for the darkest to 1 for light paint, in films.
 
-    So paint of one lightness has one thickness, and a ridge goes along with a change of tone.
+    So paint of equal lightness has equal thickness, and ridges coincide with changes of tone.
     """
     luma = color @ color.new_tensor(BRIGHTNESS)
     share = ((luma - LEAN_UNTIL) / (BODY_FROM - LEAN_UNTIL)).clamp(0, 1)
     return LEAN + (1 - LEAN) * share
 
 
-def filled_in(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.ndarray:
-    """Add the height of ``paint`` to that of the ``ground``, both (h, W) in pixels, which thick paint levels.
+def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.ndarray:
+    """Add the height of ``paint`` to that of the ``ground``, both (h, W) in pixels; thick paint levels the ground.
 
     ``typical`` is the median width of a stroke in pixels.
     """
     film = max(FILM * typical, 1e-6)
-    levelled: np.ndarray = paint + ground * np.exp(-paint / (FILLED * film))
-    return levelled
+    height: np.ndarray = paint + ground * np.exp(-paint / (FILLED * film))
+    return height
 
 
 @dataclass(frozen=True)

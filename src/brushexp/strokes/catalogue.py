@@ -46,11 +46,7 @@ FIELDS = {
     "widening": Field(0, -1.0, 1.0, "growth of the thickness from the middle to the end; the start shrinks as much"),
     "drift": Field(3, -0.5, 0.5, "colour at the end less that in the middle; the start differs as much the other way"),
 }
-LATER_FIELDS = {
-    "softness": 3,
-    "widening": 3,
-    "drift": 4,
-}  # first version of catalogues with this field; earlier ones imply 0
+LATER_FIELDS = {"softness": 3, "widening": 3, "drift": 4}  # first version of catalogues with the field, before: 0
 SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # the unit of position
 
 

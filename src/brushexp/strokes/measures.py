@@ -147,9 +147,8 @@ def with_self(near: Tensor) -> Tensor:
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
     """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), of length 1 at most; points do not count."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
-    table = torch.cat([direction, weight], dim=1).index_select(
-        0, near.flatten()
-    )  # its gradient is faster than that of []
+    # The gradient of `index_select` is faster than that of [].
+    table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())
     total = table.reshape(*near.shape, 3).sum(1)
     return total[:, :2] / total[:, 2:].clamp_min(torch.finfo(direction.dtype).tiny)
 

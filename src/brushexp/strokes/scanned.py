@@ -1,6 +1,6 @@
-"""Scans of real strokes: acrylic by a flat brush, from full to dry, straightened.
+"""Read scans of real strokes, straightened: acrylic with a flat brush, from full to dry.
 
-The scans are those of Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
+The scans are by Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
 straightens them.
 """
 
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-SCANS = Path(__file__).parent / "scans" / "strokes.png"  # sheets one below the other
-SCAN_ROWS, SCAN_COLUMNS = 160, 64  # of a sheet
-SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES = 0.3, 0.15  # widths that a sheet shows beyond the ends and sides of a stroke
+SCANS = Path(__file__).parent / "scans" / "strokes.png"  # all sheets in one picture, top to bottom
+SCAN_ROWS, SCAN_COLUMNS = 160, 64  # pixels of a sheet, along and across the stroke
+SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES = 0.3, 0.15  # margin of a sheet beyond ends and sides of a stroke, in its widths
 
 
 @cache

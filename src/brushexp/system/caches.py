@@ -84,7 +84,7 @@ def private_folder() -> Path | None:
     Folders that others could have written into are never trusted, because machine code is loaded from them.
     """
     if not hasattr(os, "getuid"):
-        return None  # Windows, where rights say nothing about who may write
+        return None  # on Windows, where permission bits do not tell who may write
     try:
         parent = tempfile.gettempdir()
     except OSError:

@@ -24,9 +24,8 @@ from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 FIRST_CHECKPOINT = 10  # longest time until the first checkpoint in seconds
-REFRESH_SECONDS = (
-    0.25  # seconds between two updates of the bar, as between two points of a curve: both read the PSNR of one step
-)
+# Seconds between two updates of the bar, as between two points of a curve: both read the PSNR of one step.
+REFRESH_SECONDS = 0.25
 
 
 class ProgressBar(L.Callback):
@@ -61,7 +60,7 @@ class ProgressBar(L.Callback):
 class TimedCheckpoint(Checkpoint):
     """Write checkpoints for exact continuation at regular times, and end the fit after the current step at Ctrl-C.
 
-    The file is written to ``path``, if given, ``every`` so many seconds, or only at an interruption if that is None.
+    The file is written to ``path``, if given, at intervals of ``every`` seconds (None for at interruptions only).
     Lightning calls this kind of callback after all others, so the file has their states after the step.
     """
 

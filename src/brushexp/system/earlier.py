@@ -10,11 +10,8 @@ OF_TRAININGS = (  # Trainer options that only training tasks have now
     *("accumulate_grad_batches", "check_val_every_n_epoch", "limit_train_batches", "limit_val_batches"),
     *("max_epochs", "min_epochs", "min_steps", "val_check_interval"),
 )
-KEYS = {
-    "guides": "change.guides.lines",
-    "region": "change.region.mask",
-    "tubes": "change.tubes.tubes",
-}  # keys that name files
+# Keys that name files, and their current names.
+KEYS = {"guides": "change.guides.lines", "region": "change.region.mask", "tubes": "change.tubes.tubes"}
 
 
 def is_earlier(settings: Mapping[str, Any]) -> bool:

@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
-NO_LIMIT = 2**44  # MB of memory where the system names no limit
+NO_LIMIT = 2**44  # MB of memory if the system states no limit
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 MOMENT = 0.05  # seconds
 THREADS = 256  # most threads for kernels

@@ -20,9 +20,5 @@ class Status(StrEnum):
     FAILED = "failed"
 
 
-UNFINISHED = (
-    Status.FAILED,
-    Status.INTERRUPTED,
-    Status.DIVERGED,
-    Status.AT_WORK,
-)  # states of runs that are not compared
+# States of runs that are not compared.
+UNFINISHED = (Status.FAILED, Status.INTERRUPTED, Status.DIVERGED, Status.AT_WORK)

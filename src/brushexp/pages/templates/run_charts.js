@@ -20,7 +20,7 @@
     const across = linear([0, end], area.left, area.right, 0);
     const up = linear([0, Math.max(...counts)], area.floor, area.top);
     up.ticks = up.ticks.filter(([count]) => Number.isInteger(count));
-    const more = largest > end ? `; the last bar goes on to ${plain(Number(largest.toFixed(1)))}` : "";
+    const more = largest > end ? `; the last bar extends to ${plain(Number(largest.toFixed(1)))}` : "";
     axes(area, across, up, [x_label + more, "strokes"]);
     const edge = (k) => (k * end) / counts.length;
     for (const [k, count] of counts.entries()) {

@@ -71,7 +71,7 @@
         label(area, first, sign);
       }
       const better = y.better && (sign > 0 ? "Higher is better." : "Lower is better.");
-      const line = first.length ? "On the line: nothing else is as cheap and as good." : "";
+      const line = first.length ? "On the line: no other setting is both as cheap and as good." : "";
       byId("points-say").textContent = `${line} ${better}`;
       return first;
     };
@@ -144,7 +144,7 @@
         paint(item, k, group);
         byId("legend").append(item);
       }
-      if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: what was ahead at some time.";
+      if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: settings that were ahead at some time.";
     };
 
     // Point at a setting: light it up in both charts, and say all about it.

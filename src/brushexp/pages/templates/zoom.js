@@ -11,7 +11,7 @@
     <button class="button" type="button" data-size="1" aria-label="Larger">+</button>
     <button class="button" type="button" data-size="0">Fit</button><output aria-live="polite"></output>
     <button class="button" type="button" data-size="">Close</button></div>
-    <div class="alone-field" tabindex="0" role="group" aria-label="the painting alone: scroll or drag to move"><img alt="" draggable="false"></div>`;
+    <div class="alone-field" tabindex="0" role="group" aria-label="The painting alone: scroll or drag to move it"><img alt="" draggable="false"></div>`;
   const [field, image, said] = [".alone-field", "img", "output"].map((part) => dialog.querySelector(part));
   let size = 1;
 

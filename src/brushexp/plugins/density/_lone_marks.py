@@ -1,4 +1,4 @@
-"""Find marks that stand alone: unlike all around them, and neither part of a line nor of a crowd."""
+"""Find marks that stand alone: they differ from everything around them and belong to no line or crowd of marks."""
 
 import numpy as np
 import torch
@@ -9,25 +9,26 @@ from brushexp.strokes.bezier import half_width_of, point_at, shape_of
 from brushexp.strokes.catalogue import Strokes
 
 Array = np.ndarray
-INSIDE, BESIDE = 7, 5  # points along a stroke, and along each of its sides
-BEYOND = (1.3, 1.5)  # half widths, and pixels beside them, from the curve to the points around a stroke
-OUT = 0.05  # least median difference of the picture around a stroke from its colour, 0 to 1
-ALIKE, TOUCHING = 0.5, 0.4  # points that differ by such a share of the median are like it; share of them that may be
-BROADEST = 1.25  # typical widths: a broader stroke is no spot or tick
-SEEN = 0.4  # share of a stroke that must be visible
-REACH = 2.5  # typical widths within which marks belong together
-ONE_COLOR = 0.15  # largest difference of a channel between marks that belong together, 0 to 1
-CROWD = 5  # marks from which on they are a line, or foliage, or hatching
+INSIDE, BESIDE = 7, 5  # number of sample points along a stroke, and along each of its sides
+BEYOND = (1.3, 1.5)  # distance from the curve to the points around a stroke: half widths, plus pixels
+OUT = 0.05  # least contrast of a stroke that stands out, 0 to 1
+ALIKE = 0.5  # share of the contrast within which a point has the colour of the stroke
+TOUCHING = 0.4  # largest share of points with its colour around a stroke that stands out
+BROADEST = 1.25  # typical widths; a broader stroke is not a spot or tick
+SEEN = 0.4  # least visible share of a stroke
+REACH = 2.5  # typical widths, largest distance between marks of one group
+ONE_COLOR = 0.15  # largest difference of a channel between marks of one group, 0 to 1
+CROWD = 5  # number of marks from which a group is a line, foliage or hatching
 
 
 def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
     """Tell which strokes (N,) stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
 
-    The median difference around a stroke from its colour is its contrast. A stroke stands out if it is seen, is not
-    broad, has nothing beyond the edge of the picture around it, and at most 40 % of the pixels around it differ by less
-    than half of its contrast; it stands alone if it is one of fewer
-    than five such strokes that are near each other: a spot, a tick. The target has a cause for it if it differs there
-    from what is around by at least ``least`` (0 to 1), in the same direction of colour.
+    The contrast of a stroke is the median difference of the pixels around it from its colour. A stroke stands out if it
+    is visible, not broad, away from the edges of the picture, and at most 40 % of the pixels around it differ by less
+    than half of its contrast. It stands alone if fewer than five such strokes lie close together, as in a spot or tick.
+    The target has a cause for it if it differs there from its surroundings by at least ``least`` (0 to 1), in the same
+    direction of colour.
     """
     painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
     curve = (strokes.position[:, None] + shape_of(strokes)).detach().cpu().double()
@@ -40,7 +41,7 @@ def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: floa
     is_seen = (np.abs(seen - color).max(2) < ALIKE * contrast).mean(0) > SEEN
     is_small = (half <= BROADEST * half.median()).numpy()  # a broad stroke hides the ground
     height, width = painting.shape[1:]
-    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # what lies beyond the edge is not known
+    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # nothing is known beyond the edge
     stands_out = is_small & is_within & is_seen & (contrast > OUT) & ((apart < ALIKE * contrast).mean(0) < TOUCHING)
     direction = color - np.median(around, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True).clip(1e-9)
@@ -77,9 +78,9 @@ def _sample(picture: Array, places: Array) -> Array:
 
 
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
-    """Count the marks (n,) of the group of each.
+    """Count the marks (n,) in the group of each mark.
 
-    Marks are in one group whose points (P, n, 2) are within ``reach`` pixels, and whose colours (n, 3) are alike.
+    Marks belong to one group if their points (P, n, 2) lie within ``reach`` pixels and their colours (n, 3) are alike.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415

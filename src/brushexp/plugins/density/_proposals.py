@@ -19,7 +19,7 @@ ASPECTS = ((1.0, 1.0), (3.0, 1.0), (1.0, 3.0))  # width and height of patches, i
 SQUARE = 1.5  # ratio of its sides below which a patch counts as a square
 ELONGATION = 1.3  # length of the stroke of a square patch, in the side, along the edges of the picture
 STRUCTURE = 1.5  # pixels over which the direction of edges is measured
-STRIDE = 1 / 6  # of the side of a patch: from one place at which it is tried to the next
+STRIDE = 1 / 6  # distance between places at which a patch is tried, in its side
 OPACITY = 0.95
 NOISE = 1e-6  # gain that rounding errors may make
 CANDIDATES = 200  # patches of each size from which strokes are chosen, more than are wanted
@@ -98,7 +98,7 @@ def patches_of(target: Array, error: Array, weight: Array, most: int, least: flo
 
 
 def _spans(length: int, extent: int, stride: int) -> tuple[Array, Array]:
-    """Place spans of a ``length`` at every ``stride`` of an ``extent``, cut at its ends: first and end in pixels."""
+    """Place spans of a ``length`` at every ``stride`` of an ``extent``, cropped to it: start and end in pixels."""
     first = np.arange(0, extent, stride) - length // 2
     return first.clip(0), (first + length).clip(max=extent)
 

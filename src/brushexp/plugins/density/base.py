@@ -28,7 +28,7 @@ class DensificationState:
     importance: Callable[[], Tensor]
     psnr: float | None = None  # PSNR in dB that the painting should reach; None for no goal
     may_replan: bool = True  # whether an update may change the number of steps, which a time limit forbids
-    front_to_back: Tensor | None = None  # (N,) indices of the strokes, the uppermost first; None: the last is uppermost
+    front_to_back: Tensor | None = None  # (N,) indices of the strokes, uppermost first; None if the last is uppermost
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,7 @@ class Density(ABC):
     """
 
     chooses_number: bool = False  # whether it chooses the number of strokes, up to a budget
-    uses_importance: bool = (
-        False  # whether `revise` asks for the importance of strokes, so that its code is compiled in advance
-    )
+    uses_importance: bool = False  # whether `revise` asks for the importance of strokes, whose code is then precompiled
 
     @classmethod
     def facts(cls) -> dict[str, str]:

@@ -25,8 +25,8 @@ class Strays(Density):
     """Removes hairlines, strokes that cross all their neighbours, and lone marks, if the picture hardly needs them.
 
     It does so once, before the last steps, which then close the gaps. How much the picture needs a stroke is the growth
-    of the squared error without it, relative to the stroke's area. A mark that stands alone, a spot or a tick, stays
-    where the picture has a cause for it, and where one looks first.
+    of the squared error without it, relative to the stroke's area. A lone mark, such as a spot or a tick, is kept in
+    the focus, and where the picture itself differs from its surroundings.
 
     Args:
         after: share of the steps after which strays are removed.
@@ -72,7 +72,7 @@ class Strays(Density):
 
 
 def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
-    """Tell which strokes (N,) lie where a ``focus`` (H, W) is nearer to its largest value than to its least."""
+    """Tell which strokes (N,) lie where a ``focus`` (H, W) is closer to its maximum than to its minimum."""
     if focus is None:
         return torch.zeros_like(strokes.opacity, dtype=torch.bool)
     x, y = (strokes.position[:, k].long().clamp(0, focus.shape[1 - k] - 1) for k in range(2))

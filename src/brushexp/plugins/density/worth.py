@@ -16,27 +16,27 @@ from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 BITS = 150  # bits of a stroke, rounded and packed: metric=bits finds 143 for each of 106 strokes of look=plain
-FEWEST, FIRST = 4, 16  # strokes to begin with: where growth has steps enough, and at most
+FEWEST, FIRST = 4, 16  # initial number of strokes: with enough steps for growth, and at most
 ROUND = 10  # steps between two rounds
-BATCH = 3  # least number of strokes that a round may add
+BATCH = 3  # number of strokes that every round may add
 GROWTH = 0.5  # share of the strokes that a round of growth may add
-PROMISE = 0.5  # least gain of a proposal, in the price of a stroke: steps improve it
-SWAP = 0.3  # importance below which a stroke goes, in the gain of the worst proposal that is taken
-GROWN = 0.03  # share of the strokes: growth is over when rounds add fewer
-PATIENCE = 2  # such rounds in a row
-GROWING = 0.45  # share of the steps at most in which the strokes grow in number
-SETTLING = 120  # least number of steps after that
-SETTLED = 2.5  # by how much the squared error falls in them
+PROMISE = 0.5  # least gain of a proposal, in the price of a stroke, because steps improve it
+SWAP = 0.3  # importance below which a stroke is removed, in the gain of the worst accepted proposal
+GROWN = 0.03  # share of the strokes; growth ends when rounds add fewer
+PATIENCE = 2  # number of such rounds in a row that end growth
+GROWING = 0.45  # largest share of the steps for growth
+SETTLING = 120  # least number of steps after growth
+SETTLED = 2.5  # factor by which these steps lower the squared error
 REMOVED = 0.1  # share of the strokes that a later round may remove
-ADDED = 0.15  # share of the strokes that it may add
-ADDING = 0.75  # share of the steps after which no strokes are added for their price
-LATEST = 0.9  # share of the steps after which the strokes stay until the last one
+ADDED = 0.15  # share of the strokes that a later round may add
+ADDING = 0.75  # share of the steps after which no strokes are added, without a PSNR to reach
+LATEST = 0.9  # share of the steps after which no strokes are added or removed until the last step
 EXTRA = 60  # steps after a correction or a trial at the end
-LONGEST = 2.0  # most steps with those of corrections, in the planned ones
-RECOVERED = 0.3  # share of the removed importance that the other strokes make up for
-MARGIN = 0.01  # dB above the wanted PSNR
-ROUNDING = 1 / 12 / 255**2  # mean squared error of a picture of 8 bits
-HUNDRED = 100  # strokes of which the verdict says what they would gain
+LONGEST = 2.0  # most steps including those of corrections and trials, in planned steps
+RECOVERED = 0.3  # share of the removed importance for which the other strokes compensate
+MARGIN = 0.01  # dB above the given PSNR
+ROUNDING = 1 / 12 / 255**2  # mean squared error of rounding to 8 bits
+HUNDRED = 100  # further strokes whose gain the verdict states
 POINTS = 12  # points of the curve without the least important strokes
 
 
@@ -55,8 +55,9 @@ class Worth(Density):
       are removed.
     - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
       remove the least important strokes while the rest is good enough, and add some if it is not. At the end, strokes
-      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth for trial, and restores
-      them if the rest misses the PSNR 60 steps later; it tries up to four times, each time with half as many.
+      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth as a trial, and
+      restores it if the rest misses the PSNR 60 steps later. After a failed trial it removes half as many, up to four
+      times.
 
     ``strokes=`` or ``max_strokes=`` limits the number of strokes, otherwise one per 16 pixels; ``steps=`` limits the
     number of steps, which corrections and trials may double.
@@ -69,9 +70,9 @@ class Worth(Density):
 
     price: Annotated[float, at_least(0)] = 1e-3
     _limit: int = field(default=0, init=False)  # planned steps
-    _grown: int = field(default=0, init=False)  # step after which growth was over; 0 before
-    _is_cut_short: bool = field(default=False, init=False)  # whether steps ended growth
-    _idle: int = field(default=0, init=False)  # rounds in a row that added next to nothing
+    _grown: int = field(default=0, init=False)  # step at which growth ended; 0 before
+    _is_cut_short: bool = field(default=False, init=False)  # whether growth ended for lack of steps
+    _idle: int = field(default=0, init=False)  # rounds in a row that added almost nothing
     _trials: Trials = field(default_factory=Trials, init=False)  # of fewer strokes, at the end
     _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
@@ -93,7 +94,7 @@ class Worth(Density):
         return step % ROUND == 0 or step >= steps
 
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        if not self._limit or not state.may_replan:  # seconds correct the number of steps
+        if not self._limit or not state.may_replan:  # a time limit corrects the number of steps
             self._limit = state.steps
         self._history.append((len(state.strokes), _psnr_of(_mean_error(state))))
         if state.step >= state.steps:
@@ -248,6 +249,6 @@ def _worth_more(importance: Tensor, price: float) -> Tensor:
 
 
 def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
-    """Count how many of the first proposals gain what is ``missing``, or all of them."""
+    """Take the first proposals whose gains add up to what is ``missing``, or all of them."""
     count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
     return new[:count], gain[:count]

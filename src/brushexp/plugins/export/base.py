@@ -17,7 +17,7 @@ from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.paper.base import Paper, Rows
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import plugin_of_class
-from brushexp.shading.height import filled_in, heights, typical_width
+from brushexp.shading.height import heights, surface_height, typical_width
 from brushexp.shading.light import UNLIT, Light, normals_of, shade_picture
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.saved import Saved
@@ -131,7 +131,7 @@ class ExportJob:
         for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
             wide = Rows(top, rows, self.size).widened(1)
             ground = None if self.paper is None else self.paper.relief(wide).numpy()
-            yield top, rows, paint if ground is None else filled_in(paint, ground, typical)
+            yield top, rows, paint if ground is None else surface_height(paint, ground, typical)
 
     def _lit(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
         for top, rows, height in self._heights():

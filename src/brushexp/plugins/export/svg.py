@@ -108,10 +108,10 @@ class Svg(Exporter):
         about = f"{count} brush strokes on {width} x {height} pixels, bottom stroke first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
         if sprites is not None:
-            about += "  Each stroke is a bitmap with its texture."
+            about += " Each stroke is a bitmap with its texture."
         elif not is_profile:
             about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold."
-        about += "  Viewers mix colours as light, not by the color= of the painting." * (not job.space.is_rgb)
+        about += " Viewers mix colours as light, not by the color= of the painting." * (not job.space.is_rgb)
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'

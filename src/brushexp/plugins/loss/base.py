@@ -120,9 +120,7 @@ class Loss(nn.Module, ABC):
     label: str = ""  # name in logs, if it differs from the plugin's
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
     cost: ClassVar[str] = ""  # time of a step with this loss alone relative to ``mse`` (benchmarks/losses.py)
-    exact_on_parts: ClassVar[bool] = (
-        True  # whether the gradient on a part of the canvas equals that on the whole canvas
-    )
+    exact_on_parts: ClassVar[bool] = True  # whether the gradient on a part of the canvas equals that on all of it
     context: int = 0
     grid: int = 1
 

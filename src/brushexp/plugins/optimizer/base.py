@@ -20,9 +20,7 @@ class Optimizer(ABC):
     ('SGD', 0.25)
     """
 
-    units: Mapping[
-        str, float
-    ]  # stroke field -> unit, see `strokes.catalogue.Catalogue`; fields missing or at 0 do not move
+    units: Mapping[str, float]  # stroke field -> unit (`strokes.catalogue.Catalogue`); missing or 0: does not move
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:

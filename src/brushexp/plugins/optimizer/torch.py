@@ -61,8 +61,8 @@ class TorchOptim(Optimizer):
         try:
             optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
-            cure = f"optimizer=torch optimizer.name={self.name} begins without any"
-            raise UserError(f"{error}; with optimizer.options={self.options}; {cure}") from error
+            cure = f"optimizer=torch optimizer.name={self.name} starts without options"
+            raise UserError(f"{error} (optimizer.options={self.options}); {cure}") from error
         if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
                 group.setdefault("step", 0)  # its count, which is missing before the first step

@@ -26,7 +26,7 @@ FADED, LIT = 0.003, 0.95  # margin of opacities, and largest tone, at which they
 SAMPLES = 4  # samples of a texel in each direction, when it is read off a picture
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
 FULL = 0.98  # share of texels with paint that are no higher than a full film
-LEVEL = 0.7  # films of paint whose bristles leave no furrow
+LEVEL = 0.7  # height in films of paint without furrows, at a tone of 0
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 HAIR_REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
@@ -51,8 +51,8 @@ class Textured(Renderer):
         variants: number of different textures.
         rows: number of texels across, up to ``SPREAD`` half widths on either side.
         columns: number of texels along, ``LONG`` times as many, including those beyond the ends.
-        tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to
-            that of the textures.
+        tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to those of
+            the textures.
         fullness: amount of paint on the brush, as a number of equal strokes on top of each other; it closes gaps
             between bristles.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
