@@ -89,17 +89,17 @@ class Toned(Palette):
         dark: lightness (CIELAB L*) of black.
         light: lightness of white.
         white: L* of the picture from which on the painting has ``light``; 100 for none.
-        spread: how far tones go apart until the picture has as much of each, 0 to 1.
+        spread: histogram equalisation of tones, with limited contrast, 0 (none) to 1 (full).
         gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
         chroma: factor of chroma.
         least_chroma: chroma that colours which have any are raised towards, 0 for none.
         most_chroma: chroma that colours stay below, the lightest below less, unless they are yellow; 0 for none.
         hues: number of colours, found in the picture, that its hues are drawn towards; 0 for none.
-        harmony: how far, 0 to 1.
+        harmony: pull of hues towards these colours, 0 to 1.
         values: number of groups of lightness; 0 = not grouped.
-        grouping: how far lightness goes to its group, 0 to 1.
-        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
-        irradiation: how much lighter a thing becomes beside a darker one, and that darker, 0 to 2.
+        grouping: pull of lightness towards its group, 0 to 1.
+        flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
+        irradiation: increase of the contrast of lightness with the surroundings, 0 to 2.
         outlines: strength of outlines, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
@@ -185,7 +185,7 @@ class OfPicture(Palette):
     """The colours of another picture: their mean and covariance.
 
     Args:
-        image: a picture file or sample.
+        image: picture file, or the name of a sample.
     """
 
     image: Annotated[str, PICTURE] = "coffee"

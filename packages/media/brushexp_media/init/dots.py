@@ -34,13 +34,13 @@ class Dots(Initializer):
     Signac (1899), Chevreul (1839); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
 
     Args:
-        layers: of dabs, from large to small.
+        layers: number of layers of dabs, from large to small.
         ratio: size of the dabs of a layer over that of the layer below.
         cover: share of the canvas that a layer covers, of what the one below does.
-        width: of a dab, in distances of its layer; below 1 ground shows between them.
-        length: of a dab, in distances of its layer.
-        jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
-        division: how far the hues of the largest go apart, 0 to 1; those of small ones, and in the focus, less.
+        width: dab width, in the layer's mean stroke spacing; below 1, the ground shows between dabs.
+        length: dab length, in the layer's mean stroke spacing.
+        jitter: standard deviation of a random shift of each dab, in the layer's mean stroke spacing.
+        division: separation of the hues of the largest dabs, 0 to 1; smaller ones, and those in the focus, differ less.
         under: share of the strokes that are broad touches below the dots.
     """
 
