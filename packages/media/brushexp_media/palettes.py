@@ -152,9 +152,9 @@ class Toned(Palette):
 
 
 def share_of_night(own: float, toned: float) -> float:
-    """Compute how far a palette goes back to the picture's own lightness, 0 to 1, so that night stays night.
+    """Compute the share of a picture's own lightness, 0 to 1, that a palette keeps so that night stays night.
 
-    ``own`` and ``toned`` are means of L* of the picture and of what the palette makes of it.
+    ``own`` and ``toned`` are the mean L* of the picture and of its tones in the palette.
     """
     allowed = NIGHT_LIFT + TWILIGHT_LIFT * max(own - NIGHT, 0.0)
     return 1 - min(1.0, allowed / max(toned - own, 1e-6))
@@ -167,8 +167,8 @@ def _around(lightness: Array) -> Array:
     return around
 
 
-NIGHT = 32.0  # mean L* of a picture up to which it is one of the night
-NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lift it, and by how much more for each L* above
+NIGHT = 32.0  # mean L* up to which a picture shows the night
+NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
