@@ -70,7 +70,7 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
         job: painting; its light and paper are not looked at.
         allowed: mean square of pixels in [0, 1], more than 0.
         goal: (3, h, w) picture that the strokes stand for; None for their own.
-        steps: of gradient descent in all; 0 rounds all columns at once.
+        steps: number of gradient steps in all; 0 rounds all columns at once.
     """
     canvas = Canvas(job)
     strokes = job.strokes[job.bottom_up].map(lambda value: value.detach().cpu().float())

@@ -37,8 +37,8 @@ class Process(Exporter):
         format: format of the film: mp4 (a GIF without PyAV) or gif.
         hold: time for which the finished painting stays, in seconds.
         pace: pace of the strokes: even lays the same number every second; quickening starts slowly, with large strokes.
-        growing: whether to draw each stroke from start to end instead of all at once, which takes about seven drawings
-            per stroke; null = unless the renderer is slow.
+        growing: whether to draw each stroke from start to end, about seven times over, instead of all at once; null =
+            unless the renderer is slow.
     """
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0

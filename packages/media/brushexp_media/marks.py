@@ -23,8 +23,11 @@ from brushexp.contracts.strokes import (
 from brushexp_media.picture.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 16, 6, 128, 192
-DRY, RUN_OUT = 4, 5.0  # the last variants of flat, loaded and knife are dry; widths after which paint has run out
-FULL_SCAN, DRY_SCAN = 0.93, 0.6  # share of the middle of a scan that paint covers, in full and at least in dry ones
+WITH_DRY_ENDS = ("flat", "loaded", "knife")  # kinds whose last variants have dry ends
+DRY = 4  # the last variants of these kinds
+RUN_OUT = 5.0  # widths of a stroke after which its paint has run out
+FULL_SCAN = 0.93  # share of the middle of a scan that paint covers, from which on it has full ends
+DRY_SCAN = 0.6  # share that paint covers at least in a scan with a dry end
 RUBBED = 4  # the last variants of chalk, which are rubbed in
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
 KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
@@ -53,7 +56,7 @@ class Marks(Renderer):
         finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         once = torch.ones_like(strokes.brush)
         variant = strokes.brush % VARIANTS
-        if self.kind in DRIED:
+        if self.kind in WITH_DRY_ENDS:
             curve = curve_of(strokes).detach()
             spent = (curve[:, 2] - curve[:, 0]).norm(dim=1) > RUN_OUT * 2 * half.detach()
             variant = torch.where(spent, variant, variant % (VARIANTS - DRY))
@@ -110,7 +113,7 @@ def chalk(variant: int) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _scans() -> tuple[Tensor, Tensor]:
-    """Return scanned strokes (M, 1, rows, columns), coverage from 0 to 1, those with full and those with dry ends."""
+    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes with full ends and of those with dry ends."""
     scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
     inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
     filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))
@@ -118,7 +121,7 @@ def _scans() -> tuple[Tensor, Tensor]:
 
 
 def _scan(variant: int, seed: int) -> Tensor:
-    """Look a scanned stroke up in the places of a texture: coverage (ROWS, COLUMNS)."""
+    """Resample a scanned stroke to the coverage (ROWS, COLUMNS) of a texture; the last `DRY` variants have dry ends."""
     full, dry = _scans()
     number = torch.randperm(10_000, generator=torch.Generator().manual_seed(seed))[variant]
     scan = dry[number % len(dry)] if variant >= VARIANTS - DRY else full[number % len(full)]
@@ -191,5 +194,4 @@ def dab(variant: int) -> Tensor:
     return torch.stack([(inside / 0.36).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
-DRIED = ("flat", "loaded", "knife")  # marks of which the last variants are dry
 DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded, "knife": knife, "wash": wash, "dab": dab}

@@ -89,17 +89,17 @@ class Toned(Palette):
         dark: lightness (CIELAB L*) of black.
         light: lightness of white.
         white: L* of the picture from which on the painting has ``light``; 100 for none.
-        spread: how far tones go apart until the picture has as much of each, 0 to 1.
+        spread: histogram equalisation of tones, with limited contrast, 0 (none) to 1 (full).
         gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
         chroma: factor of chroma.
         least_chroma: chroma that colours which have any are raised towards, 0 for none.
         most_chroma: chroma that colours stay below, the lightest below less, unless they are yellow; 0 for none.
         hues: number of colours, found in the picture, that its hues are drawn towards; 0 for none.
-        harmony: how far, 0 to 1.
+        harmony: pull of hues towards these colours, 0 to 1.
         values: number of groups of lightness; 0 = not grouped.
-        grouping: how far lightness goes to its group, 0 to 1.
-        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
-        irradiation: how much lighter a thing becomes beside a darker one, and that darker, 0 to 2.
+        grouping: pull of lightness towards its group, 0 to 1.
+        flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
+        irradiation: increase of the contrast of lightness with the surroundings, 0 to 2.
         outlines: strength of outlines, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
@@ -152,9 +152,9 @@ class Toned(Palette):
 
 
 def share_of_night(own: float, toned: float) -> float:
-    """Compute how far a palette goes back to the picture's own lightness, 0 to 1, so that night stays night.
+    """Compute the share of a picture's own lightness, 0 to 1, that a palette keeps so that night stays night.
 
-    ``own`` and ``toned`` are means of L* of the picture and of what the palette makes of it.
+    ``own`` and ``toned`` are the mean L* of the picture and of its tones in the palette.
     """
     allowed = NIGHT_LIFT + TWILIGHT_LIFT * max(own - NIGHT, 0.0)
     return 1 - min(1.0, allowed / max(toned - own, 1e-6))
@@ -167,8 +167,8 @@ def _around(lightness: Array) -> Array:
     return around
 
 
-NIGHT = 32.0  # mean L* of a picture up to which it is one of the night
-NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lift it, and by how much more for each L* above
+NIGHT = 32.0  # mean L* up to which a picture shows the night
+NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
@@ -185,7 +185,7 @@ class OfPicture(Palette):
     """The colours of another picture: their mean and covariance.
 
     Args:
-        image: a picture file or sample.
+        image: picture file, or the name of a sample.
     """
 
     image: Annotated[str, PICTURE] = "coffee"

@@ -8,7 +8,7 @@ import pytest
 import torch
 from brushexp_media.init.drawing import ANGLES, DEPTHS, TURN, forms, hatching
 from brushexp_media.init.rows import CLOSEST_MARKS, WIDER
-from brushexp_media.marks import DRAWN, DRIED, DRY, KINDS, LEVELS, VARIANTS
+from brushexp_media.marks import DRAWN, DRY, KINDS, LEVELS, VARIANTS, WITH_DRY_ENDS
 from brushexp_media.picture.lines import LUMA, edge_lines, luminance
 from brushexp_testing.families import some_strokes
 from scenes import straight
@@ -222,7 +222,7 @@ def test_where_one_looks_first_faint_lines_are_drawn_and_finer():
     assert bool((seen["with"].position[:, 0] > 64).all())
 
 
-@pytest.mark.parametrize("kind", DRIED)
+@pytest.mark.parametrize("kind", WITH_DRY_ENDS)
 def test_no_two_marks_of_a_brush_have_one_outline_and_only_long_strokes_run_dry(kind):
     outlines = [DRAWN[kind](variant)[0].gt(0.5).flatten().float() for variant in range(VARIANTS)]
     alike = torch.corrcoef(torch.stack(outlines)) - torch.eye(VARIANTS)

@@ -94,17 +94,21 @@ class Difference:
         return f"[{', '.join(map(self.format_gain, ends))}]"
 
     @property
+    def effect(self) -> str:
+        """The mean with its interval, in the metric's own direction."""
+        return f"{self.format_gain(self.mean)} {self.bounds}"
+
+    @property
     def sentence(self) -> str:
         """The verdict in words, with its numbers."""
-        numbers = f"{self.format_gain(self.mean)} {self.bounds}"
         if self.verdict == "same":
-            return f"no difference that matters: {numbers}"
+            return f"no difference that matters: {self.effect}"
         if self.verdict == "depends":
             better, worse = (", ".join(self.units_that_gain(sign)) for sign in (1, -1))
-            return f"depends on the picture: better on {better}; worse on {worse}; {numbers} on average"
+            return f"depends on the picture: better on {better}; worse on {worse}; {self.effect} on average"
         if self.verdict == NOT_DECIDED and len(self.gains) < LEAST_UNITS:
             return f"{NOT_DECIDED}, {len(self.gains)} {self.unit}{'s' * (len(self.gains) != 1)}"
-        return f"{self.verdict}: {numbers}"
+        return f"{self.verdict}: {self.effect}"
 
     def format_gain(self, gain: float) -> str:
         """Write a gain in the metric's own direction: ``+0.31``, or ``x 1.50`` for ratios."""

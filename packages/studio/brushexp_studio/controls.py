@@ -88,9 +88,8 @@ class Controls:
                 self.show_drafts()
                 background_tasks.create(self._renew_strokes())
             key = chosen.key if chosen else NONE
-            if key not in self.thumbs.get(
-                name, ()
-            ):  # otherwise they stay, because a click on a removed one would be lost
+            # Otherwise they stay, because a click on a removed one would be lost.
+            if key not in self.thumbs.get(name, ()):
                 place.clear()
                 with place:
                     self.thumbs[name] = self._thumbs(name, chosen, take)
@@ -98,7 +97,7 @@ class Controls:
                 button.press(other == key)
 
     def show_drafts(self) -> None:
-        """Replace the samples of looks by drafts of the photograph that have been painted."""
+        """Replace the samples of looks with the finished drafts of the photograph."""
         for look, sample in self.samples.items():
             address = self.visit.drafts.address(self.visit.wishes.photo, look)
             sample.set(src=address or f"/looks/{look}.webp")

@@ -99,19 +99,14 @@ class Easel:
             return
         if wishes.focus == "mask":
             before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
-            words = {
-                "label": "Where the painting should be most faithful to the photograph",
-                "group": "Brush of the focus",
-            }
+            label = "Where the painting should be most faithful to the photograph"
+            words = {"label": label, "group": "Brush of the focus"}
             mask = Mask(
                 self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before, **words
             )
             mask.style(f"--ratio: {photo.ratio}")
-            Tag(
-                "p",
-                "caption hint",
-                "Click on each face, or paint over the parts that should be most faithful to the photograph.",
-            )
+            hint = "Click on each face, or paint over the parts that should be most faithful to the photograph."
+            Tag("p", "caption hint", hint)
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
                 Tag("img", src=photo.address, alt=f"the photograph {photo.name}")

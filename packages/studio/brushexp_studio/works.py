@@ -92,7 +92,7 @@ class Work:
         return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:
-        """Composite the painting over its photograph with an opacity of 0 to 100 percent, as on the page, to a PNG."""
+        """Composite the painting over its photograph, at 0 to 100 percent opacity as on the page, and return a PNG."""
         with Image.open(self.files["painting.png"]) as picture:
             painting = picture.convert("RGB")
         with Image.open(self.wishes.subject.path) as picture:

@@ -11,7 +11,9 @@ LONGEST_SUMMARY = 120  # characters
 LONGEST_HELP = 360  # characters
 LONGEST_MESSAGE = 320  # characters
 LIBRARIES = ("abc", "builtins", "collections", "lightning", "torch", "typing")  # whose classes members extend
-CLAUSE = re.compile(r"((by|from|in|of|on|to|with) )?(that|which|who|whose|what|where) ", re.IGNORECASE)  # at the start
+CLAUSE = re.compile(  # at the start
+    r"((by|from|in|of|on|over|to|with) )?(how|that|what|where|which|who|whose) |of ", re.IGNORECASE
+)
 OPTION = re.compile(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
 
 
@@ -32,7 +34,7 @@ def problem_of_help(text: str) -> str:
         return f"it has {len(text)} characters, more than {LONGEST_HELP}"
     if not re.match(r"[A-Za-z0-9`'\"(]", text):
         return "it does not begin with a word or a number"
-    return "it begins with a clause instead of its noun" if CLAUSE.match(text) else ""
+    return 'it begins with a clause or "of" instead of its noun' if CLAUSE.match(text) else ""
 
 
 def problem_of_message(text: str) -> str:
@@ -40,7 +42,7 @@ def problem_of_message(text: str) -> str:
     if len(text) > LONGEST_MESSAGE:
         return f"it has {len(text)} characters, more than {LONGEST_MESSAGE}"
     if "\n" in text or text.endswith((".", ";", ":", ",")):
-        return "it is not one line without a stop at its end"
+        return "it is not one line, or ends in a full stop, semicolon, colon or comma"
     return "it does not say what to do, after a semicolon" if ";" not in text else ""
 
 

@@ -41,6 +41,8 @@ def test_python_has_them_by_the_name_of_the_program_and_a_plugin_that_breaks_one
         ("Which stroke is small lies on top.", "clause"),
         (f"Order {'and order ' * 12}by size.", "characters"),
         ("Order by size.\n\nArgs:\n    every: that pass between two orders.", "every: .*clause"),
+        ("Order by size.\n\nArgs:\n    every: of the steps between two orders.", "every: .*noun"),
+        ("Order by size.\n\nArgs:\n    every: how many steps pass between two orders.", "every: .*noun"),
         ("Order by size.\n\nArgs:\n    every: " + "a step, " * 60, "every: .*characters"),
     ],
 )

@@ -59,7 +59,7 @@ def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, 
 def detectable_effect(one: Difference) -> float:
     """Compute the smallest mean gain whose interval excludes zero in a `POWER` share of studies of this spread.
 
-    It is half of the interval and the `POWER` quantile of Student's t times the standard error (Bloom, 1995).
+    It is half of the interval plus the `POWER` quantile of Student's t times the standard error (Bloom, 1995).
     """
     n_units = len(one.gains)
     if n_units < 2:

@@ -43,11 +43,10 @@ class Judgement:
         """Write what was measured: the mean with its interval, and the counts where the answer depends on them."""
         assert self.difference is not None
         one = self.difference
-        effect = f"{one.format_gain(one.mean)} {one.bounds}"
         if one.verdict != "depends":
-            return effect
+            return one.effect
         better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))
-        return f"{effect}; better on {better}, worse on {worse} of {len(one.gains)}"
+        return f"{one.effect}; better on {better}, worse on {worse} of {len(one.gains)}"
 
     @property
     def power(self) -> str:
@@ -123,7 +122,7 @@ def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, 
         "claim": claim.says,
         "compared": f"{claim.setting} against {claim.against}",
         "metric": one.quantity.name,
-        "mean": f"{one.format_gain(one.mean)} {one.bounds}",
+        "mean": one.effect,
         "median": _in_words(one, median_of(list(one.gains.values()), CONFIDENCE)),
         "better, worse": f"{better}, {worse} of {len(one.gains)}",
         "p of ranks": "" if judgement.p_ranks is None else format_p(judgement.p_ranks),
@@ -133,7 +132,7 @@ def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, 
 
 def _in_words(one: Difference, middle_low_high: Sequence[float]) -> str:
     middle, low, high = middle_low_high
-    return f"{one.format_gain(middle)} {replace(one, low=low, high=high).bounds}"
+    return replace(one, mean=middle, low=low, high=high).effect
 
 
 def format_p(p: float) -> str:

@@ -7,7 +7,7 @@ from omegaconf import MISSING
 from brushexp.contracts import FILE, FOLDER, at_least, one_of
 from brushexp.contracts.tasks import Task, key
 
-RUNS = "folder of a run or sweep, or one that contains several; separate folders by commas"
+RUNS = "folder of a run or sweep, or one that contains several; separate folders with commas"
 
 
 @dataclass
@@ -46,11 +46,17 @@ class LeaderboardTask(Task):
 
     runs: list[str] = key([], RUNS, FOLDER)
     add: str | None = key(None, "painting by others: a picture, a catalogue, or a folder of these; null = none")
-    target: str | None = key(None, "target of the painting; for a folder, a folder with files of the same names")
+    target: str | None = key(
+        None, "picture that add was painted after; if add is a folder, a folder with files of the same names"
+    )
     name: str | None = key(None, "name of the painter of add; null = the name of the file")
     strokes: int | None = key(None, "number of strokes of add; null = from its catalogue, or unknown", at_least(1))
     seconds: float | None = key(None, "seconds that add took; null = unknown", at_least(0))
-    note: str | None = key(None, "remark at the top of page and tables, such as the machine and its load; null = none")
+    note: str | None = key(
+        None, "remark at the top of the page and tables, such as the machine and its load; null = none"
+    )
     published: str | None = key(None, "YAML file of published figures; null = the shipped file", FILE)
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
-    lpips_weights: str | None = key(None, "file with its features, with which add is also measured by LPIPS", FILE)
+    lpips_weights: str | None = key(
+        None, "file with the features of lpips_backbone; with it, add is also measured by LPIPS", FILE
+    )

@@ -1,6 +1,6 @@
 """Write a leaderboard as Markdown, CSV and LaTeX.
 
-The Markdown has a table for each section; every metric, picture and second is in files of CSV.
+The Markdown has a table for each section; the CSV files have every metric and picture, and PSNR after equal seconds.
 """
 
 import math
@@ -22,7 +22,7 @@ BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."
 FILES = (
     "[leaderboard.csv](leaderboard.csv) has every metric and command, [pictures.csv](pictures.csv) the PSNR of each "
-    "picture, and [seconds.csv](seconds.csv), for runs with curves, that after equal seconds."
+    "picture, and [seconds.csv](seconds.csv) the PSNR after equal seconds for runs with curves."
 )
 IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics of the Markdown
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."

@@ -24,7 +24,7 @@ class Gcode(PenExporter):
     Args:
         feed: speed while drawing, in mm per minute.
         travel: speed between strokes for the time estimate, in mm per minute; the machine itself decides the speed of
-        G0.
+            G0.
         up: command that lifts the pen.
         down: command that lowers the pen.
         change: command that waits for another tool; {tool} is its number and {color} its colour. A plan for one pen has

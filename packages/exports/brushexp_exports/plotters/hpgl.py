@@ -18,9 +18,9 @@ DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plo
 class Hpgl(PenExporter):
     """Writes ``painting.hpgl``, a stroke plan for pen plotters, a report (``.txt``) and a picture (``.svg``).
 
-    vpype writes it, which knows the papers and origins of many plotters. Old plotters accept no comments in HPGL, so
-    the text of `PenPlan.report` is a separate file. Tools are the pens of the carousel: ``SP1``, ``SP2``, ... The
-    plotter's steps of 1/40 mm come on top of ``tolerance_mm``.
+    vpype, which knows the papers and origins of many plotters, writes the plan. Old plotters accept no comments in
+    HPGL, so the text of `PenPlan.report` is a separate file. Tools are the pens of the carousel: ``SP1``, ``SP2``, ...
+    The plotter's steps of 1/40 mm come on top of ``tolerance_mm``.
 
     Args:
         plotter: name of the plotter in vpype (hp7475a, hp7550, dxy, ...) or in your ~/.vpype.toml; null = any plotter

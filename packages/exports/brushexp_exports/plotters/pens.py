@@ -87,7 +87,7 @@ class PenExporter(Exporter):
     """Base of exporters for machines that draw with pens or brushes; its fields are their options.
 
     Args:
-        paper: paper: a3, a4, letter, ... or a size such as 300x200mm.
+        paper: size of the paper: a3, a4, letter, ... or a size such as 300x200mm.
         landscape: whether the paper lies across; null = whichever makes the picture larger.
         margin_mm: smallest margin in mm; the picture fills the rest, centred. It is larger where a plotter reaches less
             far.

@@ -42,16 +42,16 @@ class Chalks(Initializer):
     in this order, which ``order=fixed`` keeps; masses have the soft mark of ``renderer.kind=chalk``, others its grain.
 
     Args:
-        layers: of masses and forms, from the side of the stick to its edge.
+        layers: number of layers of masses and forms, from the side of the stick to its edge.
         ratio: size of the strokes of a layer over that of the layer below.
         cover: share of the canvas that a layer covers, of what the one below does.
-        width: of a stroke of a layer, in its pitches.
-        length: of a stroke of a layer, in its pitches.
-        edges: a stroke ends where the picture differs by this from its colour, 0 to 1.
-        calm: weight of a nearly level direction, in means of what the picture says: where that says little it prevails.
+        width: stroke width, in the layer's mean stroke spacing.
+        length: stroke length, in the layer's mean stroke spacing.
+        edges: colour difference from the picture at which a stroke ends, 0 to 1.
+        calm: weight of a nearly horizontal direction, relative to the mean structure of the picture.
         hatched: share of the strokes that are hatchings, 0 to 1.
         accents: share of the strokes that are accents, 0 to 1.
-        thickness: of hatchings, in distances at which all strokes would lie from each other; accents are thinner.
+        thickness: thickness of hatchings, in the mean spacing of all strokes; accents are thinner.
         reach: length of hatchings, in thicknesses.
     """
 

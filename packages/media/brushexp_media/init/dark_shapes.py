@@ -24,7 +24,7 @@ class DarkShapes(Initializer):
     """Strokes of ink that fill what is darker than its surroundings: lids, pupils, brows, the line of a mouth.
 
     Args:
-        color: of the ink, as '#rrggbb'.
+        color: colour of the ink, as '#rrggbb'.
     """
 
     color: str

@@ -18,7 +18,8 @@ WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
 BROAD, LONG = 1.6, 1.0  # width and length of touches below the dots, in their distances
-SHADOW, WHITE = 56.0, 87.0  # L* below which a touch is in shadow, and from which on it keeps its colour
+SHADOW = 56.0  # L* below which a touch is in shadow
+WHITE = 87.0  # L* from which on a touch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.17, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
 TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
@@ -34,13 +35,13 @@ class Dots(Initializer):
     Signac (1899), Chevreul (1839); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
 
     Args:
-        layers: of dabs, from large to small.
+        layers: number of layers of dabs, from large to small.
         ratio: size of the dabs of a layer over that of the layer below.
         cover: share of the canvas that a layer covers, of what the one below does.
-        width: of a dab, in distances of its layer; below 1 ground shows between them.
-        length: of a dab, in distances of its layer.
-        jitter: random shift of a dab in distances of its layer, its deviation: more is less regular.
-        division: how far the hues of the largest go apart, 0 to 1; those of small ones, and in the focus, less.
+        width: dab width, in the layer's mean stroke spacing; below 1, the ground shows between dabs.
+        length: dab length, in the layer's mean stroke spacing.
+        jitter: standard deviation of a random shift of each dab, in the layer's mean stroke spacing.
+        division: separation of the hues of the largest dabs, 0 to 1; smaller ones, and those in the focus, differ less.
         under: share of the strokes that are broad touches below the dots.
     """
 

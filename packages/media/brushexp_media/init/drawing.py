@@ -70,15 +70,15 @@ class Drawing(Initializer):
     Args:
         contours: share of the strokes that are contours, 0 to 1.
         washes: share of the strokes that are washes, 0 to 1.
-        accents: share of the strokes that fill what is small and dark, 0 to 1.
-        flatness: how much forms are flattened, by total variation, in proportion to the picture's size; 0 = not.
-        tones: darkness (0 white to 1 black) from which on there is the first, second and third hatching.
-        wash_tones: darkness from which on there is the light, the middle and the dark wash.
-        white: share of the picture that stays without hatching and wash at least, 0 to 1.
-        width: of a contour, in thousandths of the longer side.
-        length: of a line, in hundredths of the longer side.
-        color: of the ink, as '#rrggbb'.
-        wash: of the light wash; the others are powers of it, as of a tint that is laid over itself.
+        accents: share of the strokes that fill small dark shapes, 0 to 1.
+        flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
+        tones: darkness (0 white to 1 black) at which the first, second and third hatching begin.
+        wash_tones: darkness at which the light, middle and dark wash begin.
+        white: smallest share of the picture that stays without hatching and wash, 0 to 1.
+        width: contour width, in thousandths of the longer side.
+        length: line length, in hundredths of the longer side.
+        color: colour of the ink, as '#rrggbb'.
+        wash: colour of the light wash, as '#rrggbb'; the others are powers of it, like a tint laid over itself.
     """
 
     contours: Annotated[float, between(0, 1)] = 0.4

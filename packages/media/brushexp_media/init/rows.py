@@ -50,20 +50,20 @@ class InRows(Initializer):
     hardly changes, rows follow the contour lines of noise.
 
     Args:
-        layers: from large marks to small ones.
+        layers: number of layers, from large marks to small ones.
         ratio: size of the marks of a layer over that of the layer below.
         cover: share of the canvas that a layer covers, of what the one below does.
         under: share of the marks that are an underpainting, 0 to 1.
         outlines: share of the marks that are outlines, 0 to 1.
-        width: of a mark, in distances of rows.
-        length: of a mark, in distances of rows.
-        edges: a mark ends where the picture differs by this from its colour, 0 to 1.
-        turning: how much rows turn where there are no forms; at 0 they are level.
-        calm: how much stronger rows of their own are than forms: faint ones no longer bend rows.
-        bend: how much a mark bends with its row: 1 as it does, 0 not at all, as a knife's.
-        looseness: by how much marks leave the direction of their row and bend where there are no forms, radians.
-        variety: of hue and lightness from mark to mark, 0 to 1.
-        values: of lightness alone from mark to mark, 0 to 1: its deviation.
+        width: mark width, in the spacing of rows.
+        length: mark length, in the spacing of rows.
+        edges: colour difference from the picture at which a mark ends, 0 to 1.
+        turning: amount by which rows turn where the picture has no forms; at 0 they are horizontal.
+        calm: weight of these turns against the forms of the picture; higher values keep faint forms from bending rows.
+        bend: bend of a mark relative to its row: 1 follows the row, 0 is straight, as with a knife.
+        looseness: standard deviation of the turn and bend of marks against their row where there are no forms, radians.
+        variety: variation of hue and lightness between marks, 0 to 1.
+        values: standard deviation of lightness alone between marks, 0 to 1.
         outline: colour of outlines, as '#rrggbb'.
     """
 

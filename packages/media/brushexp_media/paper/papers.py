@@ -41,23 +41,23 @@ class GrainedPaper(Paper):
     Args:
         grain: size of its grain in thousandths of the longer side of the picture.
         tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
-        pressure: by how much the hand presses unevenly, 0 to 1: a share of ``tooth`` by which it varies.
-        dust: how much of the paint is dust that half fills hollows, 0 (none: their borders are crisp) to 1.
-        drag: how much grain is drawn out along the strokes, as a stick does that skips, 0 to 1.
-        accents: how much harder the hand presses where there is detail, 0 to 1: what is small covers the grain.
-        roughness: height of the grain in the light, in sizes of a grain; it is seen where ``light.depth`` is not 0.
-        granulation: how much wet pigment settles in hollows, 0 to 2, where it pools: in dark washes, here and there.
-        rims: how much wet pigment gathers at the edges of a wash, 0 to 10.
-        blooms: how unevenly a wash dries, 0 to 2.
-        clean: how far paint is evened along its edges, in grains: what many touches made has the edges of one.
-        wander: how far wet edges wander, in grains.
+        pressure: variation of the hand's pressure, 0 to 1, as a share of ``tooth``.
+        dust: share of the paint that is dust and half fills hollows, 0 (none: their borders are crisp) to 1.
+        drag: elongation of the grain along the strokes, as by a stick that skips, 0 to 1.
+        accents: increase of the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
+        roughness: height of the grain in the light, in grain sizes; it shows where ``light.depth`` is not 0.
+        granulation: settling of wet pigment in hollows, 0 to 2, where it pools: here and there in dark washes.
+        rims: gathering of wet pigment at the edges of a wash, 0 to 10.
+        blooms: unevenness of a drying wash, 0 to 2.
+        clean: smoothing of paint along its edges, in grains: many touches get the edges of a single one.
+        wander: distance by which wet edges wander, in grains.
         lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
-        charged: by how much a wash changes its hue from place to place, warmer and cooler, 0 to 2.
-        halftones: how much harder the hand presses where paint is lighter or darker than the ground, 0 to 1: the ground
+        charged: variation of hue within a wash, warmer and cooler, 0 to 2.
+        halftones: increase of the hand's pressure where paint is lighter or darker than the ground, 0 to 1: the ground
             serves as a halftone.
-        frayed: over how many times the border strokes fray out within it, 0 to 10.
-        border: how much of the paper stays bare along its edges, in hundredths of the longer side.
-        seed: of the grain.
+        frayed: width of the zone within the border where strokes fray out, in border widths, 0 to 10.
+        border: width of the bare border of the paper, in hundredths of the longer side.
+        seed: seed of the grain.
     """
 
     grain: Annotated[float, above(0, 1000)] = 4.0

@@ -17,8 +17,8 @@ Array = NDArray[Any]
 
 NARROW = 6.0  # pixels: narrower strokes are hard to find
 LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
-UNSURE = 0.2  # median confidence: below it, a picture does not look like paint; of van Gogh's Road it is 0.22
-MOST_GROUND = 0.6  # share of a picture: with more that looks bare, it does not look like paint
+UNSURE = 0.2  # median confidence: below it, a picture does not look like paint; van Gogh's Road has 0.22
+MOST_GROUND = 0.6  # share that looks bare: above it, a picture does not look like paint
 UNITS = {
     "x": "px",
     "y": "px",
@@ -44,7 +44,7 @@ class StrokeTable:
     outlines: list[Array]  # (P, 2) places x, y of each, pixels
     size: tuple[int, int]  # height and width of the photograph
     mm: float | None  # millimetres of a pixel
-    ground: float | None = None  # share of the photograph that looks like bare ground; None if nobody knows
+    ground: float | None = None  # share of the photograph that looks like bare ground; None if unknown
 
     def __len__(self) -> int:
         return len(self.color)
@@ -90,7 +90,7 @@ def covered_share(table: StrokeTable) -> float:
 
 
 def describe_rest(table: StrokeTable) -> str:
-    """Say what the part of the photograph without strokes is."""
+    """Describe the part of the photograph without strokes."""
     if table.ground is None:
         return "the rest is bare ground, or paint in which no stroke can be told apart"
     unread = max(1 - covered_share(table) - table.ground, 0)

@@ -40,7 +40,11 @@ class Perceptron(nn.Module):
         self.layers = nn.Sequential(*layers[:-1])
 
     def forward(self, features: Tensor) -> Tensor:
-        return self.layers(((features - self.mean) / self.scale).clamp(-CLIP, CLIP))
+        return self.layers(self.standardise(features))
+
+    def standardise(self, features: Tensor) -> Tensor:
+        """Divide features (N, F), less their mean, by their deviation, and clamp them to `CLIP`."""
+        return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
         """Return the same function without PyTorch, which is slow for few examples."""
@@ -95,17 +99,17 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
     """Fit the last layer of a perceptron to goals (N, outputs) in [0, 1] of features (N, F), weighted (N,).
 
-    ``ridge`` is the weight of the squares of its changes in the loss. By L-BFGS in float64; without goals it stays.
+    ``ridge`` is the weight of the squares of its changes in the loss. L-BFGS in float64; without goals nothing changes.
     """
     if not len(goal):
         return
     *hidden, last = perceptron.layers
     with torch.no_grad():
-        standardised = (torch.from_numpy(features).float() - perceptron.mean) / perceptron.scale
-        activation = nn.Sequential(*hidden)(standardised.clamp(-CLIP, CLIP)).double()
+        activation = nn.Sequential(*hidden)(perceptron.standardise(torch.from_numpy(features).float())).double()
     matrix, bias = (parameter.detach().double() for parameter in last.parameters())
-    matrix_change, bias_change = torch.zeros_like(matrix), torch.zeros_like(bias)
-    changes = [matrix_change.requires_grad_(), bias_change.requires_grad_()]
+    matrix_change = torch.zeros_like(matrix, requires_grad=True)
+    bias_change = torch.zeros_like(bias, requires_grad=True)
+    changes = [matrix_change, bias_change]
     y = torch.from_numpy(goal.astype(float))
     w = torch.from_numpy(weight / weight.mean()).double()[:, None]
     optimizer = torch.optim.LBFGS(changes, max_iter=ITERATIONS, line_search_fn="strong_wolfe")

@@ -33,7 +33,7 @@ class Recovered:
     labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 on bare ground and where no stroke was found
     meetings: Array = field(default_factory=lambda: np.empty((0, 2), np.int32))  # (P, 2) rows of strokes that meet
     chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) that the second lies above
-    ground: Array | None = None  # (H, W) bool, no stroke was found and the ground looks bare; None if nobody knows
+    ground: Array | None = None  # (H, W) bool, no stroke was found and the ground looks bare; None if unknown
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:

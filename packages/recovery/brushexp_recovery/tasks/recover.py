@@ -40,8 +40,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     if marks is not None and len(marks_by_hand(marks)) >= FEWEST_MARKS:
         scale = choose_scale(model, image, marks) if scale is None else scale
         fitted = fit_judges(model, image, marks, scale, cfg.seed)
-        learnt = "do not learn from the marks: they would find no more" if fitted is model else "learn from the marks"
-        log.info("strokes are sought at %.2f times the size of the photograph; judges %s", scale, learnt)
+        words = (
+            "do not learn from the marks, which would not improve them" if fitted is model else "learn from the marks"
+        )
+        log.info("strokes are sought at %.2f times the size of the photograph; the judges %s", scale, words)
         model = fitted
     with showing("finding strokes") as show:
         recovered = recover_with(model, image, scale, cfg.copies, show)

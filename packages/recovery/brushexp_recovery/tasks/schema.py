@@ -12,8 +12,8 @@ from brushexp.contracts import FILE, FOLDER, Rule, UserError, above, at_least, b
 from brushexp.contracts.tasks import CATALOGUE, PICTURE, Task, key
 from brushexp_recovery.find.photograph import size_of_photograph
 
-WIDTH_HELP = "of the painting from edge to edge of the photograph, centimetres; null = pixels only"
-SIZE_HELP = "the same as width and height, 92x73"
+WIDTH_HELP = "width of the painting between the edges of the photograph, in cm; null = measures in pixels only"
+SIZE_HELP = "width and height of the painting in cm, such as 92x73, instead of its width alone"
 
 
 def _check_path(path: str, option: str) -> None:
@@ -31,12 +31,16 @@ class RecoverTask(Task):
     module = "brushexp_recovery.tasks.recover"
     alone = "image"
 
-    image: str = key(MISSING, "a photograph of a painting: a picture file, or the name of a sample", PICTURE)
+    image: str = key(MISSING, "photograph of a painting: a picture file, or the name of a sample", PICTURE)
     width_cm: float | None = key(None, "width of what the picture shows, in cm, to measure strokes in mm", above(0))
-    scale: float | None = key(None, "at which strokes are sought; null = where they are 18 px wide", between(0.05, 8))
-    copies: int = key(1, "turned and mirrored copies that each look shows; more are slower and surer", between(1, 8))
+    scale: float | None = key(
+        None, "scale of the photograph at which strokes are sought; null = where they are 18 px wide", between(0.05, 8)
+    )
+    copies: int = key(
+        1, "number of turned and mirrored copies per look; more are slower but more certain", between(1, 8)
+    )
     weights: str = key("strokes", "shipped weights, or the .safetensors of task=train_recovery")
-    marks: str | None = key(None, "corrections that the page of strokes saved; null = none", FILE)
+    marks: str | None = key(None, "file of corrections saved by the page of strokes; null = none", FILE)
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -57,20 +61,22 @@ class MeasureTask(Task):
     module = "brushexp_recovery.tasks.measure"
     alone = "image"
 
-    image: str = key("astronaut", "the photograph, cut to the painting's edges", PICTURE)
+    image: str = key("astronaut", "photograph, cropped to the edges of the painting", PICTURE)
     recovered: str | None = key(
         None, "folder of task=recover of it, or its catalogue.h5; null = recover it now", CATALOGUE
     )
-    against: str | None = key(None, "a photograph of another painting, to compare with", PICTURE)
+    against: str | None = key(None, "photograph of another painting to compare with", PICTURE)
     width_cm: float | None = key(None, WIDTH_HELP, above(0))
     size_cm: str | None = key(None, SIZE_HELP)
     sizes: str | None = key(None, "table (.csv) of the widths of several photographs: file,width_cm; null = none", FILE)
     against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
     against_size_cm: str | None = key(None, SIZE_HELP)
     region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright = in")
-    views: int = key(6, "the photograph and small changes of it that intervals come from", between(1, 50))
-    draws: int = key(40, "of strokes by their confidence, from each view", between(1, 1000))
-    threshold: float = key(0.5, "confidence from which on the page shows strokes at first", between(0, 1))
+    views: int = key(
+        6, "number of views that intervals come from: the photograph and small changes of it", between(1, 50)
+    )
+    draws: int = key(40, "number of draws of strokes by their confidence, from each view", between(1, 1000))
+    threshold: float = key(0.5, "smallest confidence of the strokes that the page shows at first", between(0, 1))
     seed: int = key(0, "seed of views and draws", at_least(0))
 
     @staticmethod
@@ -105,16 +111,18 @@ class BenchmarkTask(Task):
     is_research = True
     module = "brushexp_recovery.tasks.benchmark"
 
-    kinds: list[str] | None = key(None, "of paintings: six kinds, or families of paint; null = the six kinds")
-    unseen: bool = key(False, "only kinds that the weights have not learnt from; without kinds=, families of paint too")
+    kinds: list[str] | None = key(None, "kinds of paintings: the six kinds, or families of paint; null = the six kinds")
+    unseen: bool = key(
+        False, "whether to leave out kinds that the weights have learnt from; kinds=null then includes families"
+    )
     counts: list[int] = key([150, 500, 1500], "numbers of strokes, each for every kind", at_least(1))
     repeats: int = key(1, "paintings of each kind and number", at_least(1))
-    side: int = key(512, "of a painting, pixels", between(64, 4096))
-    methods: list[str] | None = key(None, "that find strokes; null = all; [] = only write the paintings")
-    weights: str = key("strokes", "of recovery: shipped ones, or the .safetensors of task=train_recovery")
-    hard: bool = key(True, "also a photograph of each painting: canvas, blur, noise, JPEG")
+    side: int = key(512, "side of a painting in pixels", between(64, 4096))
+    methods: list[str] | None = key(None, "methods that find strokes; null = all; [] = only write the paintings")
+    weights: str = key("strokes", "weights of recovery: shipped ones, or the .safetensors of task=train_recovery")
+    hard: bool = key(True, "whether to also score a photograph of each painting: canvas, blur, noise, JPEG")
     add: str | None = key(None, "folder of strokes by others: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
-    seed: int = key(20_251_125, "of the paintings; another one makes another benchmark", at_least(0))
+    seed: int = key(20_251_125, "seed of the paintings; another seed makes another benchmark", at_least(0))
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -151,15 +159,15 @@ class TrainRecoveryTask(NetworkTask):
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
     subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = those of scikit-image")
-    start: str | None = key(None, "weights whose network is trained further, shipped or a .safetensors; null = anew")
-    sets: str = key("data/recovery", "folder where the paintings are stored; those there are used again")
-    paintings: int = key(400, "how many paintings to learn from", at_least(1))
-    painters: int = key(1, "processes that make paintings meanwhile", at_least(1))
+    start: str | None = key(None, "initial weights of the network, shipped or a .safetensors file; null = random")
+    sets: str = key("data/recovery", "folder for the paintings; existing ones are used again")
+    paintings: int = key(400, "number of paintings to learn from", at_least(1))
+    painters: int = key(1, "number of processes that make paintings during the training", at_least(1))
     families: bool = key(
-        False, "half of the paintings are of families of paint, from which shipped weights do not learn"
+        False, "whether families of paint make half of the paintings; shipped weights have not learnt from them"
     )
     leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
-    batch_size: int = key(5, "crops of a step", at_least(1))
+    batch_size: int = key(5, "crops per gradient step", at_least(1))
     minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
     lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
     ema: float = key(0.998, EMA, between(0, 1))
@@ -172,4 +180,4 @@ class TrainRecoveryTask(NetworkTask):
         if unknown := [name for name in cfg.leave_out if name not in find_families()]:
             raise UserError(f"leave_out has no {unknown[0]!r}; choose from: {', '.join(sorted(find_families()))}")
         if cfg.leave_out and not cfg.families:
-            raise UserError("leave_out= leaves families of paint out, and families=false has none; add families=true")
+            raise UserError("leave_out= leaves families of paint out, but families=false has none; add families=true")

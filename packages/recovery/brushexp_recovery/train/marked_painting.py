@@ -1,6 +1,7 @@
-"""Judges fitted to one painting, from the marks of a person in it.
+"""Fit the judges of regions to one painting by the marks of a person in it.
 
-Only the last layers of the perceptrons change, and a penalty holds them to what they were: some twenty marks are few.
+Only the last layers of the perceptrons change, and a penalty keeps them close to what they were, because a person draws
+only about twenty marks.
 """
 
 import copy
@@ -14,11 +15,9 @@ from brushexp_recovery.find.look import SMALLEST_REGION, join_superpixels
 from brushexp_recovery.find.regions import TILE_SIDE
 from brushexp_recovery.find.scale import BEST_WIDTH, SCALES, find_zoom
 from brushexp_recovery.join.merge_tree import MergeTree, grow_tree
-from brushexp_recovery.join.node_features import node_features
 from brushexp_recovery.join.node_overlap import node_overlaps
 from brushexp_recovery.marks.mark_regions import pixels_of_mark
 from brushexp_recovery.marks.marks_file import Mark, Marks
-from brushexp_recovery.model.features import NodeScore
 from brushexp_recovery.model.perceptron import Perceptron, fit_last_layer
 from brushexp_recovery.model.recovery_model import Classifiers, RecoveryModel
 from brushexp_recovery.raster.labels import count_pixels
@@ -28,13 +27,19 @@ from brushexp_recovery.raster.tiles import split_into_tiles
 from brushexp_recovery.segment.affinity_maps import predict_maps
 from brushexp_recovery.segment.moments import Moment
 from brushexp_recovery.segment.superpixels import superpixels_of
-from brushexp_recovery.train.merge_examples import Examples, SegmentedPart, join_examples, pair_examples
+from brushexp_recovery.train.merge_examples import (
+    Examples,
+    SegmentedPart,
+    examples_of_nodes,
+    join_examples,
+    pair_examples,
+)
 
 Array = NDArray[Any]
 
-FEWEST_MARKS = 5  # by hand, from which on they tell the scale of a painting and are learnt from
-NEAR = 1.4  # times the scale that the marks tell, within which the scale of the painting alone is kept
-ON_MARKS = 0.5  # share of a region that lies on marks, from which on they tell whether it is a stroke
+FEWEST_MARKS = 5  # by hand: with fewer, neither the scale nor the judges follow the marks
+NEAR = 1.4  # ratio to the scale of the marks, up to which the scale of the painting alone is kept
+ON_MARKS = 0.5  # share of a region on marks, from which on they decide whether it is a stroke
 RIDGE = 0.03  # weight of the squared changes of a last layer in the loss, divided by the number of marks
 
 
@@ -42,7 +47,7 @@ class MarkedPart(NamedTuple):
     """A part of a painting in superpixels, with the marks of a person."""
 
     segmented: SegmentedPart  # the labels are those of marks by hand; -1 is unknown
-    deleted: Array  # (h, w) recovered strokes that the person has taken away; -1 is none
+    deleted: Array  # (h, w) recovered strokes that the person has deleted; -1 is none
 
 
 def marks_by_hand(marks: Marks) -> list[Mark]:
@@ -51,7 +56,7 @@ def marks_by_hand(marks: Marks) -> list[Mark]:
 
 
 def scale_for(marks: Marks) -> float:
-    """Return the scale at which marks by hand are as wide as the network knows strokes best."""
+    """Compute the scale at which marks by hand have the width of strokes that the network knows best."""
     width = float(np.median([mark.width.mean() for mark in marks_by_hand(marks)]))
     return float(np.clip(BEST_WIDTH / width, *SCALES))
 
@@ -59,12 +64,13 @@ def scale_for(marks: Marks) -> float:
 def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
     """Choose the scale for an image (H, W, 3) with marks.
 
-    It is the one that is chosen without them, unless theirs is far from it and one look at it agrees more with them.
+    The scale chosen without marks is kept, unless that of the marks is far from it and a look at it agrees more with
+    them.
     """
-    by_marks, alone = scale_for(marks), find_zoom(model, model.classifiers(), image)
+    classifiers = model.classifiers()
+    by_marks, alone = scale_for(marks), find_zoom(model, classifiers, image)
     if abs(np.log(alone / by_marks)) <= np.log(NEAR):
         return alone
-    classifiers = model.classifiers()
     agreement = {
         scale: agreement_with(segment_marked_parts(model, image, marks, scale), classifiers)
         for scale in (alone, by_marks)
@@ -73,10 +79,10 @@ def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
 
 
 def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, seed: int) -> RecoveryModel:
-    """Fit the judges of a copy of a model to the marks in an image (H, W, 3), as it looks at a scale.
+    """Fit the judges of a copy of a model to the marks in an image (H, W, 3) at a scale.
 
-    They are kept if judges that learn from one half of the marks agree more with the other half than the model does;
-    otherwise the model itself is returned.
+    The copy is returned if judges that learn from one half of the marks agree more with the other half than those of
+    the model, and the model itself otherwise.
     """
     parts = segment_marked_parts(model, image, marks, scale)
     if not parts:
@@ -106,13 +112,13 @@ def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> Reco
 
 
 def marks_in_half(part: MarkedPart, half: int) -> MarkedPart:
-    """Keep every other mark of a part, from mark ``half`` on; what the others cover becomes unknown."""
+    """Keep every other mark of a part, from mark ``half`` on; pixels of the others become unknown."""
     labels = part.segmented.labels
     return part._replace(segmented=part.segmented._replace(labels=np.where(labels % 2 == half, labels, -1)))
 
 
 def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> float:
-    """Compute the mean intersection over union of the marks with the best regions that one look chooses."""
+    """Compute the mean intersection over union of each mark with the best region that one look chooses."""
     best = []
     for (superpixels, labels), _ in parts:
         look = join_superpixels(superpixels, classifiers)
@@ -125,9 +131,9 @@ def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> flo
 
 
 def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale: float) -> list[MarkedPart]:
-    """Split those tiles of an image (H, W, 3) into superpixels that have marks by hand."""
+    """Split the tiles of an image (H, W, 3) with marks by hand into superpixels."""
     height, width = image.shape[:2]
-    by_hand, by_nobody = (label_image(some, (height, width)) for some in (marks_by_hand(marks), marks.deleted))
+    by_hand, deleted = (label_image(some, (height, width)) for some in (marks_by_hand(marks), marks.deleted))
     parts = []
     for tile in split_into_tiles(height, width, scale, TILE_SIDE):
         place = tile.box.slices
@@ -136,7 +142,7 @@ def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale
         shown = resample(image[place], scale)
         pixels = np.ix_(*(nearest_pixels(side, own) for side, own in zip(shown.shape[:2], tile.box.size, strict=True)))
         superpixels = superpixels_of(predict_maps(model.network, shown, 1), shown)
-        parts.append(MarkedPart(SegmentedPart(superpixels, by_hand[place][pixels]), by_nobody[place][pixels]))
+        parts.append(MarkedPart(SegmentedPart(superpixels, by_hand[place][pixels]), deleted[place][pixels]))
     return parts
 
 
@@ -149,7 +155,7 @@ def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
 
 
 def marked_nodes(part: MarkedPart, tree: MergeTree) -> Examples:
-    """Make examples of the nodes that lie mostly on marks, or match one, or a stroke that the person has deleted."""
+    """Make examples of the nodes that lie mostly on marks, or match a mark or a stroke that the person has deleted."""
     (superpixels, labels), deleted = part
     overlap, wrong = (
         node_overlaps(tree, superpixels.labels, regions, int(regions.max()) + 1).max(1, initial=0)
@@ -158,10 +164,7 @@ def marked_nodes(part: MarkedPart, tree: MergeTree) -> Examples:
     share = share_on(labels >= 0, superpixels.labels, tree)
     is_known = (share >= ON_MARKS) | (overlap >= MATCH_IOU) | (wrong >= MATCH_IOU)
     chosen = is_known & (tree.moments[:, Moment.AREA] >= SMALLEST_REGION)
-    goals = np.empty((int(chosen.sum()), len(NodeScore)))
-    goals[:, NodeScore.MATCH] = overlap[chosen] >= MATCH_IOU
-    goals[:, NodeScore.IOU] = overlap[chosen]
-    return Examples(node_features(tree)[chosen], goals, np.ones(len(goals)))
+    return examples_of_nodes(tree, chosen, overlap)
 
 
 def share_on(mask: Array, superpixels: Array, tree: MergeTree) -> Array:
@@ -174,6 +177,6 @@ def share_on(mask: Array, superpixels: Array, tree: MergeTree) -> Array:
 
 
 def _fit(perceptron: Perceptron, examples: Iterable[Examples], marks: int) -> None:
-    """Fit the last layer of a perceptron to examples of so many marks."""
+    """Fit the last layer of a perceptron to examples from a number of ``marks``."""
     features, goals, weights = join_examples(examples)
     fit_last_layer(perceptron, features, goals, weights, RIDGE / marks)

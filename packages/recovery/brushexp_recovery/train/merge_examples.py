@@ -75,7 +75,7 @@ def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
 def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_ground: bool = True) -> Examples:
     """Make examples of the pairs that are there at each of the `STAGES` of merging.
 
-    Unless it ``knows_ground``, -1 in the labels is unknown, and tells nothing about two regions that are both there.
+    Without ``knows_ground``, -1 in the labels means unknown, and pairs of two unknown regions are no examples.
     """
     return join_examples([_pairs_at(part, tree, stage, random, knows_ground) for stage in STAGES])
 
@@ -141,8 +141,12 @@ def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
     """Make examples of nodes: whether each is a stroke, and its intersection over union with the nearest stroke."""
     chosen = tree.moments[:, Moment.AREA] >= SMALLEST_REGION
     overlaps = node_overlaps(tree, part.superpixels.labels, part.labels, int(part.labels.max()) + 1)
-    iou = overlaps.max(1, initial=0)[chosen]
-    goals = np.empty((len(iou), len(NodeScore)))
-    goals[:, NodeScore.MATCH] = iou >= MATCH_IOU
-    goals[:, NodeScore.IOU] = iou
-    return Examples(node_features(tree)[chosen], goals, np.ones(len(iou)))
+    return examples_of_nodes(tree, chosen, overlaps.max(1, initial=0))
+
+
+def examples_of_nodes(tree: MergeTree, chosen: Array, iou: Array) -> Examples:
+    """Make examples of the ``chosen`` nodes (nodes,) by their intersection over union (nodes,) with a stroke."""
+    goals = np.empty((int(chosen.sum()), len(NodeScore)))
+    goals[:, NodeScore.MATCH] = iou[chosen] >= MATCH_IOU
+    goals[:, NodeScore.IOU] = iou[chosen]
+    return Examples(node_features(tree)[chosen], goals, np.ones(len(goals)))

@@ -17,9 +17,9 @@ class TrainDiscriminatorTask(NetworkTask):
     settings: ClassVar[dict[str, Any]] = {"trainer": {"log_every_n_steps": 20}}
 
     batch_size: int = key(512, "valid strokes per step, with as many corrupted ones", at_least(1))
-    epochs: int | None = key(8, "number of epochs of 500 steps, all with new strokes; null = none", at_least(0))
+    epochs: int | None = key(8, "number of epochs of 500 steps, all with new strokes; null = no limit", at_least(0))
     minutes: float | None = key(
-        None, "wall time in minutes; null = no limit; the rate falls until the first limit", at_least(0)
+        None, "limit of wall time; null = none; the learning rate decays to the first limit reached", at_least(0)
     )
     lr: float = key(5.0e-3, "peak learning rate", above(0, 1))
     ema: float = key(0, EMA, between(0, 1))

@@ -62,10 +62,10 @@ class InverseVGG(PatchRenderer):
             2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
             training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
             signal: it is one plane, which all channels share.
-        activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
+        activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
-        instance.
-        upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
+            instance.
+        upsampling: upsampling between the sizes: nearest, bilinear, or pixel_shuffle, which is learnt.
         channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
             picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
         precision: precision of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16,

@@ -213,9 +213,12 @@
   const open = async (file) => {
     try {
       const values = JSON.parse(await file.text());
-      if ((values.version ?? VERSION) > VERSION) throw new Error(`${file.name} is of a later version; update brushexp.`);
+      if ((values.version ?? VERSION) > VERSION) {
+        byId("mark-count").textContent = `${file.name} was written by a later version; update brushexp.`;
+        return;
+      }
       const read = (mark, k) => {
-        if (!mark.points.length || !mark.points.flat().every(Number.isFinite)) throw new TypeError("no places");
+        if (!mark.points.length || !mark.points.flat().every(Number.isFinite)) throw new Error("no places");
         return { name: mark.name ?? `stroke ${k + 1}`, points: mark.points, width: [mark.width].flat(), outlines: mark.outlines ?? [], by: mark.by ?? "hand" };
       };
       const next = { marks: values.strokes.map(read), deleted: (values.deleted ?? []).map(read) };
@@ -223,9 +226,8 @@
       undone.push(copyOf());
       ({ marks, deleted } = next);
       tell();
-    } catch (error) {
-      const later = error.message.includes("later version") && error.message;
-      byId("mark-count").textContent = later || `${file.name} has no marks; open a file from Save marks.`;
+    } catch {
+      byId("mark-count").textContent = `${file.name} has no marks; open a file from Save marks.`;
     }
   };
   const tell = () => {
