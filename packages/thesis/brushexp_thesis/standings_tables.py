@@ -25,6 +25,8 @@ FILES = (
     "picture, and [seconds.csv](seconds.csv) the PSNR after equal seconds for runs with curves."
 )
 IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics of the Markdown
+THESE = "these"  # pictures of a measured row
+PUBLISHED = "Published figures: not measured here, in no mean, and of the pictures that they name."
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
 
@@ -55,7 +57,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
         means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
         behind = section.against_best(row)
         means[BEHIND] = MISSING if behind is None else _with_interval(behind, 2)
-        rows.append(row.words | means | {"pictures": "these"})
+        rows.append(row.words | means | {"pictures": THESE})
     return rows + [published_cells(one, section.relation(one)) for one in section.published]
 
 
@@ -115,7 +117,10 @@ def _markdown(sections: Sequence[Section], command: str, note: str) -> Iterator[
     left_out = {metric.name for key, metric in COLUMNS.items() if key not in IN_TEXT}
     for section in sections:
         cells = [{key: text for key, text in row.items() if key not in left_out} for row in table_cells(section)]
-        yield from (f"## {escape_markdown(section.title)}", "", _table(cells), "")
+        yield from (f"## {escape_markdown(section.title)}", "")
+        yield from (_table([row for row in cells if row["pictures"] == THESE]), "")
+        if published := [row for row in cells if row["pictures"] != THESE]:
+            yield from (PUBLISHED, "", _table(published), "")
     yield from (FILES, "", "## How to read the tables", "", EXPLANATION, "")
 
 
@@ -126,9 +131,8 @@ def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
 
 
 def _table(cells: Sequence[Mapping[str, str]]) -> str:
-    rows = []
-    for row in without_empty(cells):
-        italic = "*" * (row.get("pictures", "these") != "these")
-        rows.append({key: f"{italic}{escape_markdown(text)}{italic}" if text else "" for key, text in row.items()})
+    rows = without_empty(cells)
+    if all(row["pictures"] == THESE for row in rows):
+        rows = [{key: text for key, text in row.items() if key != "pictures"} for row in rows]
     sides = "".join("l" if key in ("painter", "settings", "pictures") else "r" for key in rows[0])
-    return markdown_table(rows, align=sides, escape=False)
+    return markdown_table(rows, align=sides)
