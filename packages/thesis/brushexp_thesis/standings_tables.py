@@ -26,7 +26,7 @@ FILES = (
 )
 IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics of the Markdown
 THESE = "these"  # pictures of a measured row
-PUBLISHED = "Published figures: not measured here, in no mean, and of the pictures that they name."
+PUBLISHED = "Published figures of {}: not measured here, and in no mean."
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
 
@@ -117,10 +117,12 @@ def _markdown(sections: Sequence[Section], command: str, note: str) -> Iterator[
     left_out = {metric.name for key, metric in COLUMNS.items() if key not in IN_TEXT}
     for section in sections:
         cells = [{key: text for key, text in row.items() if key not in left_out} for row in table_cells(section)]
-        yield from (f"## {escape_markdown(section.title)}", "")
-        yield from (_table([row for row in cells if row["pictures"] == THESE]), "")
-        if published := [row for row in cells if row["pictures"] != THESE]:
-            yield from (PUBLISHED, "", _table(published), "")
+        measured = [row for row in without_empty(cells) if row["pictures"] == THESE]
+        yield from (f"## {escape_markdown(section.title)}", "", _table(measured), "")
+        published = [row for row in cells if row["pictures"] != THESE]
+        for pictures in dict.fromkeys(row["pictures"] for row in published):
+            yield from (PUBLISHED.format(escape_markdown(pictures)), "")
+            yield from (_table(without_empty([row for row in published if row["pictures"] == pictures])), "")
     yield from (FILES, "", "## How to read the tables", "", EXPLANATION, "")
 
 
@@ -131,8 +133,6 @@ def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
 
 
 def _table(cells: Sequence[Mapping[str, str]]) -> str:
-    rows = without_empty(cells)
-    if all(row["pictures"] == THESE for row in rows):
-        rows = [{key: text for key, text in row.items() if key != "pictures"} for row in rows]
-    sides = "".join("l" if key in ("painter", "settings", "pictures") else "r" for key in rows[0])
+    rows = [{key: text for key, text in row.items() if key != "pictures"} for row in cells]
+    sides = "".join("l" if key in ("painter", "settings") else "r" for key in rows[0])
     return markdown_table(rows, align=sides)
