@@ -89,12 +89,11 @@ def verdict_row(one: Judgement) -> dict[str, str]:
     assert one.difference is not None
     section = f" ({one.claim.section})" * bool(one.claim.section)
     return {
-        "claim": one.claim.says + section,
+        "claim": f"[{one.claim.says}](#{one.claim.study}){section}",
         "verdict": one.verdict + f"; {one.note}" * bool(one.note),
         "effect": f"{one.difference.quantity.name} {one.effect}",
         "power": one.power,
         "p": "" if one.p is None else format_p(one.p),
-        "study": f"[{one.claim.study}](#{one.claim.study})",
     }
 
 

@@ -253,8 +253,8 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     result = run_task(verdicts, "task=verdicts", f"runs={tmp_path}/studies", *words)
     text = (tmp_path / "docs" / "ablations.md").read_text()
     assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 2)
-    assert "| claim | verdict | effect | power | p | study |" in text
-    assert "| o1 is better (6.3) | holds | PSNR, dB +0.50 [" in text
+    assert "| claim | verdict | effect | power | p |" in text
+    assert "| [o1 is better](#mine) (6.3) | holds | PSNR, dB +0.50 [" in text
     numbers = pd.read_csv(tmp_path / "docs" / "ablations" / "verdicts.csv")
     assert numbers["compared"].tolist() == ["order=o1 against order=o0"] * 2
     assert numbers["better, worse"].tolist() == ["4, 0 of 4", "0, 0 of 4"]
