@@ -58,7 +58,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 @contextmanager
 def out_of_reach() -> Iterator[None]:
-    """Block Ctrl-C meanwhile, and permanently in threads and processes started here: terminals send it to all."""
+    """Block Ctrl-C here, and for good in threads and processes started here, since terminals send it to all."""
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
@@ -107,7 +107,7 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
 
 
 def do_job(work: Callable[..., float | None], canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Do a tile's work on a worker, first freeing the previous tiles' memory."""
+    """Do a tile's work on a worker, after freeing the memory of earlier tiles."""
     gc.collect()
     give_memory_back()
     return work(canvas, tile, *before)

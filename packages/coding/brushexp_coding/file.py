@@ -1,4 +1,4 @@
-"""The file of coded strokes, ``strokes.bits``: docs/formats.md says what its bytes are."""
+"""The file of coded strokes, ``strokes.bits``, specified in docs/formats.md."""
 
 import json
 import struct
@@ -57,7 +57,7 @@ TYPICAL = (  # settings are packed with this in mind
 
 
 def file_of(rounded: Rounded, saved: Saved) -> bytes:
-    """Write rounded strokes as a file; ``saved`` has the canvas and what draws it. Its strokes are not used."""
+    """Write rounded strokes as a file, with the canvas and the settings, but not the strokes, of ``saved``."""
     if len(rounded) > MOST_STROKES:
         raise UserError(f"{len(rounded)} strokes are more than to=bits holds, {MOST_STROKES}; use to=json")
     settings = _packed_settings(saved)
@@ -72,7 +72,7 @@ def file_of(rounded: Rounded, saved: Saved) -> bytes:
 
 
 def read_bits(data: bytes) -> Saved:
-    """Read the painting of a file; a UserError says what is wrong with it."""
+    """Read the painting in a file; raise a UserError that says what is wrong."""
     rounded, saved = rounded_of(data)
     strokes = rounded.strokes()
     return Saved(strokes, torch.arange(len(strokes), dtype=torch.int32), *saved[:2], **saved[2])
@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Code the coarseness, the brushes, and the columns group by group, each by what predicts it best."""
+    """Code the coarseness, the brushes, and the columns group by group, each with its best prediction."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -156,7 +156,7 @@ def _groups(present: list[bool]) -> list[list[Column]]:
 
 
 def _classes(coarseness: np.ndarray) -> np.ndarray:
-    """Tell for each stroke (N,) whether its shape is finer than the middle, as coarse (1), or coarser (2)."""
+    """Classify the shape of each stroke (N,) as finer than the middle (0), as coarse (1), or coarser (2)."""
     if len(coarseness) < FEWEST_TO_CLASS:
         return np.zeros(len(coarseness), np.int64)
     return np.sign(coarseness[:, 0]) + 1

@@ -57,7 +57,7 @@ class Clip:
 
 
 class Shown(NamedTuple):
-    """A picture (H, W, 3), uint8 sRGB, and the seconds between which it is shown."""
+    """A picture (H, W, 3), uint8 sRGB, with the start and end of its time on screen in seconds."""
 
     picture: np.ndarray
     begin: Fraction
@@ -130,7 +130,7 @@ def _rate_of(frames: list[Any]) -> Fraction:
 
 
 def timed_pictures(clip: Clip) -> Iterator[Shown]:
-    """Decode the pictures one by one, upright, with times since the film's beginning, until it ends or breaks off.
+    """Decode the pictures one by one, upright, with times since the film's beginning, until its end or a defect.
 
     Each picture is shown until the next one; the last is shown for as long as the film states, or as the one before.
     """

@@ -7,7 +7,7 @@ import triton
 
 
 def inline(function: Any) -> Any:
-    """Mark a function that kernels call; left unmarked for the interpreter, which would have to rewrite it."""
+    """Mark a function that kernels call, except for the interpreter, which would have to rewrite it."""
     return function if triton.knobs.runtime.interpret else triton.jit(function)
 
 

@@ -35,7 +35,7 @@ class Painted(Protocol):
 
     @property
     def has_tubes(self) -> bool:
-        """Tell whether it was painted with real paints."""
+        """Whether the painting uses real paints."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Read YAML files of entries as dataclasses; a UserError names the entry and the key that is wrong."""
+"""Read YAML files of entries as dataclasses; raise a UserError that names the entry and the key that is wrong."""
 
 from dataclasses import fields
 from pathlib import Path

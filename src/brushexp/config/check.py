@@ -41,7 +41,7 @@ def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config; a UserError says which override fixes it. Plugins are built and kept for the run."""
+    """Check a composed config, and keep the built plugins for the run; a UserError names the override that helps."""
     schema = TASKS[cfg.task]
     leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:

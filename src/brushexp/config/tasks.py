@@ -26,7 +26,7 @@ class Tasks(Mapping[str, type[Task]]):
         return name in self._loaded or name in published(TASK_POINTS)
 
     def __getitem__(self, name: str) -> type[Task]:
-        """Return a task; a UserError explains why its module cannot be imported."""
+        """Return a task; raise a UserError that explains why its module cannot be imported."""
         if name not in self._loaded:
             point = published(TASK_POINTS)[name]
             self._loaded[name] = import_or_explain(point.load, f"entry point {name} ({point.value})")

@@ -218,7 +218,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
 
 
 def _load_codec(head: bytes) -> None:
-    """Register the decoder for a picture with these first bytes, if it needs one; a UserError names a missing extra."""
+    """Register the decoder for a picture with these first bytes; raise a UserError that names a missing extra."""
     extra = codec_for(head)
     if extra and not has_codec(extra):
         name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]

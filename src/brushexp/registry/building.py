@@ -68,7 +68,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin of a config node; a UserError names an option that does not fit its class."""
+    """Build the plugin of a config node; raise a UserError that names an option that does not fit its class."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}

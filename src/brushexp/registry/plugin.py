@@ -40,7 +40,7 @@ class Plugin:
 
     @cached_property
     def cls(self) -> type:
-        """The class; a UserError explains why its module cannot be imported."""
+        """The class; raises a UserError if its module cannot be imported."""
         if (self.family, self.name) not in _classes:
             import_or_explain(self.load, self.source)
         if (self.family, self.name) not in _classes:
@@ -211,7 +211,7 @@ def plugin_of_class(cls: type) -> Plugin | None:
 
 
 def import_or_explain(load: Callable[[], Any], source: str) -> Any:
-    """Load a plugin; a UserError explains why its ``source`` cannot be loaded."""
+    """Load a plugin; raise a UserError that explains why its ``source`` cannot be loaded."""
     try:
         return load()
     except UserError as error:

@@ -36,6 +36,6 @@ class RunComparison:
 
 
 def comparisons() -> list[RunComparison]:
-    """Load the comparisons of installed packages; a UserError names one that cannot be imported."""
+    """Load the comparisons of installed packages; raise a UserError that names one that cannot be imported."""
     points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

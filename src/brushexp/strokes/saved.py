@@ -50,7 +50,7 @@ class Saved:
         return replace(self, strokes=strokes.map(Tensor.cpu), depth=depth, background=background.cpu())
 
     def check(self) -> Self:
-        """Return the record if it is valid; a UserError says what is wrong."""
+        """Return the record if it is valid; raise a UserError that says what is wrong."""
         check_strokes(self.strokes)
         count, ranks = len(self.strokes), self.depth.detach().cpu().sort().values
         if tuple(self.depth.shape) != (count,) or not torch.equal(ranks, torch.arange(count, dtype=ranks.dtype)):
@@ -119,7 +119,7 @@ def fields_in(strokes: Strokes) -> tuple[list[str], int]:
 
 
 def parse(text: str) -> Saved:
-    """Read the text of `json_lines`; a UserError says where it differs from the format."""
+    """Read the text of `json_lines`; raise a UserError that says where it differs from the format."""
     try:
         data = json_of(text)
     except UserError as error:

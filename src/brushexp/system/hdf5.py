@@ -1,4 +1,4 @@
-"""Read parts of untrusted HDF5 files; a UserError says what is wrong with a file."""
+"""Read parts of untrusted HDF5 files; raise a UserError that says what is wrong with a file."""
 
 import zlib
 from pathlib import Path

@@ -148,7 +148,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next one if it begins or ends within ``reach``, then any two as close."""
+    """Join each line (M,) to the next one if it begins or ends within ``reach``, then any two ends that close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
@@ -184,7 +184,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Find strokes (N,) that may be visible: others leave a cell of their bounding box uncovered."""
+        """Test which strokes (N,) may be visible: those with an uncovered cell in their bounding box."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
@@ -192,7 +192,7 @@ class _Grid:
         return np.fromiter(bare, dtype=bool)
 
     def is_visible(self, top: Array, points: Array, k: int) -> Array:
-        """Tell which points (M,) of stroke ``k`` are not hidden by others."""
+        """Test which points (M,) of stroke ``k`` are not hidden by others."""
         return np.asarray(top[self._cells(points)] <= k + 1)
 
     def _cells(self, points: Array) -> tuple[Array, Array]:

@@ -196,7 +196,7 @@ class PenExporter(Exporter):
                 for y in rows for x in columns]  # fmt: skip
 
     def place(self, name: str) -> complex | None:
-        """Read the place in an option, in mm from the lower left corner of the paper."""
+        """Parse the place in an option, in mm from the lower left corner of the paper."""
         text = getattr(self, name)
         if text is not None and not re.fullmatch(PLACE, text):
             raise UserError(f"{self.key}.{name}={text} is not a place in mm; try {self.key}.{name}=20x80")

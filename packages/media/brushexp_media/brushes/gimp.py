@@ -23,7 +23,7 @@ class Stamp:
 
 
 def read_stamps(data: bytes) -> list[Stamp]:
-    """Read all stamps of a .gbr or .gih file; a UserError says what is wrong with it."""
+    """Read all stamps of a .gbr or .gih file; raise a UserError that says what is wrong."""
     if is_gbr(data):
         return [_read_gbr(data, 0)[0]]
     parts = data.split(b"\n", 2)

@@ -52,7 +52,7 @@ class Mark:
 
 
 def read_marks(paths: Sequence[str]) -> list[Mark]:
-    """Read the marks of files and folders; a UserError names the key to type and what is wrong."""
+    """Read the marks of files and folders; raise a UserError that names the key to type and what is wrong."""
     files = [file for path in paths for file in _files_of(path)]
     marks = [mark for file in files for mark in _marks_of(file)]
     if len(marks) > MOST_MARKS:
@@ -155,7 +155,7 @@ def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
 
 
 def cropped(coverage: np.ndarray) -> np.ndarray:
-    """Cut what is bare around a mark off; a UserError if there is nothing else."""
+    """Crop the bare surroundings of a mark; raise a UserError if there is nothing else."""
     rows, columns = (np.flatnonzero((coverage > PAPER).any(axis)) for axis in (1, 0))
     if not len(rows):
         raise UserError("has no mark on it; give a stroke in another brightness than its ground, or transparent around")

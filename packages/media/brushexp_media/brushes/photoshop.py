@@ -56,7 +56,7 @@ class _Bytes:
 
 
 def read_abr(data: bytes) -> list[Stamp]:
-    """Read all sampled brushes of an .abr file; a UserError says what is wrong with it."""
+    """Read all sampled brushes of an .abr file; raise a UserError that says what is wrong."""
     file = _Bytes(data)
     try:
         version, minor = file.number("H"), file.number("H")

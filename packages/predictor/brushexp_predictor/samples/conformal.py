@@ -121,14 +121,14 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
 
 
 def weights_of(painting: Array) -> Array:
-    """Give each painting the weight 1, shared by what is of it (T,)."""
+    """Give each painting the weight 1, shared among its values (T,)."""
     _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
     shares: Array = 1 / count[inverse]
     return shares
 
 
 def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
-    """Fit offset and slope by weighted least squares, the slope in [0, `STEEPEST`]; 1 where x hardly differ."""
+    """Fit offset and slope by weighted least squares; the slope is in [0, `STEEPEST`], and 1 if x hardly varies."""
     mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
     square = np.average((x - mean_x) ** 2, weights=weight)
     slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
@@ -137,14 +137,14 @@ def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
 
 
 def weighted_quantile(values: Array, weight: Array, level: float) -> float:
-    """Find the least value that, with those below, has the share ``level`` of the weight; the largest from 1 on."""
+    """Find the smallest value at which the cumulative weight reaches the share ``level``; the largest from 1 on."""
     order = values.argsort()
     above = np.cumsum(weight[order]) >= min(level, 1.0) * weight.sum() * (1 - 1e-12)
     return float(values[order[int(above.argmax())]])
 
 
 def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) -> None:
-    """Write scalings, and ``about`` what they are, as JSON."""
+    """Write scalings and their description ``about`` as JSON."""
     parts: dict[str, dict[str, Any]] = {of: {} for of, _ in scalings}
     for (of, name), scaling in scalings.items():
         parts[of][name] = asdict(scaling)
@@ -152,7 +152,7 @@ def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) 
 
 
 def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple[str, str]]) -> Scalings:
-    """Read scalings; a UserError if they are not those of what ``needs`` says, or lack one of the ``kinds``."""
+    """Read scalings; raise a UserError unless they match ``needs`` and have all ``kinds``."""
     cure = "fit them with task=calibrate"
     with explaining(path, cure):
         data = check_plain(json_of(read_text(path, cure)))

@@ -29,7 +29,7 @@ BASE = np.array([65536, 256, 1])  # make one number of red, green and blue
 
 
 def read_prediction(path: Path, size: tuple[int, int], image: Array | None = None, key: str = "strokes") -> Prediction:
-    """Read predicted strokes for a canvas (H, W); a UserError says what would be right.
+    """Read predicted strokes for a canvas (H, W); raise a UserError that says what would be right.
 
     Labels: .npy or .npz (``labels``), -1 the ground, or .png, where black is the ground and each grey level or colour
     is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, beside or instead of labels,

@@ -80,7 +80,7 @@ def write_truth(path: Path, truth: Truth) -> None:
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the truth of a painting; a UserError says what the file lacks."""
+    """Read the truth of a painting; raise a UserError that says what the file lacks."""
     values = read_npz(path)
     if missing := [item.name for item in fields(Truth) if item.name not in values]:
         raise UserError(f"{path} has no {missing[0]}; give the npz of a truth, as task=benchmark writes it")

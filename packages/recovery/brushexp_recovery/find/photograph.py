@@ -8,7 +8,7 @@ MOST_PIXELS = 100_000_000  # which are read whole
 
 
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
-    """Return height and width of a photograph; a UserError if it has too few pixels to tell strokes apart, or too many.
+    """Return height and width of a photograph; raise a UserError if it has too few or too many pixels.
 
     The whole photograph is read, so a size beyond what memory holds is refused with advice that these tasks can follow:
     they have no ``resolution=``.

@@ -1,4 +1,4 @@
-"""The scale at which the strokes of a picture are sought."""
+"""Find the scale at which to look for the strokes of a picture."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ LEAST_PAINT = 0.02  # share of pixels, below which nothing is said of widths
 
 
 def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
-    """Find the scale at which the strokes of a picture (H, W, 3) are sought.
+    """Find the scale at which to look for the strokes of a picture (H, W, 3).
 
     It is the scale at which the network takes strokes to be as wide as it knows them best, unless the picture's own
     scale, or the one half-way to it, explains more: grain and canvas, enlarged enough, look like strokes, but the
@@ -43,7 +43,7 @@ def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> f
 
 
 def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[Array], zoom: float) -> float:
-    """Compute the share of parts of a picture that lies in regions at a scale, each weighted by its chance."""
+    """Compute the share of parts of a picture that regions cover at a scale, each weighted by its probability."""
     total = 0.0
     for part in parts:
         box = Box(0, part.shape[0], 0, part.shape[1])
@@ -54,7 +54,7 @@ def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[
 
 
 def guess_zoom(model: RecoveryModel, image: Array) -> float:
-    """Guess, from predicted widths, the scale at which strokes are as wide as the network knows them best."""
+    """Estimate, from predicted widths, the scale at which strokes have the width that the network knows best."""
     zoom = 1.0
     for _ in range(TRIALS):
         parts = cut_out_parts(image, PART_SIDE / zoom)
@@ -76,7 +76,7 @@ def weighted_median(values: Array, weights: Array) -> float:
 
 
 def cut_out_parts(image: Array, side: float) -> list[Array]:
-    """Cut up to four parts out of a picture, from the middles of its quarters, or the one in its middle."""
+    """Cut up to four parts out of a picture, from the middles of its quarters, or a single one from its middle."""
     height, width = image.shape[:2]
     part_height, part_width = min(int(side) + 1, height), min(int(side) + 1, width)
     places = (0.5,) if max(height, width) < 2 * side else (0.25, 0.75)
@@ -86,7 +86,7 @@ def cut_out_parts(image: Array, side: float) -> list[Array]:
 
 
 def _widths_in(model: RecoveryModel, part: Array) -> Array:
-    """Predict, for each pixel with paint, the width of its stroke and the share of its area that a pixel is: (2, P)."""
+    """Predict, for each pixel with paint, the width of its stroke and the share of a pixel in its area: (2, P)."""
     maps = predict_maps(model.network, part, 1)
     paint = maps.paint > 0
     paint &= paint.mean() > LEAST_PAINT

@@ -53,7 +53,7 @@ def is_marks(path: Path) -> bool:
 
 
 def read_marks(path: Path) -> Marks:
-    """Read a file of marks; a UserError says what is wrong with it."""
+    """Read a file of marks; raise a UserError that says what is wrong."""
     values = _values_of(path)
     with explaining(path, CURE):
         check_format_version(values.get("version", MARKS_VERSION), MARKS_VERSION)

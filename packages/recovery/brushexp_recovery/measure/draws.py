@@ -1,4 +1,4 @@
-"""Random draws of strokes: each stroke of a view is drawn with its confidence as its chance."""
+"""Draw strokes at random: each stroke of a view with its confidence as the probability."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Sighting:
 
 
 def sight(image: Array, view: View, recover: Recover) -> Sighting:
-    """Recover the strokes of a view, and bring them back to the photograph."""
+    """Recover the strokes of a view, and map them back to the photograph."""
     size = image.shape[:2]
     recovered = recover(view.of(image))
     strokes = recovered.saved.strokes
@@ -72,7 +72,7 @@ def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Gene
 
 
 def _lies_in(centre: Array, mask: Array) -> Array:
-    """Tell which places (N, 2) lie in a mask (H, W)."""
+    """Test which places (N, 2) lie in a mask (H, W)."""
     x, y = np.floor(centre).astype(int).T
     height, width = mask.shape
     on_picture = (x >= 0) & (x < width) & (y >= 0) & (y < height)

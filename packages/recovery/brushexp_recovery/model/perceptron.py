@@ -43,7 +43,7 @@ class Perceptron(nn.Module):
         return self.layers(self.standardise(features))
 
     def standardise(self, features: Tensor) -> Tensor:
-        """Divide features (N, F), less their mean, by their deviation, and clamp them to `CLIP`."""
+        """Standardise features (N, F), and clamp them to `CLIP`."""
         return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
@@ -71,7 +71,7 @@ class PerceptronWeights:
 
 
 def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight: Array, steps: int, seed: int) -> float:
-    """Fit a perceptron to goals (N, outputs) in [0, 1] of features (N, F), weighted (N,).
+    """Fit a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
 
     Returns:
         The logistic loss at the end, a running mean.
@@ -97,7 +97,7 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 
 
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
-    """Fit the last layer of a perceptron to goals (N, outputs) in [0, 1] of features (N, F), weighted (N,).
+    """Fit the last layer of a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
 
     ``ridge`` is the weight of the squares of its changes in the loss. L-BFGS in float64; without goals nothing changes.
     """

@@ -35,7 +35,7 @@ SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # of strokes by others
 
 @dataclass(frozen=True)
 class Case:
-    """One picture in which strokes are to be found."""
+    """A picture whose strokes are to be found."""
 
     scene: Scene
     look: str  # clean or hard
@@ -44,7 +44,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name it as its files are called."""
+        """The name of its files, without suffix."""
         return self.scene.name + "-hard" * (self.look == "hard")
 
 
@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
-    """Choose the kinds of paintings: those that are asked for, and not those ``seen`` if only unseen ones are."""
+    """Choose the requested kinds of paintings, without the ``seen`` ones if only unseen ones are requested."""
     kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
@@ -82,13 +82,13 @@ def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
 
 
 def choose_methods(cfg: DictConfig) -> dict[str, Method]:
-    """Return the methods that are asked for, or all; those that are trained get their weights."""
+    """Return the requested methods, or all; trained ones get their weights."""
     names = list(METHODS) if cfg.methods is None else list(cfg.methods)
     return {name: partial(METHODS[name], weights=cfg.weights) if name in TRAINED else METHODS[name] for name in names}
 
 
 def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
-    """Paint a scene, write its picture and its truth, and yield what is to be looked at."""
+    """Paint a scene, write its picture and its truth, and yield its cases."""
     painting = paint_scene(scene, cfg.side, cfg.seed)
     write_truth(folder / f"{scene.name}.npz", painting.truth)
     images = {"clean": painting.clean, "hard": painting.hard} if cfg.hard else {"clean": painting.clean}
@@ -99,7 +99,7 @@ def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
 
 
 def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
-    """Find strokes by a method that is told their number, and count its seconds."""
+    """Find strokes by a method that is told their number, and measure its seconds."""
     begin = time.perf_counter()
     torch.manual_seed(0)
     prediction = method(case.image, len(case.truth))
@@ -107,7 +107,7 @@ def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
 
 
 def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
-    """Read the strokes that somebody else found in a painting (UserError)."""
+    """Read the strokes that another method found in a painting, or raise a UserError."""
     for suffix in SUFFIXES:
         if (path := folder / f"{case.name}{suffix}").is_file():
             return read_prediction(path, case.image.shape[:2], case.image, "add")
@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score what a method found, and keep its regions in a folder; ``seen`` are the kinds that recovery learnt from."""
+    """Score the strokes of a method, and keep its regions in a folder; recovery has learnt from the kinds ``seen``."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)

@@ -75,7 +75,7 @@ def read_photograph(path: str, key: str = "image") -> Array:
 
 
 def read_for(path: Path, size: tuple[int, int]) -> Recovered:
-    """Read what was recovered before; a UserError if it is of another picture's size."""
+    """Read recovered strokes; raise a UserError if they belong to a picture of another size."""
     recovered = read_recovered(path)
     if recovered.saved.size != size:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Strokes against marks that people drew, of one picture or of a folder of them."""
+"""Compare strokes with marks that people drew, for one picture or a folder of them."""
 
 import logging
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class Comparison:
     between_people: bool
 
     def counts(self, end: str) -> Counts:
-        """Count what was found at one of the `LEVELS`."""
+        """Count the strokes found at one of the `LEVELS`."""
         return self.agreement.scores[end].counts
 
 
@@ -84,7 +84,7 @@ def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict
 
 
 def list_cases(truth: Path, strokes: Path) -> list[Case]:
-    """Pair files of marks with strokes: a file with a file, a folder with a folder by their names (UserError)."""
+    """Pair a file of marks with one of strokes, or those of two folders by name; raise a UserError if one is missing."""
     if not truth.is_dir():
         return [_case_of(truth, strokes / CATALOGUE_NAME if strokes.is_dir() else strokes)]
     files = [path for path in sorted(truth.glob(f"*{MARKS_SUFFIX}")) if is_marks(path)]
@@ -152,7 +152,7 @@ def compare(case: Case, folder: Path, page: str) -> Comparison:
 
 
 def found_regions(case: Case) -> list[Array]:
-    """Read the visible regions of strokes that a program found, as flat indices."""
+    """Read the visible regions of recovered strokes, as flat indices."""
     prediction = read_prediction(case.strokes, case.size)
     return [pixels.astype(np.int64) for pixels in group_pixels(prediction.labels, len(prediction))]
 
@@ -187,7 +187,7 @@ def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
 
 
 def mark_rows(names: Sequence[str], agreement: Agreement) -> list[dict[str, Any]]:
-    """List the marks of a picture: how far the best stroke overlaps with each, and whether it is found."""
+    """List the marks of a picture, with the overlap of the best stroke and whether the mark is found."""
     columns = [agreement.scores[end].marks for end in LEVELS]
     return [
         {"mark": name, "best_iou": float(best), "at_5": str(hard), "at_3": str(soft)}
@@ -214,7 +214,7 @@ def row_of(name: str, comparisons: Sequence[Comparison], seed: int) -> dict[str,
 
 
 def round_row(row: dict[str, Any]) -> dict[str, Any]:
-    """Write the figures of a row for people: a rate and its interval in one cell."""
+    """Format the figures of a row for readers: a rate and its interval in one cell."""
     short = {name: row[name] for name in ("picture", "between", "truth", "predicted", "unjudged")}
     for end, words in zip(LEVELS, ("", " at .3"), strict=True):
         for name in ("recall", "precision", "f1"):

@@ -134,7 +134,7 @@ class RecoveryData(L.LightningDataModule):
         return is_own and is_made(self.seed, number, self.families)
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
-        """Wait until there are so many paintings; a UserError if no process makes them any more."""
+        """Wait for this many paintings; raise a UserError if no process makes them any more."""
         while len(paths()) < count:
             if self.processes and all(process.poll() is not None for process in self.processes):
                 raise UserError("no paintings can be made to learn from; the error of their process stands above")

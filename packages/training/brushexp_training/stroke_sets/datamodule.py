@@ -1,4 +1,4 @@
-"""Read batches of strokes in random order without holding all in memory, or simulate them on the way."""
+"""Read batches of strokes in random order without holding all in memory, or simulate them on demand."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,7 @@ class StrokeBatch(NamedTuple):
 
 
 class StrokeLoader:
-    """Iterates over the ``length`` batches of an epoch, ``batches(epoch, first batch)``, epoch after epoch."""
+    """Iterates over the ``length`` batches of each epoch, which ``batches(epoch, first batch)`` yields."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -51,7 +51,7 @@ class StrokeLoader:
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Go on after the last batch that was handed out."""
+        """Continue after the last batch that was returned."""
         epoch, batch = state["epoch"], state["batch"]
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
@@ -107,7 +107,7 @@ class StrokeData(L.LightningDataModule, ABC):
 
 
 class SimulatedData(StrokeData):
-    """Simulates strokes when they are needed, ``held_out`` for validation and test each; training repeats none."""
+    """Simulates strokes on demand, ``held_out`` each for validation and test; training repeats none."""
 
     def __init__(
         self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000

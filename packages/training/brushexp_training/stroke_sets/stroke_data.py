@@ -101,7 +101,7 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
 
 
 def check_origin(cfg: DictConfig) -> Origin:
-    """Return the origin of the strokes; a UserError if a renderer was trained on those of other brushes, unless wanted.
+    """Return the origin of the strokes; raise a UserError if a renderer learnt from other brushes, unless wanted.
 
     Brushes are drawn from the seeds of the sets.
     """
