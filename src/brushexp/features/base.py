@@ -100,7 +100,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read the tensors of a .pth or .safetensors file by name; raise a UserError that names the ``option`` for others."""
+    """Read the tensors of a .pth or .safetensors file by name; refuse others by the name of the ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":

@@ -84,7 +84,7 @@ def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict
 
 
 def list_cases(truth: Path, strokes: Path) -> list[Case]:
-    """Pair a file of marks with one of strokes, or those of two folders by name; raise a UserError if one is missing."""
+    """Pair files of marks and strokes, in folders by name; raise a UserError if one is missing."""
     if not truth.is_dir():
         return [_case_of(truth, strokes / CATALOGUE_NAME if strokes.is_dir() else strokes)]
     files = [path for path in sorted(truth.glob(f"*{MARKS_SUFFIX}")) if is_marks(path)]

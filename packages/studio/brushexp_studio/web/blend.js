@@ -1,4 +1,4 @@
-// A slider from a photograph to its painting, which lies over it with this opacity; the link saves what is shown.
+// A slider from a photograph to its painting, which covers it with this opacity; the link saves the result.
 export default {
   template: `
     <div>

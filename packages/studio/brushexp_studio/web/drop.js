@@ -1,5 +1,5 @@
-// A place to drop a picture, or to choose one: it is sent to the studio, whose answer is the event "answer". With
-// "whole" it takes what is dropped anywhere on the page, which the browser would open in place of the studio.
+// A target on which to drop a picture, or to choose one. The picture is sent to the studio, whose answer is the event
+// "answer". With "whole" a drop anywhere on the page counts; otherwise the browser would open the file.
 export default {
   template: `
     <label class="drop" :data-over="over || null" @dragover.prevent="over = true" @dragleave="over = false"
@@ -23,13 +23,13 @@ export default {
       event.preventDefault();
     },
     catch(event) {
-      if (event.defaultPrevented) return; // it was dropped on a place of its own
+      if (event.defaultPrevented) return; // another target took it
       event.preventDefault();
       this.take(event.dataTransfer?.files[0]);
     },
     chosen(event) {
       this.take(event.target.files[0]);
-      event.target.value = ""; // the same file may be chosen again
+      event.target.value = ""; // so that the same file can be chosen again
     },
     async take(file) {
       this.over = false;

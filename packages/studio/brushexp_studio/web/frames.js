@@ -1,4 +1,4 @@
-// How a painting came to be: its pictures one after another, with a slider and a button that plays them.
+// The pictures of a painting in progress, one after another, with a slider and a play button.
 const APART = 70; // milliseconds
 export default {
   template: `

@@ -1,5 +1,5 @@
-// A mask that is painted over a picture, for what "label" says. It is sent to the studio after every mark; the event
-// "answer" has what the studio says to it.
+// A mask painted over a picture; "label" says what for. It is sent to the studio after every mark; the event "answer"
+// carries the studio's reply.
 const SIDE = 512; // pixels of the mask's longer side
 export default {
   template: `
@@ -38,7 +38,7 @@ export default {
     image.onload = () => {
       this.brush.drawImage(image, 0, 0, this.width, this.height);
       const pixels = this.brush.getImageData(0, 0, this.width, this.height);
-      for (let k = 0; k < pixels.data.length; k += 4) pixels.data[k + 3] = pixels.data[k]; // grey is how much it covers
+      for (let k = 0; k < pixels.data.length; k += 4) pixels.data[k + 3] = pixels.data[k]; // grey is opacity
       this.brush.putImageData(pixels, 0, 0);
     };
     image.src = this.before;

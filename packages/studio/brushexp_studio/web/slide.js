@@ -1,4 +1,4 @@
-// A slider with its name and value; it keeps its own value while it is moved, and says each in the event "change".
+// A slider with its name and value; it keeps its own value while it moves, and emits each value as the event "change".
 export default {
   template: `
     <div class="slide"><span aria-hidden="true">{{ name }}</span><output>{{ shown }}</output>

@@ -1,10 +1,10 @@
-// What strokes are like at every pixel, as the kernels of their renderers say (nearest.py, profile.py,
-// texture_places.py): brushexp.brush(strokes) lays one over a picture.
+// Strokes pixel by pixel, by the formulas of the renderers' kernels (nearest.py, profile.py, texture_places.py):
+// brushexp.brush(strokes) paints one over a picture.
 "use strict";
 {
-  const SLOWEST = 1e-3; // as in frame.py: a curve that is slower than this part of its size has no direction
+  const SLOWEST = 1e-3; // as in frame.py: a curve slower than this fraction of its size has no direction
   const SLOWEST_PIXELS = 0.005;
-  const PIECES = 8; // of a curve, each with a box of its own
+  const PIECES = 8; // of a curve, each with its own bounding box
   const NEWTON = 4; // steps
 
   function curveOf([x0, y0, x1, y1, x2, y2]) {
@@ -19,14 +19,14 @@
   function boxesOf({ x0, y0, bx, by, fx, fy, a }, reach, zoom) {
     const points = Array.from({ length: PIECES + 1 }, (_, i) => i / PIECES);
     const places = points.map((t) => [x0 + t * (2 * fx + t * bx), y0 + t * (2 * fy + t * by)]);
-    const wide = reach + Math.sqrt(a) / (4 * PIECES ** 2); // by which a piece may leave its chord
+    const wide = reach + Math.sqrt(a) / (4 * PIECES ** 2); // largest distance of a piece from its chord
     return places.slice(1).map(([x, y], i) => [
       Math.floor(zoom * (Math.min(x, places[i][0]) - wide)), Math.floor(zoom * (Math.min(y, places[i][1]) - wide)),
       Math.ceil(zoom * (Math.max(x, places[i][0]) + wide)), Math.ceil(zoom * (Math.max(y, places[i][1]) + wide)),
     ]);
   }
 
-  // Parameter of the point of a curve that is nearest to a place: Newton's method from the best of some samples.
+  // Parameter of the point on a curve nearest to a place: Newton's method from the best of some samples.
   function nearest(curve, x, y) {
     const { a, b, floor, samples } = curve;
     const mx = curve.x0 - x;
@@ -61,7 +61,7 @@
   (window.brushexp ??= {}).brush = (strokes) => {
     const { taper, texture } = strokes;
     const texels = texture && Uint8Array.from(atob(texture.texels), (letter) => letter.charCodeAt(0));
-    const seen = { alpha: 0, tone: 0, along: 0 }; // of the pixel last looked at
+    const seen = { alpha: 0, tone: 0, along: 0 }; // of the last pixel
 
     // A stroke with a soft edge, whose colour may drift along it.
     function plain(k, curve) {
@@ -79,7 +79,7 @@
       return { reach: half > 0 ? half * (1 + Math.abs(widening)) + soft / 2 : 0, look };
     }
 
-    // A stroke with a texture along and across it, of which a piece repeats.
+    // A stroke with a texture along and across it, whose middle repeats.
     function textured(k, curve) {
       const [which, repeats, turned] = strokes.texture_of.subarray(3 * k, 3 * k + 3).map(Math.round);
       const [first, rows, columns, begins, loop, extent] = texture.sheets[which];
@@ -90,7 +90,7 @@
       const body = columns - rows / long + loop * (repeats - 1);
       const origin = rows / (2 * long) + 0.5;
       const outer = curve.fx * curve.by - curve.fy * curve.bx > 0 ? -1 : 1;
-      const down = 2 * (columns + 2); // bytes from a texel to that below it
+      const down = 2 * (columns + 2); // bytes from a texel to the one below it
       const look = (t, wx, wy) => {
         const dx = curve.fx + t * curve.bx;
         const dy = curve.fy + t * curve.by;
@@ -115,7 +115,7 @@
       return { reach: strokes.thick[k] * extent, look };
     }
 
-    // Lay stroke k over a picture (ImageData) that has so many pixels for each of the painting.
+    // Paint stroke k over a picture (ImageData) with `zoom` pixels per pixel of the painting.
     return (picture, k, zoom) => {
       const { data, width, height } = picture;
       const curve = curveOf(strokes.points.subarray(6 * k, 6 * k + 6));

@@ -3,11 +3,11 @@
 "use strict";
 {
   const brushexp = (window.brushexp ??= {});
-  const LETTER = 7; // pixels: width of a letter, roughly
-  const MARGIN = { left: 50, right: 16, top: 26, bottom: 44 }; // pixels around what is plotted
-  const LOG_RATIO = 20; // largest over smallest number from which a scale is logarithmic
+  const LETTER = 7; // pixels: approximate width of a letter
+  const MARGIN = { left: 50, right: 16, top: 26, bottom: 44 }; // pixels around the plot
+  const LOG_RATIO = 20; // ratio of the largest to the smallest number above which a scale is logarithmic
   const MOST_TICKS = 9; // of a logarithmic scale
-  const SPACING = { across: 70, up: 45 }; // pixels between two ticks, at least
+  const SPACING = { across: 70, up: 45 }; // least distance between two ticks, in pixels
 
   const node = (parent, name, attributes = {}, text) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -28,7 +28,7 @@
   const extent = (numbers) => [numbers.reduce((a, b) => Math.min(a, b)), numbers.reduce((a, b) => Math.max(a, b))];
   const isWide = ([low, high]) => low > 0 && high / low > LOG_RATIO;
 
-  // A scale places values between two pixels and has ticks: pairs of value and text. Upwards, from is larger than to.
+  // A scale maps values to pixels and has ticks, pairs of value and text. On vertical scales `from` exceeds `to`.
   const linear = ([low, high], from, to, margin = 0.06) => {
     const room = high > low ? margin * (high - low) : 0.1 * Math.abs(low) || 1;
     const bottom = low >= 0 ? Math.max(0, low - room) : low - room;
@@ -54,14 +54,14 @@
   };
   const bands = (names, from, to) => {
     const width = (to - from) / names.length;
-    const every = Math.ceil(40 / width); // as many names as can be read
+    const every = Math.ceil(40 / width); // as many names as stay legible
     const most = Math.floor((width * every) / LETTER) - 1;
     const ticks = names.map((name, k) => [k, cut(name, most)]).filter((_, k) => k % every === 0);
     return { place: (value) => from + (value + 0.5) * width, ticks };
   };
   const scale = (range, from, to) => (isWide(range) ? logarithmic : linear)(range, from, to);
 
-  // An empty drawing in a box: its size, and the edges of what is plotted.
+  // An empty drawing in a box: its size, and the edges of the plot.
   const canvas = (box, width, height) => {
     box.replaceChildren();
     const svg = node(box, "svg", { viewBox: `0 0 ${width} ${height}`, role: "none" });

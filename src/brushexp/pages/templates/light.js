@@ -1,5 +1,5 @@
-// The painting as an object: its relief under a lamp that can be moved, on a canvas. The formula and its constants are
-// those of brushexp/shading/light.py.
+// Show the painting's relief on a canvas under a movable lamp. Formula and constants are those of
+// brushexp/shading/light.py.
 "use strict";
 {
   const DIRECT = 0.7, GAMMA = 2.2, SHININESS = 24;
@@ -11,7 +11,7 @@
   const names = ["azimuth", "elevation", "depth", "gloss"];
   const settings = () => names.map((name) => Number(byId(name).value));
   const radians = (degrees) => (degrees * Math.PI) / 180;
-  let map = null; // slopes and colours, once they are decoded
+  let map = null; // slopes and colours, once decoded
   let waiting = false;
 
   function pixelsOf(image, width, height) {
@@ -25,7 +25,7 @@
     await Promise.all([heights.decode(), painting.decode()]);
     const { naturalWidth: width, naturalHeight: height } = heights;
     const data = pixelsOf(heights, width, height);
-    const heightAt = (x, y) => { // pixels of this map: red and green are 16 bits; beyond an edge it goes on as there
+    const heightAt = (x, y) => { // in this map red and green hold 16 bits; edges are extended
       const i = 4 * (Math.min(height - 1, Math.max(0, y)) * width + Math.min(width - 1, Math.max(0, x)));
       return ((256 * data[i] + data[i + 1]) / 65535) * top;
     };
@@ -47,7 +47,7 @@
     const [a, e] = [radians(azimuth), radians(elevation)];
     const [lx, ly, lz] = [Math.sin(a) * Math.cos(e), Math.cos(a) * Math.cos(e), Math.sin(e)]; // towards the lamp
     const long = Math.hypot(lx, ly, lz + 1);
-    const [mx, my, mz] = [lx / long, ly / long, (lz + 1) / long]; // half way between the lamp and the eye
+    const [mx, my, mz] = [lx / long, ly / long, (lz + 1) / long]; // halfway between lamp and eye
     const { gx, gy, colors, picture } = map;
     for (let i = 0, j = 0; i < gx.length; i++, j += 4) {
       const x = depth * gx[i], y = depth * gy[i];
@@ -76,7 +76,7 @@
     waiting = true;
   }
 
-  // A place in the picture is a place of the lamp: over its middle in the middle, low above the canvas at its rim.
+  // The pointer moves the lamp: overhead at the middle of the picture, low above the canvas at its edges.
   drag(stage, (across, down) => {
     const [x, y] = [2 * across - 1, 1 - 2 * down];
     byId("azimuth").value = ((Math.atan2(x, y) * 180) / Math.PI + 360) % 360;

@@ -1,11 +1,11 @@
-// What pieces.html.j2 needs, for all that is in the page when it is loaded; other scripts take byId, drag and fit from
-// window.brushexp too.
+// Behaviour of the elements of pieces.html.j2 in the loaded page. window.brushexp offers byId, drag and fit to other
+// scripts.
 "use strict";
 {
   const brushexp = (window.brushexp ??= {});
   brushexp.byId = (id) => document.getElementById(id);
 
-  // Call follow(x, y) with places in an element, 0 to 1, while a pointer is held down in it.
+  // Call follow(x, y) with positions in an element, 0 to 1, while a pointer is down in it.
   brushexp.drag = (element, follow) => {
     const at = (event) => {
       const box = element.getBoundingClientRect();
@@ -20,15 +20,15 @@
     element.addEventListener("pointermove", (event) => { if (element.hasPointerCapture(event.pointerId)) at(event); });
   };
 
-  // <img data-of="#id"> shows the same picture as another image, so that it is in the file once.
+  // <img data-of="#id"> shows the same picture as another image, so that the file contains it once.
   for (const one of document.querySelectorAll("img[data-of]")) one.src = document.querySelector(one.dataset.of).src;
 
-  // A .stage, or what is as wide as one, gets the shape of its picture.
+  // A .stage, or an element of its width, takes the shape of its picture.
   brushexp.fit = (stage) => stage.style.setProperty("--ratio", stage.dataset.width / stage.dataset.height);
   document.querySelectorAll("[data-width]").forEach(brushexp.fit);
 
-  // <div class="stage wipe">: two pictures of one size, the second one shown to the right of a divider. The range input
-  // in it is the divider for keyboards and screen readers; a pointer may drag anywhere in the picture.
+  // <div class="stage wipe">: two pictures of one size, the second shown to the right of a divider. Its range input is
+  // the divider for keyboards and screen readers; a pointer may drag anywhere in the picture.
   for (const stage of document.querySelectorAll(".wipe")) {
     const input = stage.querySelector("input[type=range]");
     const show = () => {
@@ -44,14 +44,14 @@
     show();
   }
 
-  // <button data-copy>: copies the text of the <code> beside it, and says so.
+  // <button data-copy> copies the text of the <code> beside it, and confirms it.
   for (const button of document.querySelectorAll("[data-copy]")) {
     const code = button.parentElement.querySelector("code");
     const label = button.textContent;
     button.setAttribute("aria-live", "polite");
     button.addEventListener("click", async () => {
       const copied = await navigator.clipboard?.writeText(code.textContent).then(() => true, () => false);
-      if (!copied) getSelection().selectAllChildren(code); // for browsers that keep the clipboard from files
+      if (!copied) getSelection().selectAllChildren(code); // for browsers that deny the clipboard to local files
       button.textContent = copied ? "Copied" : "Press Ctrl+C";
       setTimeout(() => { button.textContent = label; }, 1600);
     });

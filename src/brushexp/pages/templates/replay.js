@@ -1,21 +1,21 @@
-// The painting laid down again, stroke by stroke, on a canvas: play, scrub, look at single strokes, leave out layers.
-// What is shown is always the first `shown` strokes of those in the chosen layers. A dozen times on the way the canvas is
-// kept as it is (a key frame), so that going back costs no more than drawing from the last one; since a key frame is a
-// copy, the same place always looks the same. Work is done in slices, so that the page stays responsive.
+// Replay the painting stroke by stroke on a canvas: play, scrub, inspect single strokes, hide layers. The canvas
+// always shows the first `shown` strokes of the chosen layers. A dozen copies of the canvas (key frames) are kept, so
+// going back only redraws from the nearest one, and the same place always looks the same. Drawing runs in slices, so
+// the page stays responsive.
 "use strict";
 {
   const KEYS = 12; // key frames
-  const SLICE = 10; // milliseconds of drawing in one frame
+  const SLICE = 10; // milliseconds of drawing per frame
   const SECONDS = 20; // for the whole painting at speed 1
-  const MOST_PIXELS = 2e6; // of the canvas: more are slow to show, and so many key frames are large
+  const MOST_PIXELS = 2e6; // of the canvas: more would be slow to show and need large key frames
   const LAYERS = ["small", "medium", "large"];
 
   const { byId, strokes: unpacked } = window.brushexp;
   const [stage, play, scrubber, speed] = ["replay-stage", "play", "scrubber", "speed"].map(byId);
-  const card = byId("stroke"); // what is known of the selected stroke
+  const card = byId("stroke"); // data of the selected stroke
   const [canvas, over] = stage.querySelectorAll("canvas");
-  const end = stage.querySelector(".replay-end"); // the painting itself, where strokes have more than a canvas can draw
-  const lamp = stage.querySelector(".replay-light"); // what its light does to the colours
+  const end = stage.querySelector(".replay-end"); // the finished painting, if a canvas cannot draw all of it
+  const lamp = stage.querySelector(".replay-light"); // the effect of its light on the colours
   const context = canvas.getContext("2d", { alpha: false });
   const strokes = unpacked(JSON.parse(byId("strokes").textContent));
   const every = Math.ceil(strokes.count / KEYS);
@@ -23,17 +23,17 @@
   const [bare] = new Uint32Array(Uint8Array.of(red, green, blue, 255).buffer);
 
   let scale = 0; // device pixels per pixel of the painting; 0 before anything is drawn
-  let picture = null; // what is on the canvas, without the lamp
-  let shown = 0; // strokes in it
-  let goal = strokes.count; // strokes that should be
+  let picture = null; // content of the canvas, without the lamp
+  let shown = 0; // strokes in the picture
+  let goal = strokes.count; // strokes to show
   let keys = new Map(); // number of strokes -> the picture's bytes
   const chosen = [true, true, true]; // layers, small to large
   let playing = false;
-  let played = 0; // strokes, and parts of them
-  let last = 0; // when the last frame was
+  let played = 0; // strokes played so far, including fractions
+  let last = 0; // time of the last frame
   let waiting = false; // for a frame
   let selected = -1; // stroke, counted from the bottom
-  let pinned = false; // stays selected when the pointer goes away
+  let pinned = false; // stays selected when the pointer leaves
 
   const thousands = (count) => count.toLocaleString("en");
 
@@ -51,21 +51,21 @@
     begin();
   }
 
-  // Draw all anew.
+  // Redraw everything.
   function begin() {
     keys = new Map();
     restore(0);
     request();
   }
 
-  // Go back to a key frame; that of no strokes is the bare canvas.
+  // Return to a key frame; the first is the bare canvas.
   function restore(count) {
     if (count) picture.data.set(keys.get(count));
     else new Uint32Array(picture.data.buffer).fill(bare);
     shown = count;
   }
 
-  // Go towards the goal for some milliseconds; the rest is done in the next frames.
+  // Draw towards the goal for some milliseconds, and continue in the next frames.
   function advance() {
     let from = Math.floor(goal / every) * every;
     while (from && !keys.has(from)) from -= every;
@@ -78,7 +78,7 @@
     }
     context.putImageData(picture, 0, 0);
     if (lamp && shown === strokes.count && chosen.every(Boolean)) {
-      context.drawImage(lamp, 0, 0, canvas.width, canvas.height); // goes on when all is laid
+      context.drawImage(lamp, 0, 0, canvas.width, canvas.height); // lit once all strokes are drawn
     }
   }
 
@@ -91,7 +91,7 @@
   function frame(now) {
     waiting = false;
     if (playing) {
-      const passed = Math.max(0, Math.min(100, now - last)); // a frame may have begun before the click that plays
+      const passed = Math.max(0, Math.min(100, now - last)); // a frame may have begun before the click
       played += (passed / 1000) * strokes.count * (speed.value / SECONDS);
       last = now;
       goal = Math.min(strokes.count, Math.round(played));
@@ -105,7 +105,7 @@
   function show() {
     const done = shown === goal;
     const whole = goal === strokes.count && chosen.every(Boolean);
-    if (done) stage.dataset.live = "yes"; // until then the finished painting stands there
+    if (done) stage.dataset.live = "yes"; // until then the finished painting is shown
     if (end) end.hidden = !(whole && done && !strokes.exact) && stage.dataset.live === "yes";
     scrubber.value = goal;
     scrubber.setAttribute("aria-valuetext", `${goal} of ${strokes.count} strokes`);
@@ -119,7 +119,7 @@
     request();
   }
 
-  // Play from here, or from the beginning if all is laid; or pause.
+  // Play from here, or from the beginning after the last stroke; or pause.
   function run(on) {
     playing = on;
     play.textContent = on ? "Pause" : "Play";
@@ -144,7 +144,7 @@
   function describe(k) {
     const [turn, colors] = [strokes.direction[k], strokes.colors(k)];
     const words = {
-      number: String(strokes.number[k]), // as in every file
+      number: String(strokes.number[k]), // as in all files
       depth: `${thousands(k + 1)} of ${thousands(strokes.count)}`,
       length: `${strokes.length[k].toFixed(1)} px`,
       width: `${(2 * strokes.half[k]).toFixed(1)} px`,
@@ -159,7 +159,7 @@
     card.querySelector(".needle").style.rotate = `${Math.max(0, turn)}deg`;
   }
 
-  // The selected stroke in its own colour, with a rim, before the others in the shade.
+  // The selected stroke in its own colour, with a rim; the others are darkened.
   function light(k) {
     const pen = over.getContext("2d");
     pen.reset();
@@ -179,10 +179,10 @@
     const box = stage.getBoundingClientRect();
     const x = ((event.clientX - box.left) / box.width) * strokes.width;
     const y = ((event.clientY - box.top) / box.height) * strokes.height;
-    return strokes.at(x, y, shown, chosen, scale ? devicePixelRatio / scale : 1); // a pixel of the page at least
+    return strokes.at(x, y, shown, chosen, scale ? devicePixelRatio / scale : 1); // at least one pixel of the page
   }
 
-  // ---- what people do ----
+  // ---- events ----
   stage.addEventListener("pointermove", (event) => {
     if (event.pointerType !== "touch" && !pinned && !playing && shown === goal) select(under(event));
   });
@@ -190,7 +190,7 @@
   stage.addEventListener("click", (event) => {
     const k = playing ? -1 : under(event);
     run(false);
-    select(k, !(pinned && k === selected)); // a second click lets go
+    select(k, !(pinned && k === selected)); // a second click deselects
   });
   stage.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;

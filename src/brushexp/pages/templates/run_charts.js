@@ -1,9 +1,9 @@
 // The charts of a run's page, from the numbers of drawings.py: <div data-chart='{"kind": "line", ...}'>. Until they are
-// drawn, and without scripts, a sentence stands there. brushexp.draw has them for pages whose numbers change.
+// drawn, or without scripts, a sentence takes their place. brushexp.draw redraws them on pages whose numbers change.
 "use strict";
 {
   const { node, points, plain, extent, isWide, linear, scale, canvas, axes } = window.brushexp.chart;
-  const [WIDTH, HEIGHT, RADIUS] = [420, 260, 100]; // units; a chart is about as wide in pixels
+  const [WIDTH, HEIGHT, RADIUS] = [420, 260, 100]; // units; about one pixel each
 
   const line = (box, { x, y, x_label, unit }) => {
     const area = canvas(box, WIDTH, HEIGHT);
@@ -37,7 +37,7 @@
     node(area.svg, "text", { class: "label", y: area.top + 10, ...side }, text);
   };
 
-  // Sectors have areas in proportion to their shares; a direction shows on both sides.
+  // Areas of sectors are proportional to their shares; a direction appears on both sides.
   const rose = (box, { shares }) => {
     const { svg } = canvas(box, 300, 260);
     svg.setAttribute("viewBox", "-150 -130 300 260");

@@ -1,11 +1,11 @@
-// Tables that sort: a click on a head, the better end first; what has no value stands last.
+// Sortable tables: click a column's head to sort, best first; empty cells come last.
 "use strict";
 {
   const collator = new Intl.Collator("en", { numeric: true });
   const opposite = { ascending: "descending", descending: "ascending" };
   const valueOf = (row, column) => {
     let [k, left] = [0, column];
-    while (left >= row.cells[k].colSpan) left -= row.cells[k++].colSpan; // an error stands in place of all numbers
+    while (left >= row.cells[k].colSpan) left -= row.cells[k++].colSpan; // an error spans all number columns
     const text = row.cells[k].dataset.sort ?? row.cells[k].textContent.trim();
     return text !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
   };

@@ -1,10 +1,10 @@
-// The strokes of a painting, as replay.py packs them: unpacked, drawn (brush.js), and found under a pointer.
-// brushexp.strokes(packed) has arrays from the bottom stroke up, see there, and beside them lay, trace, reach and at.
+// Unpack the strokes of a painting (packed by replay.py), draw them (brush.js), and find them under a pointer.
+// brushexp.strokes(packed) has arrays from the bottom stroke up, and the functions lay, trace, reach and at.
 "use strict";
 {
   const STEPS = 65535; // of 16 bits
   const PIECES = 24; // of an outline
-  const FAINTEST = 0.04; // opacity of strokes that can be pointed at
+  const FAINTEST = 0.04; // least opacity of strokes that a pointer finds
 
   function unpack({ count, data, columns, ...rest }) {
     const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
@@ -20,27 +20,27 @@
     const channel = (i, along) => hex(Math.min(1, Math.max(0, strokes.paint[i] + along * strokes.drift[i])));
     const colorAt = (k, along) => `#${[3 * k, 3 * k + 1, 3 * k + 2].map((i) => channel(i, along)).join("")}`;
     strokes.color = Array.from({ length: count }, (_, k) => colorAt(k, 0));
-    strokes.colors = (k) => [...new Set([colorAt(k, -1), colorAt(k, 1)])]; // of its start and end, if they differ
+    strokes.colors = (k) => [...new Set([colorAt(k, -1), colorAt(k, 1)])]; // at its start and end, if they differ
     return strokes;
   }
 
   (window.brushexp ??= {}).strokes = (packed) => {
     const strokes = unpack(packed);
     const { taper } = strokes;
-    const probe = new OffscreenCanvas(1, 1).getContext("2d"); // for shapes alone
+    const probe = new OffscreenCanvas(1, 1).getContext("2d"); // only for shapes
     probe.lineCap = "round";
 
-    // Coverage at the middle of a stroke, see renderer/base.py: one thinner than its soft edge fades. It is drawn as
-    // wide as leaves the paint the same.
+    // Coverage at the middle of a stroke, see renderer/base.py: a stroke thinner than its soft edge fades. Its drawn
+    // width keeps the amount of paint.
     function peak(k) {
       const z = Math.min(0.5, strokes.half[k] / (strokes.soft + strokes.softness[k]));
       return 2 * z * (1.5 - 2 * z * z);
     }
 
-    // How wide to each side stroke k is drawn.
+    // Half the drawn width of stroke k.
     const reach = (k) => strokes.half[k] / (peak(k) || 1);
 
-    // Begin a path with the shape of stroke k, so wide to each side; gives how a pen draws it.
+    // Begin a path with the shape of stroke k of this half width, and return how the pen draws it.
     function outline(pen, k, wide) {
       const [x0, y0, x1, y1, x2, y2] = strokes.points.subarray(6 * k, 6 * k + 6);
       const widening = strokes.widening[k];
@@ -56,7 +56,7 @@
         pen.quadraticCurveTo(x1, y1, x2, y2);
         return "stroke";
       }
-      const right = []; // side, which is come back along
+      const right = []; // the right side, traced backwards
       let [turn, first] = [0, null];
       for (let i = 0; i <= PIECES; i++) {
         const t = i / PIECES;
@@ -75,11 +75,11 @@
       return "fill";
     }
 
-    // Draw the shape of stroke k in the colour that the pen has, so wide to each side.
+    // Draw the shape of stroke k in the pen's colour, with this half width.
     const trace = (pen, k, wide) => pen[outline(pen, k, wide)]();
 
     // The uppermost of the first `shown` strokes at (x, y), pixels of the painting, in the chosen layers; -1 for none.
-    // Thinner ones than `least` pixels to either side can be pointed at as if they were so wide.
+    // Strokes thinner than `least` pixels to either side count as that wide.
     function at(x, y, shown, chosen, least) {
       const isBeside = (a, b, c, place, wide) => Math.min(a, b, c) > place + wide || Math.max(a, b, c) < place - wide;
       for (let k = shown - 1; k >= 0; k--) {

@@ -1,18 +1,18 @@
-// The page of a sweep: sort and filter its runs, put two side by side, and say what a chart points at.
+// The page of a sweep: sort and filter its runs, compare two side by side, and describe the run under the pointer.
 "use strict";
 {
   const { brushexp } = window;
   const { byId } = brushexp;
   const on = (ids, type, react) => ids.forEach((id) => byId(id)?.addEventListener(type, react));
   const data = JSON.parse(byId("data").textContent);
-  const rows = [...document.querySelectorAll("tr[data-row]")]; // in the order of data.rows, whatever is sorted
+  const rows = [...document.querySelectorAll("tr[data-row]")]; // in the order of data.rows, however the table is sorted
   const runOf = (k) => data.rows[k];
   const write = (id, text) => { byId(id).textContent = text; };
   const make = (tag, textContent, parent) =>
     parent.appendChild(Object.assign(document.createElement(tag), { textContent }));
 
-  // ---- the charts, and what is told beside them ----
-  let told = null; // row that is told of beside the charts
+  // ---- the charts, and the text beside them ----
+  let told = null; // row described beside the charts
 
   const tell = (group, found, isFirst) => {
     const runs = found.map(runOf);
@@ -44,7 +44,7 @@
   };
   on(["along", "up", "of-picture"], "change", drawCharts);
 
-  // ---- the filter: all words, and of each setting one of the values that are ticked ----
+  // ---- the filter: all words, and one of the ticked values of each setting ----
   const filters = [...document.querySelectorAll(".choices")]; // in the order of data.axes
   const ticked = (filter) => [...filter.querySelectorAll("input:checked")].map((input) => Number(input.value));
   const texts = data.rows.map((run) => `run ${run.name} ${run.command} ${run.error}`.toLowerCase());
@@ -81,7 +81,7 @@
   for (const one of [narrow, ...document.querySelectorAll("[name=view]")]) one.addEventListener("change", view);
 
   // ---- two side by side ----
-  let chosen = null; // row that waits for another one
+  let chosen = null; // row that waits for a second one
   const choose = (k) => {
     if (chosen !== null && k !== chosen) open(`run ${chosen}`, `run ${k}`);
     chosen = chosen === null ? k : null;
@@ -144,5 +144,5 @@
   });
 
   view();
-  filter(); // a reload keeps what was typed and ticked
+  filter(); // a reload keeps the fields of the filter
 }

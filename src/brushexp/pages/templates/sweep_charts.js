@@ -1,7 +1,7 @@
-// The charts of a sweep: settings as points, and the quality of runs on their way. They know nothing of the table.
-// brushexp.sweepCharts(data, pointed) gives draw(rows, x, y, picture): `rows` are the numbers of those that are shown,
-// and pointed(group, rows, isFirst) is called when somebody points at a setting. Means and the front are of what the
-// filters leave and along the axes that are chosen, so they are computed here and not taken from the tables.
+// The charts of a sweep: settings as points, and the quality of runs over time. They are independent of the table.
+// brushexp.sweepCharts(data, pointed) returns draw(rows, x, y, picture): `rows` are the numbers of the shown runs, and
+// pointed(group, rows, isFirst) is called when the pointer is on a setting. Means and the front depend on the filters
+// and the chosen axes, so they are computed here and not taken from the tables.
 "use strict";
 {
   const { byId, chart } = window.brushexp;
@@ -9,17 +9,17 @@
   const LONGEST = 40; // letters of a label
   const SERIES = 10; // curves that can be told apart: five colours, two dashes
 
-  // Which points are on the Pareto front: no other is as low in cost and as good, and better in one.
+  // Which points are on the Pareto front: no other is at least as cheap and as good, and better in one of the two.
   const front = (points, sign) =>
     points.filter((p) => !points.some((q) => q.x <= p.x && sign * q.y >= sign * p.y && (q.x < p.x || q.y !== p.y)));
 
   window.brushexp.sweepCharts = (data, pointed) => {
     const [pointsBox, curvesBox] = [byId("points"), byId("curves")];
     let drawn = null; // rows, x and y of the last drawing, its points, and their front
-    let current = null; // group that is pointed at
-    let pinned = false; // whether it stays when the pointer goes elsewhere
+    let current = null; // group under the pointer
+    let pinned = false; // whether it stays when the pointer leaves
 
-    // What is measured along an axis: a metric, or a setting as "axis:steps", whose values may be numbers or words.
+    // Values along an axis: a metric, or a setting such as "axis:steps", whose values may be numbers or words.
     const variable = (key) => {
       const metric = data.metrics.find((one) => one.key === key);
       if (metric) return { ...metric, of: (row) => row.numbers[key] };
@@ -46,7 +46,7 @@
       return canvas(box, width, Math.round(Math.min(400, Math.max(280, width * 0.68))));
     };
 
-    // Labels on the empty side of the front, from the best point on, where there is room for the next one.
+    // Labels on the empty side of the front, starting at the best point, wherever there is room.
     const label = (area, first, sign) => {
       let last = Infinity;
       for (const p of first.toReversed()) {
@@ -60,7 +60,7 @@
       }
     };
 
-    // The line through the front; gives its points.
+    // Draw the line through the front, and return its points.
     const drawFront = (area, points, { x, y }) => {
       const isCost = !x.isSetting && x.better !== "higher" && x.key !== y.key;
       const sign = y.better === "higher" ? 1 : -1;
@@ -147,12 +147,12 @@
       if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: settings that were ahead at some time.";
     };
 
-    // Point at a setting: light it up in both charts, and say all about it.
+    // Highlight a setting in both charts, and show its details.
     const tell = (group) => {
       current = group;
       for (const one of document.querySelectorAll("#points [data-group], #curves [data-group], #legend [data-group]")) {
         const is = one.dataset.group === String(group);
-        if (is && one.matches("g.curve:not(.hot)")) one.parentNode.append(one); // above the others
+        if (is && one.matches("g.curve:not(.hot)")) one.parentNode.append(one); // on top of the others
         one.classList.toggle("hot", is);
         if (!one.matches(".point")) continue;
         one.setAttribute("aria-selected", is);
@@ -162,7 +162,7 @@
       if (rows.length) pointed(group, rows, drawn.front.has(group));
     };
 
-    // Listen to events of what belongs to a setting.
+    // Listen to events of the elements of a setting.
     const listen = (box, type, react) => box?.addEventListener(type, (event) => {
       const found = event.target.closest?.("[data-group]");
       react(found ? Number(found.dataset.group) : null);

@@ -1,4 +1,4 @@
-// Light or dark: as the system says, until the reader chooses. Runs in the head, before anything is shown.
+// Light or dark: follows the system until the reader chooses. Runs in the head, before anything is shown.
 "use strict";
 {
   const { dataset } = document.documentElement;

@@ -1,8 +1,8 @@
-// <button data-zoom="#painting">: shows that picture alone, as large as the window. A click, + and - or the wheel with
-// Ctrl change its size, dragging moves it, Esc goes back.
+// <button data-zoom="#painting"> shows that picture alone, fitted to the window. A click, + and -, or Ctrl with the
+// wheel zoom; dragging moves the picture, Esc returns to the page.
 "use strict";
 {
-  const STEP = 1.5, LARGEST = 16; // times the size at which it fits
+  const STEP = 1.5, LARGEST = 16; // relative to the fitted size
   const dialog = document.createElement("dialog");
   dialog.className = "alone";
   dialog.setAttribute("aria-label", "The picture alone");
@@ -18,7 +18,7 @@
   const fitted = () =>
     Math.min(field.clientWidth, (field.clientHeight * image.naturalWidth) / Math.max(image.naturalHeight, 1));
 
-  // Show the picture `larger` times as large as it fits; the point x, y of the window stays where it is.
+  // Zoom the picture to `larger` times its fitted size around the point x, y of the window.
   const resize = (larger, x = innerWidth / 2, y = innerHeight / 2) => {
     const box = image.getBoundingClientRect();
     const [across, down] = [(x - box.left) / (box.width || 1), (y - box.top) / (box.height || 1)];
@@ -56,7 +56,7 @@
     resize(size * (event.deltaY < 0 ? STEP : 1 / STEP), event.clientX, event.clientY);
   }, { passive: false });
 
-  let moved = 0; // pixels since the pointer went down
+  let moved = 0; // pixels moved since the pointer went down
   field.addEventListener("pointerdown", () => { moved = 0; });
   field.addEventListener("pointermove", (event) => {
     if (!(event.buttons & 1) || event.pointerType !== "mouse") return; // a finger scrolls by itself

@@ -1,5 +1,5 @@
-// Levels for OpenSeadragon beyond those of a picture, drawn from its strokes by a worker. Scripts beside the page hold
-// the strokes of a square cell each, and are loaded when a tile in their cell is to be seen.
+// Levels for OpenSeadragon finer than the picture's, drawn from its strokes by a worker. Each script beside the page
+// holds the strokes of a square cell, and is loaded when a tile of that cell comes into view.
 "use strict";
 {
   const DEEPER = 5; // levels, each twice as large as the one before
@@ -11,7 +11,7 @@
   function start_worker() {
     const scripts = [...document.querySelectorAll("#worker script")].map((script) => script.textContent);
     const worker = new Worker(URL.createObjectURL(new Blob(["self.window = self;", ...scripts], { type: "text/javascript" })));
-    const waiting = new Map(); // number of a question -> what takes the answer
+    const waiting = new Map(); // number of a request -> callback for the answer
     let asked = 0;
     worker.onmessage = ({ data: { id, result } }) => {
       waiting.get(id)(result);
@@ -28,12 +28,12 @@
 
   brushexp.stroke_tiles = ({ width, height, strokes: { folder, cell: side, textured } }) => {
     const worker = start_worker();
-    const cells = new Map(); // name -> promise that the worker has it; the one that was used last is at the end
-    const wanted = []; // tiles that are to be drawn, the newest last
+    const cells = new Map(); // name -> promise that the worker has the cell; the most recently used is last
+    const wanted = []; // tiles to draw, the newest last
     const base = Math.ceil(Math.log2(Math.max(width, height))); // level of the picture itself
     const [columns, rows] = [Math.ceil(width / side), Math.ceil(height / side)];
     let drawing = false;
-    let textures = null; // promise that the worker has them
+    let textures = null; // promise that the worker has the textures
 
     brushexp.cell = (name, packed) => worker.tell({ task: "keep", name, packed });
 
@@ -59,7 +59,7 @@
       return known;
     }
 
-    // The cell of a place in pixels of the picture, and the place from the corner of the cell.
+    // The cell of a place, in pixels of the picture, and the place relative to the cell's corner.
     function place_of(x, y) {
       const [column, row] = [Math.floor(x / side), Math.floor(y / side)];
       const isInside = column >= 0 && row >= 0 && column < columns && row < rows;
@@ -89,7 +89,7 @@
       width: width * 2 ** DEEPER,
       height: height * 2 ** DEEPER,
       tileSize: SIDE,
-      tileExists: (level, x, y) => { // none at levels that are those of the picture
+      tileExists: (level, x, y) => { // none at the picture's own levels
         const part = SIDE / 2 ** (level - base);
         return level > base && x >= 0 && y >= 0 && x * part < width && y * part < height;
       },
@@ -102,13 +102,13 @@
         const at = wanted.indexOf(job);
         if (at >= 0) wanted.splice(at, 1);
       },
-      // What the uppermost stroke at a place is like, in pixels of the picture, if its cell is loaded; else null.
+      // The uppermost stroke at a place, in pixels of the picture, or null if its cell is not loaded.
       describe: async (x, y, least) => {
         const { name, left, top } = place_of(x, y);
         return cells.has(name) ? cells.get(name).then(() => worker.ask({ task: "describe", name, place: { x: left, y: top, least } })) : null;
       },
       deeper: 2 ** DEEPER,
-      finest: textured ? 1 : 0.5, // pixels of the screen for one of a tile, at least: textures are slow, and not crisp
+      finest: textured ? 1 : 0.5, // least screen pixels per tile pixel: textures are slow, and not crisp
     };
   };
 }

@@ -1,12 +1,12 @@
-// In a worker, which has brush.js and strokes.js too: the strokes of cells are drawn into tiles, and found under a
-// pointer. Plain strokes are crisp shapes at any zoom, as in an SVG; textured and soft ones, and those that change
-// colour, are drawn pixel by pixel.
+// Worker, with brush.js and strokes.js: draw the strokes of cells into tiles, and find them under a pointer. Plain
+// strokes are crisp shapes at any zoom, as in an SVG; textured strokes, soft strokes and those that change colour are
+// drawn pixel by pixel.
 "use strict";
 if (!self.document) {
   const EVERY = { undefined: true }; // strokes in cells have no layers
   const cells = new Map(); // name -> strokes, in pixels of the picture from the corner of the cell
 
-  // So wide and so opaque a stroke is drawn, as soft_edge of the exporter of SVG has it.
+  // Drawn width and opacity of a stroke, as soft_edge of the SVG exporter computes them.
   const opacity = (strokes, k) => strokes.opacity[k] * (strokes.half[k] / (strokes.reach(k) || 1));
 
   function isIn(strokes, k, { left, top, right, bottom }) {
@@ -57,7 +57,7 @@ if (!self.document) {
     describe: ({ name, place }) => describe(cell(name), place),
   };
 
-  // Strokes are unpacked when they are drawn for the first time.
+  // Unpack strokes when they are first drawn.
   function cell(name) {
     const known = cells.get(name);
     if (!("data" in known)) return known;

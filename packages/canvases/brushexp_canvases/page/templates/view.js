@@ -1,9 +1,9 @@
 // Show the pyramids beside this page with OpenSeadragon: the painting left of the curtain, another layer right of it,
-// and strokes where a pixel of the picture is larger than one of the screen.
+// and strokes where the picture is enlarged.
 "use strict";
 {
-  const LARGEST = 16; // pixels of the screen for one of the picture
-  const DOUBLED = 2; // times that differences are made twice as bright, for they are small
+  const LARGEST = 16; // screen pixels per pixel of the picture
+  const DOUBLED = 2; // how often differences, which are small, are doubled in brightness
 
   const byId = (id) => document.getElementById(id);
   const data = JSON.parse(byId("data").textContent);
@@ -22,12 +22,12 @@
   const shapes = data.strokes && window.brushexp.stroke_tiles(data);
   const viewer = OpenSeadragon({
     id: "viewer",
-    drawer: "canvas", // pictures from disk cannot be textures
+    drawer: "canvas", // pictures from disk cannot be WebGL textures
     showNavigationControl: false,
     showNavigator: true,
     navigatorPosition: "BOTTOM_RIGHT",
     navigatorSizeRatio: 0.15,
-    maxZoomPixelRatio: LARGEST / (shapes ? shapes.deeper : 1), // of the largest size among all layers
+    maxZoomPixelRatio: LARGEST / (shapes ? shapes.deeper : 1), // relative to the largest layer
     animationTime: matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 0.6,
     tileSources: [painting, ...(shapes ? [shapes] : []), ...layers],
   });
@@ -86,7 +86,7 @@
       viewer.viewport.applyConstraints();
     });
   }
-  // An image that is not hidden, and has no tiles at this zoom, would be drawn again in each frame.
+  // A visible image without tiles at this zoom would be redrawn in every frame.
   const show_strokes = () => viewer.world.getItemAt(1)?.setOpacity(strokes.checked && isNear() ? 1 : 0);
   for (const one of [curtain, layer]) one?.addEventListener("input", draw_curtain);
   strokes?.addEventListener("input", show_strokes);

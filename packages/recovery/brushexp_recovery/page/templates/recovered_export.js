@@ -1,10 +1,10 @@
-// Export what is shown: CSV with units, GeoJSON for maps (y upwards, as maps have it), SVG for drawing programs.
+// Export the shown strokes: CSV with units, GeoJSON (y upwards, as in maps), SVG for drawing programs.
 "use strict";
 {
   const { recovered } = window.brushexp;
   const { data, shown, colorOf, inUnit, unitOf } = recovered;
   const { names, columns, outlines, colors, width, height, mm, name } = data;
-  const PIXELS = ["x", "y", "seen"]; // these columns are in pixels, whatever the scale
+  const PIXELS = ["x", "y", "seen"]; // these columns are always in pixels
 
   const short = (value) => Number(value.toPrecision(6));
   const headOf = (key) => {

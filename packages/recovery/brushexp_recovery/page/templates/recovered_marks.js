@@ -1,13 +1,13 @@
-// Strokes corrected by a person: added, deleted, split, joined, and saved as marks (docs/recovery.md). The view calls
-// "brushexp.marks" to paint them, and hands over taps and drags while one of the tools is chosen.
+// Add, delete, split and join strokes by hand, and save them as marks (docs/recovery.md). The view calls
+// "brushexp.marks" to paint them, and passes on taps and drags while a tool is chosen.
 "use strict";
 {
   const { byId, recovered } = window.brushexp;
   const { data, shown } = recovered;
   const { outlines, lines, columns, width, height, name: image } = data;
-  const VERSION = 1; // of the file of marks
+  const VERSION = 1; // of the marks file
   const COLORS = { hand: "#ffd83d", recovery: "#5cb8ff" };
-  const SPACING = 3; // screen pixels between the points of a stroke that is drawn
+  const SPACING = 3; // screen pixels between the points of a drawn stroke
   const NEAREST = 1e-6;
   const words = {
     none: "Choose a tool.",
@@ -20,8 +20,8 @@
   let deleted = [];
   let undone = []; // states before each change
   let tool = "none";
-  let first = -1; // of two strokes to join
-  let drawn = []; // points of a stroke or a cut in the making
+  let first = -1; // the first of two strokes to join
+  let drawn = []; // points of the unfinished stroke or cut
 
   const copyOf = () => ({ marks: [...marks], deleted: [...deleted] });
   const round = (value) => Math.round(10 * value) / 10;
@@ -112,7 +112,7 @@
   };
   const at = (pen, [x, y]) => marks.findLastIndex((mark) => isOn(pen, mark, x, y));
 
-  // What the tools do; each is one step of undo.
+  // Tools; each use is one step of undo.
   const change = (next, gone = []) => {
     undone.push(copyOf());
     marks = next;

@@ -1,5 +1,5 @@
-// The strokes of the page's data, which of them are shown, and their colours. brushexp.recovered has them for the view
-// and the exports; "shown" is sent to the document whenever the choice changes.
+// The strokes of the page's data, their colours, and which are shown. brushexp.recovered offers them to the view and
+// the exports; the document receives the event "shown" whenever the selection changes.
 "use strict";
 {
   const { byId, chart, draw } = window.brushexp;
@@ -9,7 +9,7 @@
   const BINS = 28;
   const DIRECTIONS = 18; // sectors of 10 degrees
   const TAIL = 0.99; // quantile at which scales end
-  const STOPS = ["#8f9cff", "#5cb8ff", "#45d6b5", "#a8e04f", "#ffe833"]; // all bright, for lines with dark rims on any picture
+  const STOPS = ["#8f9cff", "#5cb8ff", "#45d6b5", "#a8e04f", "#ffe833"]; // bright, for lines with dark rims
   const units = { length: 1, width: 1, area: 2 }; // powers of pixels
   const threshold = byId("threshold");
   const colorBy = byId("color-by");

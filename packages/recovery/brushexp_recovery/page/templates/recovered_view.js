@@ -1,4 +1,4 @@
-// The photograph with its strokes on a canvas: moved, zoomed, and a stroke picked.
+// Show the photograph and its strokes on a canvas: move, zoom, and select a stroke.
 "use strict";
 {
   const { byId, recovered, marks } = window.brushexp;
@@ -6,9 +6,9 @@
   const { columns, outlines, colors, width, height, mm } = data;
   const [stage, canvas, photograph] = ["look-at", "canvas", "photograph"].map(byId);
   const pen = canvas.getContext("2d");
-  const CLOSEST = 32; // screen pixels of a pixel of the photograph
-  const STEP = 1.4; // of the buttons
-  const TAP = 5; // pixels that a pointer may move while it taps
+  const CLOSEST = 32; // screen pixels per pixel of the photograph
+  const STEP = 1.4; // factor of the zoom buttons
+  const TAP = 5; // pixels that a pointer may move during a tap
   const paths = outlines.map((points) => {
     const path = new Path2D();
     points.forEach(([x, y], k) => (k ? path.lineTo(x, y) : path.moveTo(x, y)));
@@ -16,10 +16,10 @@
     return path;
   });
   const boxes = outlines.map((points) => [0, 1].flatMap((k) => [Math.min, Math.max].map((f) => f(...points.map((point) => point[k])))));
-  const view = { zoom: 1, x: 0, y: 0 }; // screen pixels per pixel; what lies in the upper left corner
+  const view = { zoom: 1, x: 0, y: 0 }; // screen pixels per pixel; position in the upper left corner
   let picked = -1;
   let waits = false;
-  let byTyping = false; // whether the last event was a key, so that a cross shows where Enter acts
+  let byTyping = false; // whether the last event was a key: a cross then marks where Enter acts
 
   const whole = () => Math.min(canvas.clientWidth / width, canvas.clientHeight / height);
   const within = (zoom) => Math.min(Math.max(zoom, Math.min(whole(), 1)), Math.max(whole(), CLOSEST));
@@ -131,7 +131,7 @@
     marks.enter(pen, placeAt());
   };
 
-  const held = new Map(); // pointers that are down, and where
+  const held = new Map(); // positions of the pointers that are down
   let moved = 0;
   const place = (event) => {
     const box = canvas.getBoundingClientRect();
