@@ -49,7 +49,7 @@ class Form:
 
 
 FORMS = {
-    "psd": Form("PSD", "layers for Photoshop and Affinity, broad strokes to fine ones", draws=11),
+    "psd": Form("PSD", "layers for Photoshop and Affinity, from broad to fine strokes", draws=11),
     "ora": Form("ORA", "the same layers, for Krita and GIMP", draws=11),
     "plan": Form("Plan", "mixtures, the order of painting, and a drawing for painting by numbers", draws=None),
     "zip": Form("Everything, zip", "all files of the painting in one archive"),

@@ -143,7 +143,7 @@ class Easel:
             with Tag("div", "row tools"):
                 Tag("button", "choice", "Show it alone", type="button", data_zoom=".place .stage img")
         elif work.status == WAITING and self.visit.works.before(work):
-            Tag("p", "caption hint", "It will be painted when the ones before it are finished.")
+            Tag("p", "caption hint", "It will be painted after those before it.")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against

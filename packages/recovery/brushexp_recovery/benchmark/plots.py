@@ -31,18 +31,18 @@ def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]) -> Path:
-    """Plot the share of strokes that is right against their confidence."""
+    """Plot the share of right strokes against their confidence."""
     figure = new_figure(5)
     axes = figure.subplots()
     tidy(axes)
-    axes.plot([0, 1], [0, 1], ":", color=INK, label="as it should be")
+    axes.plot([0, 1], [0, 1], ":", color=INK, label="ideal")
     for number, (name, bins) in enumerate(reliability.items()):
         confidence, right = [one.confidence for one in bins], [one.right for one in bins]
         total = sum(one.strokes for one in bins)
         size = [8 + 220 * one.strokes / max(total, 1) for one in bins]
         axes.plot(confidence, right, color=COLORS[number])
         axes.scatter(confidence, right, size, color=COLORS[number], label=f"{name}, {total:,} strokes")
-    axes.set(xlabel="confidence", ylabel="share that is right", xlim=(0, 1), ylim=(0, 1), aspect="equal")
+    axes.set(xlabel="confidence", ylabel="share of right strokes", xlim=(0, 1), ylim=(0, 1), aspect="equal")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=9, frameon=False)
     return save_figure(figure, path)
 

@@ -44,7 +44,7 @@ def read_prediction(path: Path, size: tuple[int, int], image: Array | None = Non
     if suffix == ".npz":
         return _prediction_from_arrays(path, read_npz(path), size, image)
     if suffix not in (".npy", ".png"):
-        raise UserError(f"{key}={path} is no kind of strokes that is known; give labels as .png or .npy, .npz or .h5")
+        raise UserError(f"{key}={path} is not a known file of strokes; give labels as .png or .npy, .npz or .h5")
     labels = _read_npy(path) if suffix == ".npy" else _read_png(path)
     return prediction_from_labels(_check_labels(path, labels, size), image)
 
@@ -83,7 +83,7 @@ def _read_npy(path: Path) -> Array:
     try:
         array: Array = np.load(path, allow_pickle=False)
     except Exception as error:
-        raise UserError(f"{path} is damaged, or no npy of plain numbers; get it again") from error
+        raise UserError(f"{path} is damaged, or not an npy of plain numbers; get it again") from error
     return array
 
 
@@ -93,7 +93,7 @@ def _read_png(path: Path) -> Array:
         with Image.open(path) as picture:
             pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA", "LA") else picture).astype(int)
     except Exception as error:
-        raise UserError(f"{path} is damaged, or no picture; get it again") from error
+        raise UserError(f"{path} is damaged, or not a picture; get it again") from error
     return (pixels if pixels.ndim == 2 else pixels @ BASE) - 1
 
 
@@ -101,7 +101,7 @@ def _check_labels(path: Path, labels: Array, size: tuple[int, int]) -> Array:
     """Return labels if they are whole numbers for a canvas (H, W); else a UserError."""
     if labels.shape != size or labels.dtype.kind not in "iu":
         raise UserError(
-            f"{path}: labels are {labels.dtype} of shape {labels.shape}; whole numbers of shape {size} are needed, "
-            "a number of a stroke at each pixel of the painting"
+            f"{path}: labels are {labels.dtype} of shape {labels.shape}; give whole numbers of shape {size}, "
+            "the number of a stroke at each pixel of the painting"
         )
     return labels

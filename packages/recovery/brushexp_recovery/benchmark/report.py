@@ -16,20 +16,19 @@ from brushexp_recovery.benchmark.report_tables import (
     reliability_of,
 )
 
-PAINTINGS = "paintings"  # folder of the pictures, their truth and the regions that were found
+PAINTINGS = "paintings"  # folder of the pictures, their truth and the recovered regions
 ABOUT_F1 = (
-    "Mean F1 at an intersection over union of 0.5. Seen: kinds of which training has some, from other subjects and "
-    "seeds; unseen: other brushes, other painters' strokes. Clean: the painting; hard: a photograph of it."
+    "Mean F1 at an intersection over union of 0.5. Training has seen the seen kinds, with other subjects and seeds; "
+    "unseen are other brushes and other painters' strokes. Clean is the painting, hard a photograph of it."
 )
 ABOUT_KINDS = "Mean F1 by kind and number of strokes, clean."
 ABOUT_INTERVALS = "Mean F1 of the paintings of each kind, and 95 % intervals over paintings (bootstrap)."
 ABOUT_ERRORS = (
-    "Means over clean paintings; errors are medians over matched strokes, length and width as shares of the true "
-    "ones; order is the share of found pairs that overlap whose upper one was told; fields are those of "
-    "neighbourhoods, matched or not."
+    "Means over clean paintings. Errors are medians over matched strokes, relative for length and width; order is the "
+    "share of matched, overlapping pairs in the right order; fields are those of neighbourhoods, matched or not."
 )
 ABOUT_CONFIDENCE = (
-    "Confidence of recovery, over the strokes of all paintings of a group together: the expected calibration "
+    "Confidence of recovery, over all strokes of a group of paintings: the expected calibration "
     "error (ECE) of few strokes is large even where the confidence is right."
 )
 

@@ -17,13 +17,13 @@ def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
     if height * width > MOST_PIXELS:
         share = (MOST_PIXELS / (height * width)) ** 0.5
         raise UserError(
-            f"{key}={path} has {width} x {height} pixels, and strokes are found in at most {MOST_PIXELS // 10**6} "
+            f"{key}={path} has {width} x {height} pixels, but strokes are found in at most {MOST_PIXELS // 10**6} "
             f"megapixels; save it at {int(share * width)} x {int(share * height)} pixels or fewer, or cut it into "
-            "parts, and give those"
+            "parts"
         )
     if min(height, width) < SHORTEST_SIDE:
         raise UserError(
             f"{key}={path} has {width} x {height} pixels, too few to tell strokes apart; give a photograph of "
-            f"{SHORTEST_SIDE} pixels or more on each side, in which strokes are 6 pixels wide or wider"
+            f"{SHORTEST_SIDE} pixels or more on each side, in which strokes are at least 6 pixels wide"
         )
     return height, width

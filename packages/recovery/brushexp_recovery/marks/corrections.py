@@ -30,7 +30,7 @@ def check_marks(path: Path, size: tuple[int, int]) -> None:
     marks = read_marks(path)
     if marks.size is not None and marks.size != size:
         raise UserError(
-            f"marks={path} are of a picture of {marks.size[1]} x {marks.size[0]} pixels, and image= has {size[1]} x "
+            f"marks={path} belong to a picture of {marks.size[1]} x {marks.size[0]} pixels, but image= has {size[1]} x "
             f"{size[0]}; give the photograph on which they were drawn"
         )
 

@@ -26,7 +26,9 @@ def areas_of(texts: list[str] | None, size: tuple[int, int]) -> dict[str, Array]
     for text in texts or []:
         areas[text] = _rectangle(text, size) if re.fullmatch(r"[\d., -]+", text) else _mask(text, size)
         if not areas[text].any():
-            raise UserError(f"region={text} has no pixel of the photograph, {size[1]} x {size[0]}; give another one")
+            raise UserError(
+                f"region={text} has no pixel of the photograph, {size[1]} x {size[0]}; choose another region"
+            )
     return areas
 
 
@@ -34,7 +36,7 @@ def _rectangle(text: str, size: tuple[int, int]) -> Array:
     try:
         left, top, width, height = (round(float(number)) for number in text.split(","))
     except ValueError:
-        raise UserError(f"region={text} is no rectangle; try 'region=[\"0,0,{size[1] // 2},{size[0]}\"]'") from None
+        raise UserError(f"region={text} is not a rectangle; try 'region=[\"0,0,{size[1] // 2},{size[0]}\"]'") from None
     mask = np.zeros(size, bool)
     mask[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)] = True
     return mask
@@ -46,5 +48,5 @@ def _mask(text: str, size: tuple[int, int]) -> Array:
     picture = load_picture(text, None, "region").mean(0).numpy()
     shape, wanted = picture.shape[1] / picture.shape[0], size[1] / size[0]
     if abs(shape / wanted - 1) > SIDES_APART:
-        raise UserError(f"region={Path(text)} has not the shape of the photograph; draw the mask on a copy of it")
+        raise UserError(f"region={Path(text)} does not have the shape of the photograph; draw the mask on a copy of it")
     return np.asarray(resize(picture, size, order=0) >= BRIGHT)

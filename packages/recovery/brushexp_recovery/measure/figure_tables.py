@@ -11,12 +11,12 @@ Figures = Mapping[str, Mapping[str, Interval]]  # of each area or painting, by `
 
 DIRECTIONS = "Directions run clockwise from level: 45° falls to the right."
 MEANING = (
-    "Each figure is the median over the photograph and small changes of it (scale, turn, compression, tone), in each "
-    "of which strokes are drawn by their confidence; 95 % of these draws lie between low and high. Errors that "
-    "recovery makes in every view are not in the interval. The number of strokes counts each stroke by its "
-    "confidence, so it is smaller than the number of strokes recovered."
+    "Each figure is the median over the photograph and small changes of it (scale, rotation, compression, tone). In "
+    "each, strokes are drawn at random by their confidence; 95 % of these draws lie between low and high. The interval "
+    "does not cover errors that recovery makes in every view. The number of strokes counts each stroke by its "
+    "confidence, so it is smaller than the number of recovered strokes."
 )
-APART = "The first painting less the second: a figure is apart if the interval of its difference leaves out 0."
+APART = "The first painting minus the second: a figure is apart if the interval of its difference excludes 0."
 
 
 def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:

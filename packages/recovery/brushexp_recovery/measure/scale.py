@@ -24,15 +24,15 @@ def millimetres_per_pixel(
     if size_cm is None:
         return None if width_cm is None else 10 * width_cm / size[1]
     if not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", size_cm):
-        raise UserError(f"{prefix}size_cm={size_cm} is no width and height; try {prefix}size_cm=92x73")
+        raise UserError(f"{prefix}size_cm={size_cm} is not a width and a height; try {prefix}size_cm=92x73")
     width, height = (10 * float(side) for side in size_cm.split("x"))
     if min(width, height) <= 0:
         raise UserError(f"{prefix}size_cm={size_cm} has no area; try {prefix}size_cm=92x73")
     across, down = width / size[1], height / size[0]
     if abs(across / down - 1) > SIDES_APART:
         raise UserError(
-            f"{prefix}size_cm={size_cm} has not the shape of the photograph, {size[1]} x {size[0]} pixels: cut it to "
-            f"the painting's edges, or give {prefix}width_cm=... of what it shows"
+            f"{prefix}size_cm={size_cm} does not have the shape of the photograph, {size[1]} x {size[0]} "
+            f"pixels: crop that to the painting's edges, or give {prefix}width_cm=... of the part shown"
         )
     return 0.5 * (across + down)
 
@@ -49,11 +49,11 @@ def width_in_table(path: Path, image: str) -> float:
     name = Path(image).name
     texts = [row["width_cm"] for row in rows if row["file"] and Path(row["file"]).name == name]
     if len(texts) != 1:
-        raise UserError(f"sizes={path} has {len(texts)} rows of {name}; one is needed: {name},92")
+        raise UserError(f"sizes={path} has {len(texts)} rows for {name}; give one: {name},92")
     try:
         width = float(texts[0])
     except (TypeError, ValueError):
         width = 0.0
     if not 0 < width < MOST_CM:
-        raise UserError(f"sizes={path} has no width of {name} in centimetres; write {name},92")
+        raise UserError(f"sizes={path} has no width in centimetres for {name}; write {name},92")
     return width

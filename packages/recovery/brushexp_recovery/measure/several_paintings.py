@@ -33,9 +33,9 @@ LEAST_PAINTINGS = 2  # of a group, for it to be compared
 DRAWS = 9999  # permutations; if there are no more, all of them
 SIGNIFICANT = 0.05  # corrected p-value below which groups differ
 MEANING = (
-    "Each figure has its interval of 95 % within the painting. Groups are the folders of the photographs: p is that of "
-    "a permutation test of the difference of their means, each painting one value; p (Holm) is corrected for all tests "
-    "of the table. The smallest p that so many paintings can show is given beside it. Directions are not tested."
+    "Each figure has a 95 % interval within its painting. Groups are the folders of the photographs. p comes from a "
+    "permutation test of the difference of their means, with one value per painting; p (Holm) is corrected for all "
+    "tests of the table. Beside it is the smallest p that this many paintings can reach. Directions are not tested."
 )
 
 

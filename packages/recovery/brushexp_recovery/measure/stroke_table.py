@@ -117,13 +117,13 @@ def remark_on(table: StrokeTable) -> str | None:
     """Say why recovered strokes may mislead and what to do about it; None if they are many and wide enough."""
     if (doubt := doubt_of_paint(table)) is not None:
         return (
-            f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are 6 pixels wide or "
-            "wider"
+            f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are at least 6 "
+            "pixels wide"
         )
     if (width := float(np.median(table.columns["width"]))) < NARROW:
         return (
             f"half of the strokes found are narrower than {width:.1f} pixels: they may be canvas or grain, and finer "
-            "ones are missed; give a larger photograph, or scale=1 to look at it as it is"
+            "ones are missed; give a larger photograph, or type scale=1 to keep its size"
         )
     if (covered := covered_share(table)) < LEAST_COVERED:
         return (

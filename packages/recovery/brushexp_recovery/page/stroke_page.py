@@ -24,14 +24,14 @@ TEXT_COLUMNS = ("measure", "unit", "apart")
 FILES = {
     "catalogue.h5": "the strokes, for the other tasks",
     "strokes.csv": "a line per stroke, with units",
-    "order.graphml": "which strokes lie above which, with chances",
+    "order.graphml": "which strokes lie above which, with probabilities",
     "measures.csv": "figures with their intervals",
     "measures.tex": "the same for LaTeX (booktabs)",
-    "measures.md": "the same for people",
+    "measures.md": "the same, to read",
     "measures.json": "the same for programs",
-    "measures.pdf": "histograms and rose, vectors",
+    "measures.pdf": "histograms and a rose diagram, as vectors",
     "measures.xlsx": "all tables as sheets",
-    "differences.csv": "the other painting, and what is apart",
+    "differences.csv": "the other painting, and the figures that differ",
     "differences.tex": "the same for LaTeX",
 }
 Tables = Mapping[str, Sequence[Mapping[str, Any]]]  # rows by title

@@ -28,4 +28,4 @@ def read_npz(path: Path) -> dict[str, Array]:
     except FileNotFoundError as error:
         raise UserError(f"there is no file {path}; give the path of an npz") from error
     except Exception as error:
-        raise UserError(f"{path} is damaged, or no npz of plain numbers; get it again") from error
+        raise UserError(f"{path} is damaged, or not an npz of plain numbers; get it again") from error

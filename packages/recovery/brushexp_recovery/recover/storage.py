@@ -72,9 +72,9 @@ def read_recovered(path: Path) -> Recovered:
         if f"{GROUP}/ground" in file:
             ground = numbers_of(dataset_of(file, f"{GROUP}/ground", np.uint8, saved.size)) > 0
     if not ((confidence >= 0) & (confidence <= 1)).all():
-        raise UserError(f"{path}: confidence is not within 0 and 1; {cure}")
+        raise UserError(f"{path}: confidence is not between 0 and 1; {cure}")
     if labels.min(initial=-1) < -1 or labels.max(initial=-1) >= len(saved.strokes):
-        raise UserError(f"{path}: labels name strokes that are not there; {cure}")
+        raise UserError(f"{path}: labels name strokes that do not exist; {cure}")
     if not ((above >= 0) & (above <= 1)).all() or not ((meetings >= 0) & (meetings < len(saved.strokes))).all():
-        raise UserError(f"{path}: meetings name strokes that are not there, or their chance is no chance; {cure}")
+        raise UserError(f"{path}: meetings name strokes that do not exist, or probabilities beyond 0 and 1; {cure}")
     return Recovered(saved, confidence, labels, meetings, above, ground)

@@ -112,7 +112,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
         if (path := folder / f"{case.name}{suffix}").is_file():
             return read_prediction(path, case.image.shape[:2], case.image, "add")
     raise UserError(
-        f"add={folder} has no strokes of {case.name}; write {case.name}.npz there, or leave the painting out"
+        f"add={folder} has no strokes for {case.name}; write {case.name}.npz there, or leave the painting out"
     )
 
 

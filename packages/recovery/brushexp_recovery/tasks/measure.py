@@ -79,8 +79,8 @@ def read_for(path: Path, size: tuple[int, int]) -> Recovered:
     recovered = read_recovered(path)
     if recovered.saved.size != size:
         raise UserError(
-            f"recovered={path} is of a picture of {recovered.saved.size[1]} x {recovered.saved.size[0]} pixels, and "
-            f"image= has {size[1]} x {size[0]}; give the photograph from which it was recovered"
+            f"recovered={path} belongs to a picture of {recovered.saved.size[1]} x {recovered.saved.size[0]} pixels, "
+            f"but image= has {size[1]} x {size[0]}; give the photograph of that run"
         )
     return recovered
 
@@ -132,7 +132,7 @@ def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Compa
     other = draw_figures(sightings, areas_of(None, size), cfg.draws, cfg.seed)[WHOLE]
     differences = difference_of(draws, other, (mm, other_mm), cfg.seed)
     log.info("apart: %s", ", ".join(name for name, one in differences.items() if is_apart(one)) or "nothing")
-    return Comparison(f"{name} less {other_name}", differences, mm if other_mm else None)
+    return Comparison(f"{name} minus {other_name}", differences, mm if other_mm else None)
 
 
 def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Interval], mm: float | None) -> None:

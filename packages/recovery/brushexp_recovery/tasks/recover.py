@@ -43,14 +43,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         words = (
             "do not learn from the marks, which would not improve them" if fitted is model else "learn from the marks"
         )
-        log.info("strokes are sought at %.2f times the size of the photograph; the judges %s", scale, words)
+        log.info("looking for strokes at %.2f times the size of the photograph; the judges %s", scale, words)
         model = fitted
     with showing("finding strokes") as show:
         recovered = recover_with(model, image, scale, cfg.copies, show)
     if marks is not None:
         before = len(recovered.confidence)
         recovered = correct(recovered, marks, image)
-        log.info("%d strokes were found, and %d are there after the corrections", before, len(recovered.confidence))
+        log.info("%d strokes were found; the corrections leave %d", before, len(recovered.confidence))
     pixels = to_bytes(picture)
     del picture, image  # which is four times as large
     with showing("writing files") as show:

@@ -32,9 +32,11 @@ class RecoverTask(Task):
     alone = "image"
 
     image: str = key(MISSING, "photograph of a painting: a picture file, or the name of a sample", PICTURE)
-    width_cm: float | None = key(None, "width of what the picture shows, in cm, to measure strokes in mm", above(0))
+    width_cm: float | None = key(
+        None, "width of the painting in the picture, in cm, to measure strokes in mm", above(0)
+    )
     scale: float | None = key(
-        None, "scale of the photograph at which strokes are sought; null = where they are 18 px wide", between(0.05, 8)
+        None, "scale of the photograph in which to find strokes; null = so that they are 18 px wide", between(0.05, 8)
     )
     copies: int = key(
         1, "number of turned and mirrored copies per look; more are slower but more certain", between(1, 8)
@@ -63,7 +65,7 @@ class MeasureTask(Task):
 
     image: str = key("astronaut", "photograph, cropped to the edges of the painting", PICTURE)
     recovered: str | None = key(
-        None, "folder of task=recover of it, or its catalogue.h5; null = recover it now", CATALOGUE
+        None, "folder of its task=recover run, or the catalogue.h5 there; null = recover it now", CATALOGUE
     )
     against: str | None = key(None, "photograph of another painting to compare with", PICTURE)
     width_cm: float | None = key(None, WIDTH_HELP, above(0))
@@ -71,12 +73,10 @@ class MeasureTask(Task):
     sizes: str | None = key(None, "table (.csv) of the widths of several photographs: file,width_cm; null = none", FILE)
     against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
     against_size_cm: str | None = key(None, SIZE_HELP)
-    region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright = in")
-    views: int = key(
-        6, "number of views that intervals come from: the photograph and small changes of it", between(1, 50)
-    )
+    region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright inside")
+    views: int = key(6, "number of views behind the intervals: the photograph and small changes of it", between(1, 50))
     draws: int = key(40, "number of draws of strokes by their confidence, from each view", between(1, 1000))
-    threshold: float = key(0.5, "smallest confidence of the strokes that the page shows at first", between(0, 1))
+    threshold: float = key(0.5, "lowest confidence of strokes that the page shows at first", between(0, 1))
     seed: int = key(0, "seed of views and draws", at_least(0))
 
     @staticmethod
@@ -121,7 +121,7 @@ class BenchmarkTask(Task):
     methods: list[str] | None = key(None, "methods that find strokes; null = all; [] = only write the paintings")
     weights: str = key("strokes", "weights of recovery: shipped ones, or the .safetensors of task=train_recovery")
     hard: bool = key(True, "whether to also score a photograph of each painting: canvas, blur, noise, JPEG")
-    add: str | None = key(None, "folder of strokes by others: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
+    add: str | None = key(None, "folder of strokes by another method: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
     seed: int = key(20_251_125, "seed of the paintings; another seed makes another benchmark", at_least(0))
 
     @staticmethod
@@ -168,7 +168,7 @@ class TrainRecoveryTask(NetworkTask):
     )
     leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
     batch_size: int = key(5, "crops per gradient step", at_least(1))
-    minutes: float | None = key(100, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    minutes: float | None = key(100, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
     ema: float = key(0.998, EMA, between(0, 1))
 

@@ -38,8 +38,8 @@ STROKES = (".json", ".h5", ".npz", ".npy", ".png")  # of a picture, in a folder 
 ALL = "all"  # name of the row of all pictures
 MEANING = (
     "A mark is found if a stroke overlaps it with an intersection over union of at least 0.5 (at .3: 0.3). A stroke "
-    "without a mark is extra if it lies mostly on marks, or where every stroke is marked; between two people, each one "
-    "is extra. The intervals are 95 % bootstrap intervals over strokes."
+    "without a mark is extra if it lies mostly on marks, or where every stroke is marked; between two people, every "
+    "one is extra. The intervals are 95 % bootstrap intervals over strokes."
 )
 
 
@@ -102,7 +102,7 @@ def _strokes_for(name: str, folder: Path) -> Path:
     for path in (*(folder / f"{name}{suffix}" for suffix in STROKES), folder / name / CATALOGUE_NAME):
         if path.is_file():
             return path
-    raise UserError(f"strokes={folder} has no strokes of {name}; write {name}.json or {name}/{CATALOGUE_NAME} there")
+    raise UserError(f"strokes={folder} has no strokes for {name}; write {name}.json or {name}/{CATALOGUE_NAME} there")
 
 
 def _case_of(truth: Path, strokes: Path) -> Case:

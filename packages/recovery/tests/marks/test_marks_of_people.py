@@ -125,7 +125,7 @@ def test_two_people_are_compared_over_folders(run_task, tmp_path):
     rows = list(csv.DictReader(io.StringIO((tmp_path / "scores.csv").read_text())))
     assert [row["picture"] for row in rows] == ["a", "b", "all"]
     (tmp_path / "two" / "b.json").unlink()
-    with pytest.raises(UserError, match=r"has no strokes of b; write b\.json"):
+    with pytest.raises(UserError, match=r"has no strokes for b; write b\.json"):
         run_task(score, "task=score", f"truth={tmp_path / 'one'}", f"strokes={tmp_path / 'two'}")
 
 

@@ -65,8 +65,8 @@ def test_a_painted_catalogue_is_not_one_that_was_recovered(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"confidence": np.array([0.5, 1.5, 0.2], np.float32)}, "confidence is not within 0 and 1"),
-        ({"labels": np.full((20, 30), 3, np.int32)}, "labels name strokes that are not there"),
+        ({"confidence": np.array([0.5, 1.5, 0.2], np.float32)}, "confidence is not between 0 and 1"),
+        ({"labels": np.full((20, 30), 3, np.int32)}, "labels name strokes that do not exist"),
     ],
 )
 def test_a_catalogue_whose_labels_or_confidence_make_no_sense_is_refused(change, words, tmp_path):

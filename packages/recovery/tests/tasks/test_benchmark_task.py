@@ -52,7 +52,7 @@ def test_strokes_of_others_are_scored_beside_methods(run_task, tmp_path):
         (("kinds=[textured]", "unseen=true"), "has learnt from all kinds"),
         (("methods=[nope]",), "methods has no 'nope'; choose from: recovery"),
         (("methods=[recovered_curves]", "weights=mine.safetensors"), r"mine\.safetensors"),
-        (("methods=[]", "add=."), r"has no strokes of knife-12; write knife-12\.npz there"),
+        (("methods=[]", "add=."), r"has no strokes for knife-12; write knife-12\.npz there"),
     ],
 )
 def test_what_cannot_be_run_is_refused(words, message, run_task, tmp_path, monkeypatch):

@@ -47,11 +47,11 @@ def test_a_photograph_is_measured_compared_and_shown(photographs, run_task):
     assert data["differences"]["width"]["apart"]
     assert data["differences"]["width"]["value"] == pytest.approx(-6, abs=1)
     html = (photographs / "strokes.html").read_text()
-    assert "a.png less b.png" in html
+    assert "a.png minus b.png" in html
     assert "Measures: 0,0,80,20" in html
     again = read_recovered(photographs / "catalogue.h5")
     assert (again.labels >= 0).mean() > 0.1
-    with pytest.raises(UserError, match=r"size_cm=9x2 has not the shape"):
+    with pytest.raises(UserError, match=r"size_cm=9x2 does not have the shape"):
         run("size_cm=9x2")
     with pytest.raises(UserError, match=r"against_width_cm is the size of a second photograph; give against="):
         run("against_width_cm=2")
@@ -63,12 +63,12 @@ def test_widths_of_several_photographs_are_in_a_table(photographs, run_task):
     table.write_text("file,width_cm\nx/a.png,16\nb.png,wide\n")
     run(f"image={photographs / 'a.png'}")
     assert json.loads((photographs / "measures.json").read_text())["mm_per_px"] == 2
-    with pytest.raises(UserError, match=r"has no width of b.png in centimetres; write b.png,92"):
+    with pytest.raises(UserError, match=r"has no width in centimetres for b.png; write b.png,92"):
         run(f"image={photographs / 'b.png'}")
     with pytest.raises(UserError, match=r"sizes=, width_cm= and size_cm= say the same"):
         run(f"image={photographs / 'a.png'}", "width_cm=3")
     table.write_text("file,width_cm\nb.png,3\n")
-    with pytest.raises(UserError, match=r"has 0 rows of a.png; one is needed: a.png,92"):
+    with pytest.raises(UserError, match=r"has 0 rows for a.png; give one: a.png,92"):
         run(f"image={photographs / 'a.png'}")
     table.write_text("a.png,3\n")
     with pytest.raises(UserError, match=r"its first line is file,width_cm"):
@@ -86,7 +86,7 @@ def test_what_was_recovered_is_taken_as_it_is_and_scored_with_its_confidence(pho
     again = run(f"image={photographs / 'a.png'}", f"recovered={photographs / 'run'}")
     assert again["n_strokes"] == 3, "the folder of a run stands for its catalogue"
     Image.fromarray(np.zeros((50, 50, 3), np.uint8)).save(photographs / "other.png")
-    with pytest.raises(UserError, match="is of a picture of 80 x 60 pixels"):
+    with pytest.raises(UserError, match="belongs to a picture of 80 x 60 pixels"):
         run(f"image={photographs / 'other.png'}")
     figures = score(truth, read_prediction(path, SIZE, image))
     assert figures["f1"] == 1

@@ -93,7 +93,7 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
     pool.start_painting()
     assert len(pool.processes) == 2  # for paintings to learn from, and held-out ones
     assert len(pool.held_out(VALIDATED)) == VALIDATED
-    with pytest.raises(UserError, match="no paintings can be made to learn from"):
+    with pytest.raises(UserError, match="no paintings can be made for training"):
         pool.held_out(VALIDATED + 1)
     pool.teardown("fit")
     assert not pool.processes
