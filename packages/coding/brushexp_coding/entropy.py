@@ -115,7 +115,7 @@ def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
 
 
 class Decoder:
-    """Decodes the groups that `encode` has coded, in the same order; what is damaged is a ValueError."""
+    """Decodes the groups that `encode` has coded, in the same order; damage raises a ValueError."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) % 4:

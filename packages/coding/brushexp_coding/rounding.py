@@ -97,7 +97,7 @@ class Rounded:
 
 
 def is_paint(columns: int) -> np.ndarray:
-    """Tell which of so many columns are of the paint."""
+    """Test which of ``columns`` columns belong to the paint."""
     return np.isin(np.arange(columns), PAINT)
 
 
@@ -119,7 +119,7 @@ def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
 
 
 def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
-    """Make strokes of the values (N, C) of the columns, differentiable; what is out of range comes to its end."""
+    """Make strokes of the values (N, C) of the columns, differentiable; values out of range are clamped."""
     column = values.unbind(1)
     middle, chord, bend = (values[:, at : at + 2] for at in (Column.MIDDLE_X, Column.CHORD_X, Column.BEND_X))
     control = middle + bend / 2

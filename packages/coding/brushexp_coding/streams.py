@@ -42,7 +42,7 @@ class Writer:
 
 
 class Reader:
-    """Reads what a `Writer` has written, in the same order; what is damaged is a ValueError."""
+    """Reads what a `Writer` has written, in the same order; damage raises a ValueError."""
 
     def __init__(self, data: bytes) -> None:
         end = 4 + int.from_bytes(data[:4], "little")

@@ -30,7 +30,7 @@ def as_picture(lab: Array) -> Tensor:
 
 
 def grouped(lightness: Array, values: int, blend: float) -> Array:
-    """Draw lightness (0 to 100) towards the nearest of so many even ``values``; ``blend`` 0 leaves it, 1 is all."""
+    """Draw lightness (0 to 100) towards the nearest of ``values`` even tones; ``blend`` 0 keeps it, 1 replaces it."""
     if values == 0:
         return lightness
     steps = lightness / 100 * values
@@ -60,7 +60,7 @@ def limited(chroma: Array, most: Array) -> Array:
 
 
 def harmonised(ab: Array, hues: int, share: float) -> Array:
-    """Draw a* and b* (H, W, 2) towards the nearest of so many colours, found by k-means; the chroma stays.
+    """Draw a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means; the chroma stays.
 
     What is far from all of them, a small accent, keeps its hue; roots of areas count, so that few are.
     """

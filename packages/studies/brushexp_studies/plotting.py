@@ -84,12 +84,12 @@ def without_math(text: str) -> str:
 
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
-    """Break the text of a plot into at most so many lines of so many letters."""
+    """Break the text of a plot into at most ``most`` lines of ``width`` letters."""
     return wrap_text(without_math(text), width, most)
 
 
 def wrap_text(text: str, width: int, most: int = 3) -> str:
-    """Break text into at most so many lines of so many letters, at spaces and after signs, if need be in words."""
+    """Break text into at most ``most`` lines of ``width`` letters, at spaces, after signs, or within words."""
     marked = re.sub(r"(?<=[+,/_])", "\v", text)  # textwrap may break lines at these places
     filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
     return filled.replace("\v", "")

@@ -45,11 +45,11 @@ class Work:
     share: float = 0.0  # of the work that is done, 0 to 1
     seconds_left: float | None = None
     painting: Any = None  # the finished one, as `brushexp.Painting`
-    downloads: dict[str, Download] = field(default_factory=dict)  # files that were asked for, by their forms
+    downloads: dict[str, Download] = field(default_factory=dict)  # requested files, by their forms
 
     @property
     def is_open(self) -> bool:
-        """Tell whether it is unfinished."""
+        """Whether the painting is unfinished."""
         return self.status in (WAITING, PAINTING, FINISHING)
 
     @property
@@ -88,7 +88,7 @@ class Work:
 
     @property
     def has_tubes(self) -> bool:
-        """Tell whether it is finished and was painted with real paints."""
+        """Whether the painting is finished and uses real paints."""
         return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:

@@ -111,7 +111,7 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
 
 
 def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Write what was measured for a claim: mean, median and counts, of photographs and paintings apart, too."""
+    """Write the measurements of a claim: mean, median and counts, also for photographs and paintings apart."""
     claim, one = judgement.claim, judgement.difference
     assert one is not None
     better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))

@@ -31,7 +31,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write page and tables of the runs in ``cfg.runs`` and of what is added."""
+    """Write page and tables of the runs in ``cfg.runs`` and of the added paintings."""
     published = read_published(Path(cfg.published) if cfg.published else SHIPPED_FIGURES)
     folders = [Path(path) for path in cfg.runs]
     if cfg.add is not None:

@@ -58,7 +58,7 @@ def credited(painter: str) -> str:
 class Entry:
     """A finished painting of a leaderboard."""
 
-    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
+    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, requested strokes
     target: str  # fingerprint of what was painted
     name: str  # name of the target, with its size
     strokes: float | None
@@ -74,7 +74,7 @@ class Row:
 
     painter: str
     settings: str
-    strokes: float | None  # the strokes that were asked for, or the mean of those that were painted
+    strokes: float | None  # requested strokes, or the mean of the painted ones
     numbers: Mapping[str, np.ndarray]  # each metric is known of every picture
     curves: Sequence[Curve]  # likewise; none if some picture has none
     entries: Sequence[Entry]  # entries of the first seed, one for each picture
@@ -88,7 +88,7 @@ class Row:
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """PSNR in dB of each picture after so many seconds, the last one of what has ended; empty before all begin."""
+        """PSNR in dB of each picture after ``seconds``, or at its end if that is earlier; empty before all begin."""
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 

@@ -48,7 +48,7 @@ class TileKernel:
 
     @cache  # noqa: B019  (kernels live as long as the program)
     def passes(self, channels: int) -> tuple[Compiled, Compiled]:
-        """Compile what paints colours of so many channels, and what finds gradients of strokes and their importance."""
+        """Compile the pass that paints colours of ``channels``, and the one for gradients and importance of strokes."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
         return forward_pass.having(**parts), backward_pass.having(**parts, pull=self._pull)

@@ -22,7 +22,7 @@ class Rasterizer(Protocol):
     errors: Tensor
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
-        """Paint a picture (C, H, W); ``keep`` what is needed if `gradient` or `importance` will follow."""
+        """Paint a picture (C, H, W); ``keep`` the data that `gradient` and `importance` need."""
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
         """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""

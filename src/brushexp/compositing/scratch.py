@@ -6,7 +6,7 @@ from brushexp.compositing.tile_lists import AREA, TILE, F
 
 
 def channel_rows(channels: int) -> dict[str, int]:
-    """Rows of a worker's scratch for colours of so many channels.
+    """Rows of a worker's scratch for colours of ``channels`` channels.
 
     First the picture so far (on the way back: what is behind), then the light that is left, the picture that is given
     (target, gradient or error), and what its pixels count or, for `pull`, the derivative with respect to alpha.

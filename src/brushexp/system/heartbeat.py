@@ -43,7 +43,7 @@ class Heartbeat:
         self.say(what)
 
     def say(self, what: str) -> None:
-        """Change what is shown, if it is running."""
+        """Change the text, if the heartbeat is running."""
         self._what = what
 
     def end(self) -> None:

@@ -1,4 +1,4 @@
-"""Draw strokes with brushes of one's own: scanned strokes, and brushes of GIMP, Photoshop, Procreate and Krita."""
+"""Draw strokes with your own brushes: scanned strokes, and brushes of GIMP, Photoshop, Procreate and Krita."""
 
 from collections.abc import Sequence
 from functools import lru_cache

@@ -101,7 +101,7 @@ def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
 
 
 def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
-    """Read the picture of a brush, whose bounds come after so many bytes."""
+    """Read the picture of a brush, whose bounds come after ``before`` bytes."""
     brush.take(before)
     top, left, bottom, right = (brush.number("i") for _ in range(4))
     height, width, depth, is_packed = bottom - top, right - left, brush.number("H"), brush.number("B")
@@ -120,7 +120,7 @@ def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
 
 
 def _unpacked(packed: bytes, length: int) -> bytes:
-    """Unpack a row of so many bytes by PackBits: n + 1 bytes follow n >= 0, one that is repeated 1 - n times n < 0."""
+    """Unpack ``length`` bytes by PackBits: n + 1 bytes follow n >= 0; after n < 0 a byte is repeated 1 - n times."""
     source, row = _Bytes(packed), b""
     while source.left and len(row) < length:
         count = source.number("b")

@@ -8,7 +8,7 @@ from brushexp_media.brushes.rule import BRUSH
 
 @dataclass
 class BrushesTask(Task):
-    """Show what is read of brushes of one's own, and how strokes look that are painted with them."""
+    """Preview your brush files, and strokes painted with them."""
 
     module = "brushexp_media.brushes.task"
     alone = "brushes"

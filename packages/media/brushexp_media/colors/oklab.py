@@ -45,7 +45,7 @@ DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cube, _slope)
 
 @register("color", "oklab")
 class Oklab(ColorSpace):
-    """As the eye sees steps: what is between two colours looks like their middle (Oklab, Ottosson 2020).
+    """Evenly to the eye: a mixture of two colours looks like their middle (Oklab, Ottosson 2020).
 
     Channels are the cube roots of what the three kinds of cones see, of which Oklab's lightness and two opponent
     colours are sums: laying over is the same in both. Differs: a small light (2e-4) is added before the roots.

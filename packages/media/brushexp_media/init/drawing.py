@@ -247,7 +247,7 @@ def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
 
 
 def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
-    """Compute noise (H, W) in cells of so many longer sides, of mean 0 and deviation 1."""
+    """Compute noise (H, W) of mean 0 and deviation 1, in cells of ``cell`` longer sides."""
     y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
     return noise.double().numpy()

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from brushexp_media.picture.smoothing import averaged_along
 
-CELLS = 1024  # after so many cells the noise repeats
+CELLS = 1024  # period of the noise
 DEVIATION = 0.215  # of `gradient_noise`, about
 LINE_REACH = 6.0  # how far a line goes to either side, in grains
 EVENED = 3.8  # deviation of noise over that of its means along lines

@@ -114,7 +114,7 @@ def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
 
 
 def join(reports: Sequence[Report]) -> Report:
-    """Join what was found on several paintings."""
+    """Join the results of several paintings."""
 
     def joined(parts: list[Evidence]) -> Evidence:
         doubt = Doubt(*(np.concatenate(values) for values in zip(*(part.doubt for part in parts), strict=True)))

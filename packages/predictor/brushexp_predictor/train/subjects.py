@@ -27,7 +27,7 @@ GENERATED = 0.5  # share of pictures that are of random strokes
 SMALLEST_CROP, LARGEST_CROP = 0.6, 3.0  # sides of crops, in sides of the picture that is learnt from
 MIXED_CHANNELS, NEGATIVE, TONED = 0.5, 0.15, 0.5  # shares of crops
 STROKES = (60, 2500)  # of a generated picture
-PALETTE = 997  # a pixel of so many of the photographs gives a colour
+PALETTE = 997  # one in this many pixels of the photographs gives a colour
 
 log = logging.getLogger(__name__)
 

@@ -138,7 +138,7 @@ class PredictorModule(NetworkModule):
 
 
 def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: Sequence[Laid], targets: Sequence[Tensor]) -> Tensor:
-    """Average what is measured of each canvas of a level."""
+    """Average the measurements of the canvases of a level."""
     return torch.stack([measure(laid, target) for laid, target in zip(done, targets, strict=True)]).mean()
 
 
@@ -174,7 +174,7 @@ def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor],
 
 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
-    """Compute the PSNR in dB of what is laid on the whole canvas, after so many steps of the optimiser."""
+    """Compute the PSNR in dB of laid strokes on the whole canvas, after ``steps`` of the optimiser."""
 
     def drawn(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)

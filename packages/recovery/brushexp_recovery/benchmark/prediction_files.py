@@ -98,7 +98,7 @@ def _read_png(path: Path) -> Array:
 
 
 def _check_labels(path: Path, labels: Array, size: tuple[int, int]) -> Array:
-    """Return labels if they are whole numbers for a canvas (H, W); else a UserError."""
+    """Return labels; raise a UserError unless they are whole numbers for a canvas (H, W)."""
     if labels.shape != size or labels.dtype.kind not in "iu":
         raise UserError(
             f"{path}: labels are {labels.dtype} of shape {labels.shape}; give whole numbers of shape {size}, "

@@ -148,7 +148,7 @@ def reliability_of(rows: Sequence[Row]) -> Reliability:
 
 
 def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
-    """Compare the mean confidence of each group, of all clean and of all hard pictures with the share that is right."""
+    """Compare the mean confidence of each group, and of clean and hard pictures, with the share of right strokes."""
     groups = dict(reliability)
     for look in ("clean", "hard"):
         alike = [bins for name, bins in reliability.items() if name.endswith(look)]

@@ -43,12 +43,12 @@ class Scene:
     """A painting of the benchmark."""
 
     kind: str
-    count: int  # strokes that were asked for
+    count: int  # requested strokes
     number: int = 0  # of several that are alike
 
     @property
     def name(self) -> str:
-        """Name it for files."""
+        """The name of its files."""
         return f"{self.kind}-{self.count}" + f"-{self.number}" * (self.number > 0)
 
 

@@ -49,7 +49,7 @@ def _pixels_in(outlines: Sequence[Array], size: tuple[int, int]) -> Array:
 
 
 def overlaps_of_pixels(first: Sequence[Array], second: Sequence[Array], pixels: int) -> Overlaps:
-    """Find the regions of two lists that share pixels of a canvas of so many, and how far.
+    """Find the regions of two lists that share pixels of a canvas of ``pixels``, and by how much.
 
     Differs from `overlaps_between`, whose regions are those of label images: here regions of one list may overlap.
     """

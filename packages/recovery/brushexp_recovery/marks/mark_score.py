@@ -101,7 +101,7 @@ class Agreement:
 
 
 def compare_regions(marks: Sequence[Array], strokes: Sequence[Array], judged: Array, pixels: int) -> Agreement:
-    """Compare marks and strokes, lists of flat indices on a canvas of so many pixels, at all `LEVELS`."""
+    """Compare marks and strokes, lists of flat indices on a canvas of ``pixels``, at all `LEVELS`."""
     overlaps = overlaps_of_pixels(marks, strokes, pixels)
     best = np.zeros(len(marks))
     np.maximum.at(best, overlaps.first, overlaps.iou)

@@ -153,7 +153,7 @@ def permutation_p(first: Array, second: Array, random: np.random.Generator) -> f
 
 
 def least_p(first: int, second: int) -> float:
-    """Compute the smallest p that `permutation_p` gives to two samples of so many values.
+    """Compute the smallest p that `permutation_p` gives to samples of ``first`` and ``second`` values.
 
     Two halves of equal size have the same difference when they are exchanged.
     """

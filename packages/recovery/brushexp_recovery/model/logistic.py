@@ -27,7 +27,7 @@ def log_odds_of(linear: nn.Linear, features: Array) -> Array:
 
 
 def fit_logistic(linear: nn.Linear, features: Array, goal: Array) -> None:
-    """Fit log-odds that are linear in features (N, F) to goals (N,) in [0, 1]; without any they stay as they are.
+    """Fit log-odds that are linear in features (N, F) to targets (N,) in [0, 1]; without any they stay unchanged.
 
     Logistic regression by L-BFGS in float64, on features of deviation 1, with a ridge penalty.
     """

@@ -106,7 +106,7 @@ def rows_for(length: float) -> int:
 def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeWindows:
     """Draw each stroke with a sheet of its own, in windows as large as they are, a texel a pixel.
 
-    ``draw`` makes a sheet for a stroke whose length is so many widths.
+    ``draw`` makes a sheet for a stroke from its length in widths.
     """
     corner, side = place_windows(layout, layout.width * (0.5 + BEYOND_SIDES + BEYOND_ENDS) + MARGIN)
     points = points_on(layout.curve - corner[:, None], POINTS).astype(F)

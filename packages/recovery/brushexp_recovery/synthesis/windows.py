@@ -94,7 +94,7 @@ def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: 
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
-    """Draw strokes in windows; one that an engine cannot draw becomes the nearest that it can."""
+    """Draw strokes in windows; a stroke that an engine cannot draw becomes the nearest one that it can."""
     parts = (layout.curve, layout.width, layout.color)
     curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)

@@ -21,8 +21,8 @@ from brushexp_training.evaluation.evaluation import (
 )
 from brushexp_training.stroke_sets.datamodule import StrokeBatch
 
-ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
-REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most so many, and no further one after so many seconds
+ACROSS, DOWN = 16, 8  # strokes painted at once while timing
+REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most, and the time after which none begins
 # A stroke in the middle of the range of training, of which the others differ in one thing.
 ORDINARY = {"start": (-0.5, 0.25), "control": (0.05, 0.0), "end": (0.5, 0.2), "width": 0.1, "color": (0.2, 0.45, 0.75)}
 EXTREMES: dict[str, dict[str, object]] = {

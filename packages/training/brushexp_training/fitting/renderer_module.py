@@ -24,7 +24,7 @@ SLOPE = 0.2  # slope of the critic's leaky ReLU
 SMALLEST_FEATURE_MAP = 4  # pixels on the side of what the critic's dense layers see
 MOST_CHANNELS = 256
 DENSE = (256, 64)
-START_STEPS = 200  # a start is judged after so many steps, and after as many again if it was begun anew
+START_STEPS = 200  # after which a start is judged, and each fresh one again
 MOST_STARTS = 3  # new ones
 ALIVE = 0.01  # share of the true variance among strokes that a network draws at least, if it learns anything
 

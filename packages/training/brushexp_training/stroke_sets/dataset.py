@@ -90,7 +90,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """A file of a set, strokes ``first`` and on; pictures are read and checked when they are asked for."""
+    """A file of a set, strokes ``first`` and on; pictures are read and checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -148,7 +148,7 @@ class Shard:
 
 
 class StrokeSet:
-    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; UserError says what is wrong."""
+    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; faults raise a UserError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

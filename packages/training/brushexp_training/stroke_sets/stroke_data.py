@@ -16,7 +16,7 @@ from brushexp_training.stroke_sets.dataset import Origin, Split, first_differenc
 from brushexp_training.stroke_sets.writer import simulate_set
 
 BATCH_STROKES = 64  # where the task has no batch_size
-HELD_OUT = 1000  # strokes of a split that are simulated on the way, if no number is asked for
+HELD_OUT = 1000  # simulated strokes of a split, if no number is given
 
 log = logging.getLogger(__name__)
 

@@ -142,7 +142,7 @@ def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int)
 
 
 def shard_rows(shard: Shard) -> Rows:
-    """Read all that a shard holds, as it is on disk."""
+    """Read the rows of a shard as stored."""
     numbers = np.arange(len(shard))
     pictures, heights = shard.rows(shard.images, numbers), shard.rows(shard.heights, numbers)
     return {"params": shard.parameters.numpy(), "images": pictures, "heights": heights}

@@ -47,7 +47,7 @@ class PaintFamily(ABC):
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
-        """Draw a straight stroke whose length is so many widths."""
+        """Draw a straight stroke of this length in widths."""
 
     def mix(self, count: int) -> Mixing:
         """Choose how the paint of ``count`` strokes mixes with what lies below."""
