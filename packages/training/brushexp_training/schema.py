@@ -78,7 +78,7 @@ class TrainTask(Task):
     sets: str = key("data", "folder for simulated sets")
     batch_size: int = key(64, "strokes per gradient step", at_least(1))
     epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
-    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    minutes: float | None = key(60, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
@@ -110,7 +110,7 @@ class NetworkTask(Task):
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
 
     epochs: int | None = key(None, "number of epochs of 500 steps; null = no limit", at_least(0))
-    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    minutes: float | None = key(60, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     trainer: NetworkTrainerOptions = field(default_factory=NetworkTrainerOptions)
