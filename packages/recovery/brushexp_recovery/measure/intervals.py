@@ -71,5 +71,5 @@ def difference_of(one: Draws, other: Draws, mm: tuple[float | None, float | None
 
 
 def is_apart(difference: Interval) -> bool:
-    """Tell whether an interval of a difference leaves out 0."""
+    """Tell whether an interval of a difference excludes 0."""
     return difference.low > 0 or difference.high < 0
