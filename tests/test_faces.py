@@ -1,6 +1,7 @@
 """Faces: the network, searching a picture at any tilt and size, and the small strokes of eyes and mouths."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -236,6 +237,19 @@ def test_a_feature_that_has_enough_small_strokes_is_given_none(config, portrait)
     assert len(draw_features(initializer, portrait, features, none, generator, limit=30)) <= 30
     assert len(draw_features(initializer, portrait, features, none, generator, limit=0)) == 0
     assert len(draw_features(initializer, portrait, (), none, generator)) == 0
+
+
+def test_small_strokes_below_a_broad_one_draw_no_mouth(config, portrait):
+    feature = features_of(find_faces(portrait))[2]
+    initializer = take_built(config("look=oil").init)
+    dense = initializer(portrait, 40_000, torch.Generator().manual_seed(0))
+    x, y, side = torch.tensor([feature.x]), torch.tensor([feature.y]), torch.tensor([3 * feature.radius])
+    shape = torch.tensor([[-0.5, 0.0]]), torch.tensor([[0.0, 0.0]]), torch.tensor([[0.5, 0.0]])
+    broad = replace(dense[:1], position=torch.stack([x, y], 1), scale=side, start=shape[0], control=shape[1])
+    broad = replace(broad, end=shape[2], width=torch.tensor([0.9]))
+    above, below = Strokes.join(broad, dense), Strokes.join(dense, broad)
+    assert len(draw_features(initializer, portrait, [feature], above, torch.Generator().manual_seed(0))) == 0
+    assert len(draw_features(initializer, portrait, [feature], below, torch.Generator().manual_seed(0))) > FLOOR / 2
 
 
 @pytest.mark.parametrize("place", [(0, 0, 5), (39, 29, 3), (-20, -20, 4), (20, 15, 0.4), (20, 15, 500)])

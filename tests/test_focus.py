@@ -20,7 +20,7 @@ from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.faces.detection import find_faces
-from brushexp.pictures.focus import attention, focus_map, focus_weights, resized
+from brushexp.pictures.focus import attention, focus_map, focus_weights, resized, sharpness
 from brushexp.pictures.load import load_picture, planes_of
 from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.init.slic import Slic
@@ -93,6 +93,20 @@ def test_every_picture_has_a_map_and_in_an_even_one_nothing_matters(size):
     assert attended.shape == size
     assert attended.isfinite().all()
     assert 0 <= float(attended.min()) <= float(attended.max()) <= 1
+
+
+def test_what_is_sharp_is_looked_at_and_what_is_blurred_is_not():
+    picture = torch.full((3, 120, 240), 0.6)
+    for left in range(8, 112, 16):
+        picture[:, 20:100, left : left + 8] = 0.2
+    half = picture[None, :, :, :120]
+    picture[:, :, 120:] = torch.nn.functional.avg_pool2d(half, 41, 1, 20, count_include_pad=False)[0]
+    sharp = sharpness(picture)
+    assert sharp.shape == (120, 240)
+    assert float(sharp[40:80, 30:90].mean()) > 0.5
+    assert float(sharp[:, 160:].max()) < 0.05
+    attended = attention(picture, ())
+    assert float(attended[20:100, 10:100].mean()) > 3 * float(attended[20:100, 140:].mean())
 
 
 @pytest.mark.parametrize("strength", [1, 1.5, 8, 1000])

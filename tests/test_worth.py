@@ -11,6 +11,7 @@ from painters import painter_of as some_painter
 from scenes import random_strokes
 from typed import configured
 
+from brushexp.cli.program import expand_arguments
 from brushexp.config.vocabulary import meaning_of
 from brushexp.pages.run_page import _curves
 from brushexp.painting.build import build_painter
@@ -218,6 +219,12 @@ def test_words_for_the_price(word, meaning, price):
     cfg = configured([meaning])
     assert cfg.density["_target_"] == "density/worth"
     assert cfg.density.price == price
+
+
+def test_strokes_auto_may_stand_beside_its_price():
+    expanded = expand_arguments(["look=plain", "strokes=auto", "worth=fine"])
+    assert "density=worth_fine" in expanded
+    assert "density=worth" not in expanded
 
 
 @pytest.mark.parametrize(("words", "budget", "first"), [

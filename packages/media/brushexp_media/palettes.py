@@ -133,8 +133,9 @@ class Toned(Palette):
         share = share_of_night(own.mean(), toned.mean())
         tone = tone + share * (own / 100 - tone)
         chroma = np.hypot(lab[..., 1], lab[..., 2])
-        raised = self.chroma * chroma
-        raised += (self.least_chroma - raised).clip(0) * (chroma / 8).clip(0, 1)
+        hue = has_hue(lab[..., 1], chroma, toned)
+        raised = chroma * (min(self.chroma, 1) + max(self.chroma - 1, 0) * hue)
+        raised += (self.least_chroma - raised).clip(0) * hue
         if self.most_chroma:
             yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # as light as it is, it may be pure
             raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
@@ -149,6 +150,18 @@ class Toned(Palette):
             strength = self.outlines * lines[..., None]
             lab += strength * (np.array(OUTLINE) - lab)
         return as_picture(lab)
+
+
+def has_hue(red: Array, chroma: Array, lightness: Array) -> Array:
+    """Compute how far colours have a hue that may be raised, 0 to 1, from their a*, their chroma and their L*.
+
+    A faint green of a light colour is a tint of white: raised, it would turn teeth, eyes and linen green. Faint warm
+    and blue tints, as in clouds, may be raised.
+    """
+    green = (-red / chroma.clip(1e-6)).clip(0, 1)
+    tint = TINT * green * ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
+    share: Array = ((chroma - tint) / LEAST_HUE).clip(0, 1)
+    return share
 
 
 def share_of_night(own: float, toned: float) -> float:
@@ -167,6 +180,8 @@ def _around(lightness: Array) -> Array:
     return around
 
 
+LEAST_HUE = 8.0  # chroma from which on a dark colour has a hue
+TINT, TINTED = 10.0, (55.0, 85.0)  # chroma of a green tint of white, and L* from which, and at which, it counts as one
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues

@@ -34,6 +34,17 @@ def test_an_outline_is_drawn_once():
     assert 100 < float(length[strokes.opacity > 0].sum()) < 300
 
 
+def test_what_is_out_of_focus_has_no_contour():
+    picture = np.full((3, 96, 240), 0.9)
+    picture[:, :, 60:64] = picture[:, 24:72, 24:26] = 0.1
+    slope = ((np.arange(240) - 130) / 80).clip(0, 1)  # a blurred edge, as dark as the sharp ones
+    picture = picture - 0.85 * slope
+    strokes = contours(picture.clip(0, 1), 400, 20.0, 2.0, np.zeros(3))
+    across = strokes.position[strokes.opacity > 0, 0]
+    assert int((across < 100).sum()) > 5
+    assert not (across > 120).any()
+
+
 def test_a_drawing_leaves_a_margin():
     places = drawn(torch.zeros(3, 90, 120), contours=0.0).position
     assert float(places.min()) > 1

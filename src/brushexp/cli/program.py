@@ -32,6 +32,7 @@ from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, at_home, expand_posi
 from brushexp.errors import UserError
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
+from brushexp.system.words import table_of_words
 
 RESOLUTIONS = ("resolution=", "working_resolution=")
 
@@ -82,7 +83,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     A UserError names the word that is not ``key=value`` or has an impossible value.
     """
-    arguments = spell_out([at_home(word) for word in arguments])
+    arguments = without_general(spell_out([at_home(word) for word in arguments]))
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
@@ -109,6 +110,12 @@ def refuse_flags(words: Sequence[str]) -> None:
             cure = f"type {name}={value or '...'}, without dashes" if equal or type_of_key(name)[0] else ""
             cure = f"type ./{word} for the file of that name" if is_path(word) else cure
             raise UserError(f"{word} is not a flag; {cure or '--help lists the keys, which have no dashes'}")
+
+
+def without_general(words: Sequence[str]) -> list[str]:
+    """Leave out words that a more precise one beside them includes, such as strokes=auto beside worth=fine."""
+    general = table_of_words("general")
+    return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 
 
 def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ from brushexp.pictures.color import hex_of, nearest_ink, palette, recolor, to_la
 from brushexp.pictures.colorimetry import BT709, HIGH_RANGE, decode_srgb, encode_srgb, encoding_of, unless_srgb
 from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import MOVING, declared_by, decode_image, open_picture, picture_size, read_picture
+from brushexp.pictures.focus import sharpness
 from brushexp.pictures.folders import picture_suffixes, pictures_of
 from brushexp.pictures.kinds import FILM_SUFFIXES
 from brushexp.pictures.limits import MAX_PIXELS, open_of_any_size
@@ -87,6 +88,7 @@ __all__ = [
     "recolor",
     "sampled_at",
     "samples",
+    "sharpness",
     "sides_of_picture",
     "size_at",
     "size_of_picture",

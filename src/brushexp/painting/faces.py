@@ -22,6 +22,7 @@ FLOOR = 120  # small strokes for an eye or a mouth
 FLOOR_OF_FACE = 6 * FLOOR  # small strokes for a face whose eyes and mouth are unknown
 FLOOR_OF_SPOT = 60  # small strokes for a spot, which may be the eye of an animal
 RADII_PER_WIDTH = 6.0  # radius of a feature over the width of the broadest stroke for it
+BROAD = 2.0  # width of a stroke that hides an eye or a mouth, in greatest widths of a small stroke
 THINNEST_STROKE = 1.5  # width in pixels of the smallest strokes for a feature
 TYPED_SHARE = 0.5  # largest share of a typed number of strokes for features
 MOST_ON_A_FACE = 400  # most strokes that a face keeps while abstraction removes them elsewhere
@@ -74,19 +75,27 @@ def draw_features(
     generator: torch.Generator,
     limit: float = math.inf,
 ) -> Strokes:
-    """Lay small strokes on the features of a target (3, H, W) that have fewer than their floor among ``strokes``.
+    """Lay small strokes on the features of a target (3, H, W) that have fewer than their floor on top of ``strokes``.
 
-    They go on top of ``strokes``. There are at most ``limit``, shared in proportion to the floors.
+    They go on top of all. There are at most ``limit``, shared in proportion to the floors.
     """
     width = 2 * half_width_of(strokes)
-    missing = []
-    for feature in features:
-        small = width < max(feature.radius / feature.fineness, THINNEST_STROKE)
-        if int((small & feature.holds(strokes.position)).sum()) < feature.floor:
-            missing.append(feature)
+    missing = [feature for feature in features if count_small(feature, strokes.position, width) < feature.floor]
     share = min(1.0, limit / max(1, sum(feature.floor for feature in missing)))
     drawn = [draw_feature(initializer, target, one, math.floor(share * one.floor), generator) for one in missing]
     return Strokes.join(*drawn) if drawn else strokes[:0]
+
+
+def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
+    """Count the small ones among N strokes in a feature that no broad one hides: those after the last broad one.
+
+    ``position`` (N, 2) and ``width`` (N,) are in pixels, bottom stroke first. Broad is `BROAD` times a small width.
+    """
+    small = max(feature.radius / feature.fineness, THINNEST_STROKE)
+    inside = width[feature.holds(position)]
+    broad = (inside > BROAD * small).nonzero()
+    on_top = inside[int(broad.max()) + 1 :] if len(broad) else inside
+    return int((on_top < small).sum())
 
 
 def draw_feature(

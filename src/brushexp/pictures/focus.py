@@ -18,6 +18,11 @@ BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
 ROUNDING = 1e-3  # of a Lab unit: differences below it are rounding
 FACE_REACH = 0.7  # sides of a face: how far from its middle attention falls to 1/e
+SHARP_SIDE = 512  # pixels of the longer side at which sharp edges are found
+SHARP_SLOPE = 1.5, 8.0  # L* a pixel up to which an edge is blurred, and from which on it is fully sharp
+SHARP_BLUR = 0.025  # longer sides, of the blur of sharp edges
+SHARP_SHARE = 0.35  # share of an area that sharp edges take, from which on it is fully sharp
+OF_SHARP = 0.5  # attention to an area that is sharp and not salient
 BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is a face
 
 
@@ -48,8 +53,9 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
     stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). ``faces`` are added as in Cerf et al. (2007). Differs from the
-    sources in this combination, which was chosen by eye on three photographs.
+    by a Gaussian around the centre (Judd et al., 2009). What has sharp edges, because the photographer had it in focus,
+    gets a share of the attention wherever it is. ``faces`` are added as in Cerf et al. (2007). Differs from the sources
+    in this combination, which was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -64,13 +70,32 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     salient = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
     highest = salient.max()
     salient = salient / highest if highest > ROUNDING else np.zeros_like(salient)
-    wide = functional.interpolate(torch.from_numpy(salient)[None, None], size, mode="bilinear", align_corners=False)
-    attended = wide[0, 0] * (BESIDE_FACES if faces else 1)
+    attended = torch.maximum(_enlarged(salient, size), OF_SHARP * sharpness(picture))
+    attended = attended * (BESIDE_FACES if faces else 1)
     for face in faces:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
         down, across = torch.arange(size[0]) + 0.5 - face.y, torch.arange(size[1]) + 0.5 - face.x
         distance = (down[:, None].square() + across.square()) / (FACE_REACH * face.side) ** 2
         attended = torch.maximum(attended, torch.exp(-distance.square()))
     return attended.to(torch.float32).clamp(0, 1)
+
+
+def sharpness(picture: Tensor) -> Tensor:
+    """Measure where a picture (3, H, W) has sharp edges, (H, W) float64, 0 (blurred or even) to 1."""
+    from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
+
+    zoom = SHARP_SIDE / max(picture.shape)  # enlarged too, so that edges are as sharp as at any other size
+    size = [max(1, round(zoom * side)) for side in picture.shape[1:]]
+    planes = functional.interpolate(picture[None].double(), size, mode="bilinear", antialias=True)[0].clamp(0, 1)
+    lightness = to_lab(planes.flatten(1).T.cpu().numpy())[:, 0].reshape(size)
+    blurred, crisp = SHARP_SLOPE
+    edges = ((gaussian_gradient_magnitude(lightness, 1.0) - blurred) / (crisp - blurred)).clip(0, 1)
+    sharp = (gaussian_filter(edges, SHARP_BLUR * max(edges.shape)) / SHARP_SHARE).clip(0, 1)
+    return _enlarged(sharp, (picture.shape[1], picture.shape[2]))
+
+
+def _enlarged(values: np.ndarray, size: tuple[int, int]) -> Tensor:
+    wide = functional.interpolate(torch.from_numpy(values)[None, None], size, mode="bilinear", align_corners=False)
+    return wide[0, 0]
 
 
 def _signature(lab: np.ndarray) -> np.ndarray:

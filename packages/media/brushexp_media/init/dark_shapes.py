@@ -10,11 +10,11 @@ from brushexp.contracts.families import Initializer
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import cleaned, filled
-from brushexp_media.picture.lines import edge_lines, luminance
+from brushexp_media.picture.lines import edge_lines
 
 SIDE = 96  # pixels of the longer side at which dark shapes are found
 THICK, FAINT = 20.0, 0.015  # scale of lines, in those of a pen, and the least difference that is one
-LIGHTER = 0.0  # deviations of luma above the mean from which on nothing is inked
+DARKER = 0.8  # deviations of the largest channel below the mean from which on a place is inked
 BROADEST = 0.12  # width of a stroke, in longer sides
 SPECK = 0.002  # share of the target below which a shape is a speck
 
@@ -34,9 +34,9 @@ class DarkShapes(Initializer):
         size = [max(1, round(zoom * side)) for side in target.shape[1:]]
         large = nn.functional.interpolate(target[None], size, mode="bilinear", align_corners=False)[0]
         picture = large.double().numpy()
-        luma = luminance(picture)
-        dark = luma < luma.mean() + LIGHTER * luma.std()
-        shapes = cleaned((edge_lines(picture, THICK, FAINT) > INKED) & dark, SPECK * luma.size)
+        value = picture.max(0)  # lips are lighter by it than by luma
+        dark = value < value.mean() - DARKER * value.std()
+        shapes = cleaned((edge_lines(picture, THICK, FAINT) > INKED) & dark, SPECK * value.size)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         curve, half = filled(shapes, n, BROADEST * SIDE, random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n).moved(zoom=1 / zoom)

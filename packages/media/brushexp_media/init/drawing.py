@@ -16,6 +16,7 @@ from brushexp.contracts.pictures import (
     flattened,
     named_color,
     sampled_at,
+    sharpness,
     structure_tensor,
     worst_of_cells,
 )
@@ -32,11 +33,13 @@ BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
-DEEPEST = 0.35  # luma up to which there are accents
+DEEPEST = 0.22  # luma up to which there are accents
+DARK_FEATURE = 0.5  # largest channel up to which there are, where one looks first: lids and pupils, not lips
 SPECK = 6e-4  # least accent over what is looked at
 LOOKED_AT = 0.5  # share of the largest focus above which one looks first
 EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
 FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
+CRISP = 0.3  # sharpness, over the largest, from which on an edge is a full contour
 FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
@@ -53,7 +56,7 @@ SHORTEST_LINE = 0.3  # of the full length of lines, below which a contour is no 
 MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
 FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
-TINY = 1e-9  # an even focus is none
+TINY = 1e-9  # an even focus is none, nor is an even sharpness
 INK = Rule(named_color)
 
 
@@ -124,7 +127,10 @@ class Drawing(Initializer):
                 edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
             ),
             self._inked(
-                _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
+                _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * (picture.max(0) < DARK_FEATURE) * inner,
+                attended,
+                accents - accents // 2,
+                random,
             ),
         )
 
@@ -186,12 +192,15 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
 
     ``length`` and ``width``, in pixels, are those of the strongest. With a focus (H, W) a share of them is finer, and
-    where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those.
+    where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those. Elsewhere
+    what is out of focus has no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
     inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
-    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner
+    sharp = sharpness(torch.from_numpy(picture)).numpy()
+    crisp = (sharp / max(CRISP * float(sharp.max()), TINY)).clip(0, 1)
+    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner * crisp
     flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
     # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
@@ -200,6 +209,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     attended = focus > LOOKED_AT * focus.max()
     few, finer, area = round(FEATURES * n), FINER * width, float(attended.sum())
     faint, clear = (_fine_lines(picture, least) * inner for least in (SUBTLE, CLEAR))
+    clear *= crisp
     return Strokes.join(
         _traced(coarse, flow, straight, n - 2 * few, length, width, color),
         _traced(clear * ~attended, flow, straight, few, length, finer, color),
