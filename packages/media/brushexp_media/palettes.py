@@ -133,9 +133,11 @@ class Toned(Palette):
         share = share_of_night(own.mean(), toned.mean())
         tone = tone + share * (own / 100 - tone)
         chroma = np.hypot(lab[..., 1], lab[..., 2])
-        hue = has_hue(lab[..., 1], chroma, toned)
-        raised = chroma * (min(self.chroma, 1) + max(self.chroma - 1, 0) * hue)
-        raised += (self.least_chroma - raised).clip(0) * hue
+        tint = green_tint(lab[..., 1], chroma, toned)
+        raised = self.chroma * chroma
+        raised += (self.least_chroma - raised).clip(0) * (chroma / LEAST_HUE).clip(0, 1)
+        if self.chroma > 1 or self.least_chroma:
+            raised += tint * (NEUTRAL * chroma - raised)
         if self.most_chroma:
             yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # as light as it is, it may be pure
             raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
@@ -152,16 +154,14 @@ class Toned(Palette):
         return as_picture(lab)
 
 
-def has_hue(red: Array, chroma: Array, lightness: Array) -> Array:
-    """Compute how far colours have a hue that may be raised, 0 to 1, from their a*, their chroma and their L*.
+def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
+    """Compute how far colours are white with a green tint, 0 to 1, from their a*, their chroma and their L*.
 
-    A faint green of a light colour is a tint of white: raised, it would turn teeth, eyes and linen green. Faint warm
-    and blue tints, as in clouds, may be raised.
+    Purer, such a tint would turn teeth, eyes and linen green. Faint warm and blue tints, as in clouds, do no harm.
     """
     green = (-red / chroma.clip(1e-6)).clip(0, 1)
-    tint = TINT * green * ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
-    share: Array = ((chroma - tint) / LEAST_HUE).clip(0, 1)
-    return share
+    light = ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
+    return green * light * (1 - chroma / TINT).clip(0, 1)
 
 
 def share_of_night(own: float, toned: float) -> float:
@@ -181,7 +181,9 @@ def _around(lightness: Array) -> Array:
 
 
 LEAST_HUE = 8.0  # chroma from which on a dark colour has a hue
-TINT, TINTED = 10.0, (55.0, 85.0)  # chroma of a green tint of white, and L* from which, and at which, it counts as one
+TINT = 24.0  # chroma from which on a green is no tint of white
+TINTED = 55.0, 85.0  # L* up to which none is, and from which on all are
+NEUTRAL = 0.3  # chroma that such a tint keeps where others are raised
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues

@@ -33,8 +33,7 @@ BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
-DEEPEST = 0.22  # luma up to which there are accents
-DARK_FEATURE = 0.5  # largest channel up to which there are, where one looks first: lids and pupils, not lips
+DEEPEST, DARK_FEATURE = 0.26, 0.5  # largest channel up to which there are accents, and where one looks first: not lips
 SPECK = 6e-4  # least accent over what is looked at
 LOOKED_AT = 0.5  # share of the largest focus above which one looks first
 EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
@@ -123,9 +122,7 @@ class Drawing(Initializer):
             self._washes(gaussian_filter(dark, SMOOTH_WASH * side), steep, washes, random),
             self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
-            self._inked(
-                edge_lines(simple, *BLUNT) * (luminance(simple) < DEEPEST) * inner, inner, accents // 2, random
-            ),
+            self._inked(edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random),
             self._inked(
                 _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * (picture.max(0) < DARK_FEATURE) * inner,
                 attended,
