@@ -75,6 +75,15 @@ def test_accents_are_darker_or_lighter_than_what_is_around(dark):
     assert bool(((seen.position[:, 0] < 80) == dark).all())
 
 
+def test_accents_lie_where_one_looks():
+    focus = torch.ones(120, 160)
+    focus[:, :80], focus[:, 80:] = 0.2, 1.8
+    last = of("chalks", bar(), focus=focus, accents=0.3)[-90:]
+    seen = last[last.opacity > 0]
+    assert len(seen) > 0
+    assert bool((seen.position[:, 0] > 80).all())
+
+
 def test_an_even_picture_has_no_accents():
     even = np.full((3, 60, 80), 0.5)
     even[:, :, 40:] = 0.5 + 0.5 * APART

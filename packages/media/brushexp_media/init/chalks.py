@@ -84,7 +84,7 @@ class Chalks(Initializer):
             layers[~fine],
             self._hatchings(picture, weight, hatched, thick, random),
             layers[fine],
-            self._accents(picture, last, thick),
+            self._accents(picture, weight, last, thick),
         )
         number = torch.arange(n)
         rubbed = number < int((~fine).sum())
@@ -115,10 +115,15 @@ class Chalks(Initializer):
         width = thick * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
-    def _accents(self, picture: Array, n: int, thick: float) -> Strokes:
+    def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
+        """Draw accents along edges; where one looks less than elsewhere, they would be loose ticks, and are unseen."""
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
-        return Strokes.join(
+        drawn = Strokes.join(
             accents(picture, n - lights, length, width, None, dark=True, toward=np.zeros(3), share=DEEPER),
             accents(picture, lights, length, width, None, dark=False, toward=np.ones(3), share=LIGHTER),
         )
+        if weight is None:
+            return drawn
+        seen = sampled_at(weight, *drawn.position.double().numpy().T) >= 1
+        return replace(drawn, opacity=drawn.opacity * torch.from_numpy(seen))
