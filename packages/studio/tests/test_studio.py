@@ -35,6 +35,7 @@ def studio(tmp_path_factory):
     out, err = process.communicate()
     assert process.returncode == 0, err
     assert "the studio is closed" in out
+    assert "Traceback" not in out + err
     assert not list(folder.glob("brushexp-studio-*")), "what the visitor gave is gone"
 
 
