@@ -18,6 +18,7 @@ from tiffs import DEFLATE, OLD_DEFLATE, Layout, ramps, tiff
 from brushexp.pictures.damage import ONE_COLOR, SUMS_DIFFER
 from brushexp.pictures.decode import decode_image, picture_size, read_picture
 from brushexp.pictures.held import hold
+from brushexp.pictures.jpeg_codes import jpeg_fits
 from brushexp.pictures.kinds import DAMAGED, what_it_is
 from brushexp.pictures.load import load_picture, size_of_picture
 from brushexp.pictures.packing import MISCOUNTED, remark_on_packing
@@ -177,7 +178,8 @@ PACKED = {  # format, options -> least share that is told of the flips that chan
     "TIFF": ("TIFF", {}, 1),
     "AVIF": ("AVIF", {"quality": 85}, 1),
     "progressive JPEG": ("JPEG", {"progressive": True, "quality": 90}, 0.6),
-    "JPEG": ("JPEG", {"quality": 90}, 0.1),  # a flip in a number shifts the colours of all that follows
+    "JPEG": ("JPEG", {"quality": 90}, 0.6),  # a small flip in a number shifts the colours of all that follows
+    "TIFF JPEG": ("TIFF", {"compression": "jpeg", "quality": 90}, 0.6),
     "JPEG 2000": ("JPEG2000", {}, 0.5),
     "GIF": ("GIF", {}, 0.5),
     "QOI": ("QOI", {}, 0.2),
@@ -192,7 +194,7 @@ PACKED = {  # format, options -> least share that is told of the flips that chan
 def test_a_flip_is_told_or_changes_little_as_far_as_a_format_has_a_check(tmp_path, caplog, name):
     if name == "AVIF":
         pytest.importorskip("pyvips")
-    if "JPEG" in name:
+    if name in ("progressive JPEG", "JPEG 2000"):
         pytest.importorskip("av")
     kind, options, least = PACKED[name]
     data, chance = encoded(SCENE, kind, **options), np.random.default_rng(0)
@@ -251,3 +253,28 @@ def test_pixels_that_are_missing_or_more_are_told(tmp_path):
     for name, data in (("a.qoi", run), ("b.qoi", whole[:-9] + whole[-8:])):
         (tmp_path / name).write_bytes(data)
         assert remark_on_packing(tmp_path / name) == MISCOUNTED
+
+
+@pytest.mark.parametrize("options", [{}, {"optimize": True}, {"restart_marker_blocks": 3}, {"progressive": True}])
+def test_nothing_is_said_of_the_codes_of_a_sound_jpeg(options):
+    chance = np.random.default_rng(0)
+    extremes = Image.fromarray(255 * chance.integers(0, 2, (50, 75, 3), dtype=np.uint8))
+    for picture in (SCENE, SCENE.convert("L"), SCENE.convert("CMYK"), SCENE.crop((0, 0, 37, 19)), extremes):
+        for quality in (5, 75, 100):
+            for subsampling in (0, 1, 2):
+                data = encoded(picture, "JPEG", quality=quality, subsampling=subsampling, **options)
+                assert jpeg_fits(data), (picture.size, quality, subsampling)
+
+
+def test_a_flip_in_the_first_number_of_a_jpeg_is_told_if_it_leaves_the_range_of_pixels():
+    data = encoded(Image.new("RGB", (64, 64), "white"), "JPEG", quality=90)
+    codes = data.index(b"\xff\xda") + 14
+    assert not all(jpeg_fits(flipped(data, codes, bit)) for bit in range(8))
+    assert not jpeg_fits(data[:-6] + data[-2:]), "too few blocks"
+    assert not jpeg_fits(data[:-2] + bytes(2) + data[-2:]), "too many"
+
+
+def test_any_flip_in_the_head_of_a_jpeg_is_left_to_its_decoder():
+    data = encoded(SCENE, "JPEG")
+    for at in range(2, data.index(b"\xff\xda") + 14):
+        jpeg_fits(flipped(data, at, at % 8))

@@ -60,6 +60,11 @@ def test_the_network_answers_as_the_published_one():
     assert first == len(candidates.score)
 
 
+def test_the_network_keeps_channels_side_by_side():
+    for features in open_network().features(torch.rand(1, 3, 64, 96)):
+        assert features.is_contiguous(memory_format=torch.channels_last)
+
+
 def test_answers_are_decoded_place_by_place():
     generator = torch.Generator().manual_seed(0)
     answers = {head: torch.randn(count, 3, 5, generator=generator) for head, count in HEADS.items()}

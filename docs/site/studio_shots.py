@@ -74,10 +74,12 @@ def main(address: str) -> None:
         for place in places:
             phone.mouse.move(*place, steps=5)
         phone.mouse.up()
+        phone.mouse.move(0, 0)
         phone.evaluate("scrollTo(0, 0)")
         marked = shot(phone)
         choose(phone, "View", "Painting")
-        phone.get_by_role("slider", name="Bleed, to be cut off").press("End")
+        phone.get_by_role("slider", name="Bleed, to be trimmed").press("End")
+        phone.get_by_text("10 mm of bleed on each side").wait_for()  # the buttons are new, too
         phone.get_by_role("button", name="PNG to print").scroll_into_view_if_needed()
         phone.evaluate("scrollBy(0, 90)")  # above the bar of buttons
         save("studio_phone.jpg", compared, marked, shot(phone))

@@ -15,6 +15,8 @@ from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.config.check import check
 from brushexp.config.compose import composed
+from brushexp.painting.changes import changed_settings
+from brushexp.pictures.load import load_mask
 from brushexp.runs.runner import perform
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import half_width_of, strokes_along
@@ -69,6 +71,37 @@ def test_strokes_inside_the_mask_change_and_every_pixel_outside_stays_to_the_bit
     inner = Fence(strokes, room_in(torch.from_numpy(~outside), job), SOFT_EDGE).inner
     assert not torch.stack([*change.values()])[:, ~inner].any(), "what does not lie inside is the same to the bit"
     assert torch.equal(saved.background, before.background)
+
+
+def test_a_painting_of_a_large_photograph_is_repainted_at_the_size_at_which_it_was_optimised(folder, tmp_path):
+    before, _, painted = perform_in(tmp_path / "first", "image=chelsea", *LOOKS["oil"].split(), "working_resolution=96")
+    region = [f"catalogue={tmp_path / 'first'}", f"region={folder / 'mask.png'}"]
+    saved, after, pixels = perform_in(tmp_path / "run", "image=chelsea", *region, "steps=6", "optimizer.lr=0.6")
+    assert pixels_of(tmp_path / "run" / "target.png").shape[:2] == (64, 96)
+    assert saved.size == before.size == pixels.shape[:2] == (300, 451)
+    outside = (load_mask(str(folder / "mask.png"), saved.size, "region") < 0.5).numpy()
+    difference = np.abs(pixels - painted)
+    assert difference[outside].max() == 0
+    assert difference[~outside].mean() > 1
+    strokes = before.strokes[before.depth.argsort()]
+    change = (strokes.position != after.position).any(1)
+    assert 3 < change.sum() < len(strokes)
+    assert torch.equal(strokes.scale, after.scale)
+
+
+@pytest.mark.parametrize(("first", "typed", "side"), [
+    ("working_resolution=96", "", "96"),
+    ("working_resolution=96", "working_resolution=200", "200"),
+    ("working_resolution=96", "working_resolution=null", None),
+    ("", "", "451"),  # all of a small painting
+    ("resolution=96", "", None),
+])  # fmt: skip
+def test_a_typed_working_resolution_replaces_that_of_the_painting(folder, tmp_path, first, typed, side):
+    perform_in(tmp_path / "first", "image=chelsea", "look=plain", "pixels_per_stroke=400", "steps=0", *first.split())
+    words = [f"catalogue={tmp_path / 'first'}", f"region={folder / 'mask.png'}", "image=chelsea", *typed.split()]
+    words = expand_arguments(words)
+    check(cfg := composed(words), words)
+    assert changed_settings(cfg).working_resolution == side
 
 
 def test_a_stroke_that_leaves_the_region_returns_to_where_it_was_and_keeps_its_new_color():

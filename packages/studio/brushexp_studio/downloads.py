@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from brushexp.contracts import UserError
 from brushexp.contracts.families import ExportJob
+from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 
 PRINTS = "print"  # folder of these files in that of the painting
@@ -71,7 +72,7 @@ class Download:
     """A file being made, or finished."""
 
     form: str
-    paper: Print | None = None  # size of a print
+    choice: Print | Plan | None = None  # what the visitor has chosen about it
     status: str = MAKING
     share: float | None = 0.0  # of the work that is done, 0 to 1; None if nobody knows
     path: Path | None = None  # once it is made
@@ -125,7 +126,7 @@ def make_file(work: Painted, download: Download, tell: Callable[[float | None], 
 
     parts = {part.name: getattr(finished.job, part.name) for part in fields(finished.job)}
     painting = replace(work.painting, finished=replace(finished, job=WatchedJob(**parts, watch=watch)))
-    options = {} if download.paper is None else download.paper.options(work.ratio)
+    options = {} if download.choice is None else download.choice.options(work.ratio)
     return Path(painting.export(download.form, folder, **options)[0])
 
 

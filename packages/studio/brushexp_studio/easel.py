@@ -12,7 +12,9 @@ from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, Form, describ
 from brushexp_studio.elements import Blend, Button, Drop, Frames, Mask, Tag, Wipe, chips
 from brushexp_studio.faces import find_faces, in_words, mask_of
 from brushexp_studio.photos import Photo
+from brushexp_studio.plans import DIFFICULTIES, Plan
 from brushexp_studio.print_controls import PrintControls
+from brushexp_studio.prints import Print
 from brushexp_studio.touches import HOWS, Touch
 from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, TOUCH, VIEWS, Visit
 from brushexp_studio.wishes import Wishes
@@ -231,8 +233,8 @@ class Easel:
     def _show_form(self, key: str, form: Form, work: Work) -> None:
         """Add a file made on request: first a button, then its progress, then a link."""
         download = work.downloads.get(key)
-        if download and download.status != MAKING and form.is_print and download.paper != self.visit.paper:
-            download = None  # of another size
+        if download and download.status != MAKING and download.choice != self._choice_for(key):
+            download = None  # of another size or difficulty
         with Tag("li"):
             if download and download.status == MADE:
                 Tag("a", "button", form.title, href=f"/works/{work.number}/made/{key}", download="")
@@ -245,10 +247,23 @@ class Easel:
                     self.making[key] = words, Tag("progress", aria_label=f"Progress of {form.title}", max=1)
             else:
                 Tag("small", text=download.trouble if download and download.trouble else form.what)
+            if key == "plan":
+                chips("Difficulty of the plan", DIFFICULTIES, self.visit.plan.difficulty, self._take_difficulty)
+
+    def _choice_for(self, key: str) -> Print | Plan | None:
+        """Return what this tab has chosen about a file to make."""
+        if FORMS[key].is_print:
+            return self.visit.paper
+        return self.visit.plan if key == "plan" else None
+
+    def _take_difficulty(self, difficulty: str) -> None:
+        self.visit.plan = Plan(difficulty)
+        if "plan" in self._work.downloads:  # its link may lead to a plan of another difficulty
+            self._show_files()
 
     def _make(self, key: str, work: Work) -> None:
         self.visit.wanted.add((work.number, key))
-        self.visit.works.make(work, key, self.visit.paper if FORMS[key].is_print else None)
+        self.visit.works.make(work, key, self._choice_for(key))
         self.renew()
 
     def _renew_files(self) -> None:

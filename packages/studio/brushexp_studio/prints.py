@@ -21,6 +21,11 @@ class Print:
     bleed: float = 0.0  # mm beyond the edge on each side, to be cut off
 
     @property
+    def label(self) -> str:
+        """Its part of the name of a saved file."""
+        return self.paper.replace(" ", "_")
+
+    @property
     def is_cropped(self) -> bool:
         """Tell whether the picture takes the shape of the paper: always on a square, never at its own size."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)

@@ -77,9 +77,8 @@ def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
         download = work.downloads[form]
         if download.path is None:
             raise KeyError(form)
-        paper = download.paper and download.paper.paper.replace(" ", "_")
-        name = f"{work.name}-{paper}" if paper else work.name
-        return FileResponse(download.path, filename=f"{name}-plan.pdf" if form == "plan" else f"{name}.{form}")
+        words = [work.name, "plan" if form == "plan" else "", download.choice.label if download.choice else ""]
+        return FileResponse(download.path, filename="-".join(filter(None, words)) + download.path.suffix)
 
     @app.get("/works/{number}/blend/{percent}.png")
     def blend(number: int, percent: int) -> Response:

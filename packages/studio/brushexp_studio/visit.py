@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from brushexp_studio.drafts import Drafts
 from brushexp_studio.photos import Photo, Photos
+from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import DONE, Work, Works
@@ -36,6 +37,7 @@ class Visit:
     is_there: bool = True  # whether the tab is open
     tab: str | None = None  # what the browser calls it, also when it loads the page again
     paper: Print = field(default_factory=Print)  # of prints
+    plan: Plan = field(default_factory=Plan)
     reading: int = 0  # chosen pictures that are still being read
     wanted: set[tuple[int, str]] = field(default_factory=set)  # files to save once they are made: painting, form
     listeners: list[Callable[[], None]] = field(default_factory=list)

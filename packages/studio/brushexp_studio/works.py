@@ -17,6 +17,7 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, PRINTS, Download, Stopped, make_file
 from brushexp_studio.photos import JPEG, in_plain_letters
+from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 from brushexp_studio.touches import TOO_SMALL, lay_fresh_strokes, overrides_of
 from brushexp_studio.wishes import Wishes
@@ -173,15 +174,15 @@ class Works:
             self.all.remove(work)
         self.version += 1
 
-    def make(self, work: Work, form: str, paper: Print | None = None) -> Download:
+    def make(self, work: Work, form: str, choice: Print | Plan | None = None) -> Download:
         """Start to make a file of a finished painting, unless it exists or is being made.
 
-        A print has its size on ``paper`` and is remade for another size.
+        A print or a plan is remade for another ``choice``.
         """
         download = work.downloads.get(form)
-        is_other = download is not None and download.paper != paper and download.status != MAKING
+        is_other = download is not None and download.choice != choice and download.status != MAKING
         if download is None or is_other or download.status == BROKEN:
-            download = work.downloads[form] = Download(form, paper, share=None if FORMS[form].draws is None else 0.0)
+            download = work.downloads[form] = Download(form, choice, share=None if FORMS[form].draws is None else 0.0)
             self.version += 1
             maker = Thread(target=self._make, args=(work, download), name=f"making {form}", daemon=True)
             self._makers.append(maker)

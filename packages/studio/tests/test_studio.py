@@ -35,6 +35,7 @@ def studio(tmp_path_factory):
     out, err = process.communicate()
     assert process.returncode == 0, err
     assert "the studio is closed" in out
+    assert "Traceback" not in out + err
     assert not list(folder.glob("brushexp-studio-*")), "what the visitor gave is gone"
 
 
@@ -195,6 +196,22 @@ def test_two_paintings_are_compared_and_replayed(tab):
     other = tab()  # which shows the same paintings
     other.get_by_role("button", name="painting 4 · ink").wait_for()
     fits(other)
+
+
+def test_a_plan_is_as_difficult_as_the_visitor_chooses(tab):
+    page = tab(PHONE, accept_downloads=True)
+    choose(page, "Picture", "coffee")
+    page.get_by_text("More: paper, palette, tubes").click()
+    choose(page, "Tubes", "Primaries")
+    paint(page, 5, "tubes")
+    choose(page, "Difficulty of the plan", "Easy")
+    with page.expect_download(timeout=120_000) as download:
+        page.get_by_role("button", name="Plan", exact=True).click()
+    assert download.value.suggested_filename.endswith("-tubes-5-plan-easy.pdf")
+    page.get_by_role("link", name="Plan", exact=True).wait_for()
+    choose(page, "Difficulty of the plan", "As painted")
+    page.get_by_role("button", name="Plan", exact=True).wait_for()  # the easy one is not what it makes now
+    fits(page)
 
 
 def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):

@@ -35,6 +35,7 @@ from brushexp_studio.downloads import BROKEN, MADE, Download, make_file
 from brushexp_studio.drafts import Drafts
 from brushexp_studio.faces import find_faces, in_words, mask_of
 from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
+from brushexp_studio.plans import DIFFICULTIES, Plan
 from brushexp_studio.prints import OWN, Print
 from brushexp_studio.server import application, running
 from brushexp_studio.tab import likelihood
@@ -270,6 +271,19 @@ def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
     lost = made(works, work, "pdf", Print("A4"))
     assert (lost.status, lost.trouble) == (BROKEN, "this painting was not kept; paint it again")
     assert works.make(work, "pdf", Print("A4")) is not lost, "it is tried again"
+
+
+def test_a_plan_is_made_for_each_difficulty(tmp_path):
+    painting = brushexp.paint("coffee", look="tubes", resolution=64, steps=2)
+    works, work = Works(tmp_path, {}), Work(1, Wishes(photo=Mock(ratio=1.5)), tmp_path / "1", status=DONE)
+    work.wishes.photo.name, work.painting = "coffee.png", painting
+    sizes = {}
+    for difficulty in DIFFICULTIES:
+        download = made(works, work, "plan", Plan(difficulty))
+        assert (download.status, download.trouble) == (MADE, "")
+        sizes[difficulty] = len((download.path.parent / "plan.csv").read_text())
+    assert sizes["easy"] < sizes["hard"] <= sizes[""]
+    assert works.make(work, "plan", Plan(difficulty)) is download
 
 
 def test_a_blend_is_the_photograph_the_painting_or_between(tmp_path):

@@ -65,7 +65,10 @@ def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
 
 
 def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
-    """Check that the number of valid strokes never changes, and that limiting strokes twice is the same as once."""
+    """Check that the number of valid strokes never changes, and that limiting strokes twice is the same as once.
+
+    Enlarging strokes keeps their number, too.
+    """
     change, strokes = begun(make)
     assert isinstance(change.order(Depth()), Order)
     assert len(strokes) == N
@@ -74,7 +77,7 @@ def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
         state = painting_at(step, strokes, is_over=is_over)
         once = change.limit(some_strokes(N, SIZE, seed=step + 1), None, None, state)
         check_strokes(once)
-        assert len(once) == N
+        assert len(once) == len(change.enlarge(once)) == N
         twice = change.limit(once, None, None, state)
         assert all(torch.allclose(getattr(twice, name), value, atol=1e-5) for name, value in once.items())
 

@@ -19,9 +19,10 @@ from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.picture import Picture
 from brushexp.painting.reopen import export_job, recorded_settings, with_renderer
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.painting.working_size import sizes_of
+from brushexp.painting.working_size import AUTO, sizes_of, working_side_for
 
 __all__ = [
+    "AUTO",
     "Components",
     "Finished",
     "Picture",
@@ -47,4 +48,5 @@ __all__ = [
     "standard_metrics",
     "stroke_budget",
     "with_renderer",
+    "working_side_for",
 ]

@@ -137,7 +137,9 @@ def finish(
         total = None if start is None else time.monotonic() - start
         return results | {"seconds_total": total, "peak_memory_mb": peak_memory(), "provenance": dict(provenance)}
 
-    return Finished(job.at_size(painter.painted or canvas.size), sources | results, compute_metrics, timelapse)
+    whole = job.at_size(painter.painted or canvas.size)
+    whole = replace(whole, saved=replace(whole.saved, strokes=painter.enlarge(whole.strokes)))
+    return Finished(whole, sources | results, compute_metrics, timelapse)
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:

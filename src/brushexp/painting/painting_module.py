@@ -146,6 +146,13 @@ class PaintingModule(L.LightningModule):
                 strokes = self.within_limits(strokes)
         return strokes, order
 
+    def enlarge(self, strokes: Strokes) -> Strokes:
+        """Return the final strokes at the size of the painting, to which they were scaled from that of the target."""
+        if len(strokes) == len(self.front_to_back):
+            for change in self.changes.values():
+                strokes = change.enlarge(strokes)
+        return strokes
+
     def within_limits(self, strokes: Strokes) -> Strokes:
         """Bring N strokes within the limits of all changes."""
         return strokes

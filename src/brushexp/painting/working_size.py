@@ -55,7 +55,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
     count = None if cfg.catalogue is None else len(load_catalogue(Path(cfg.catalogue), "catalogue").strokes)
     strokes = stroke_budget(cfg, painting, keep_built(cfg.density), count)
     if typed == AUTO:
-        return Sizes(painting, size_at(_side_for(strokes, painting), *painting))
+        return Sizes(painting, size_at(working_side_for(strokes, painting), *painting))
     working = size_at(min(int(typed), max(painting)), *painting)
     if math.prod(working) < strokes:
         wrong = f"working_resolution={typed} makes {working[1]} x {working[0]} pixels, fewer than the {strokes} strokes"
@@ -82,12 +82,14 @@ def resolution_of(cfg: DictConfig) -> int | None:
     return cfg.resolution if is_whole else max(working)
 
 
-def _side_for(strokes: int, painting: tuple[int, int]) -> int:
-    """Compute the longer side of the picture on which this number of strokes is optimised.
+def working_side_for(strokes: int, painting: tuple[int, int]) -> int:
+    """Compute the longer side of the picture on which strokes are optimised for a ``painting`` of this size (H, W).
 
-    >>> _side_for(8000, (3000, 4000)), _side_for(40000, (3000, 4000)), _side_for(8000, (1080, 1440))
-    (1024, 2066, 1440)
-    >>> _side_for(500, (300, 20000)), _side_for(500, (3000, 20000))
+    >>> working_side_for(8000, (3000, 4000)), working_side_for(40000, (3000, 4000))
+    (1024, 2066)
+    >>> working_side_for(8000, (1080, 1440))
+    1440
+    >>> working_side_for(500, (300, 20000)), working_side_for(500, (3000, 20000))
     (20000, 1707)
     """
     longest, shortest = max(painting), min(painting)

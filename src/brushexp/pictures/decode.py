@@ -236,8 +236,8 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
         try:
             declared = declared_by(picture)
             pixels = _squared(_decoded(file, picture, declared, backdrop, side), declared.aspect)
-            others = remark_of_others(path, picture.format or "", count)
-            remarks = (remark, remark_on_packing(path), others, remark_on(pixels))
+            damage = remark_on_packing(path) or remark_of_others(path, picture.format or "", count)
+            remarks = (remark, damage, remark_on(pixels))
             return pixels, "; it ".join(filter(None, remarks))
         except UserError:
             raise

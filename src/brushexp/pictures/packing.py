@@ -1,4 +1,4 @@
-"""Count the pixels in compressed data, because LZW and run lengths have no checksum but a known length.
+"""Count the pixels in compressed data, because LZW, run lengths and JPEG have no checksum but a known length.
 
 A flipped bit usually changes the length of the data after it; decoders stop at the last pixel and ignore the rest.
 """
@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from brushexp.compat.compiled import function
+from brushexp.pictures.cut_short import END_OF_JPEG
+from brushexp.pictures.jpeg_codes import START, jpeg_fits
 from brushexp.pictures.tiff_directories import (
     BITS,
     COMPRESSION,
     FILL_ORDER,
+    JPEG_TABLES,
     LAST_BIT_FIRST,
     LENGTH,
     MAGIC,
@@ -23,8 +26,8 @@ from brushexp.pictures.tiff_directories import (
     main_directory,
 )
 
-MISCOUNTED = "may be damaged: its compressed pixels do not fill its size exactly; compare it with another copy"
-LZW, PACKBITS = 5, 32773  # values of COMPRESSION in a TIFF
+MISCOUNTED = "may be damaged: its compressed pixels do not fit its size; compare it with another copy"
+LZW, JPEG, PACKBITS = 5, 7, 32773  # values of COMPRESSION in a TIFF
 YCBCR = 6  # value of PHOTOMETRIC: some colours have fewer pixels
 SAMPLES, ROWS_PER_STRIP, PLANES, TILE_LENGTH = 277, 278, 284, 323  # tags of a TIFF
 SEPARATE = 2  # value of PLANES
@@ -75,7 +78,9 @@ def remark_on_packing(path: Path) -> str:
         head = file.read(18)
     if head[:4] in MAGIC:
         main = main_directory(path)
-        is_whole = main is None or _tiff_is_whole(path, main)
+        is_whole = main is None or (_jpegs_fit(path, main) and _tiff_is_whole(path, main))
+    elif head.startswith(START):
+        is_whole = jpeg_fits(path.read_bytes())
     elif head[:4] == QOI:
         is_whole = _qoi_is_whole(path.read_bytes())
     elif head[:4] == GIF:
@@ -85,6 +90,18 @@ def remark_on_packing(path: Path) -> str:
     else:
         return ""
     return "" if is_whole else MISCOUNTED
+
+
+def _jpegs_fit(path: Path, page: Directory) -> bool:
+    """Test whether the JPEGs in the strips or tiles of a TIFF fit their sizes."""
+    pieces = page.pieces() if page.number(COMPRESSION) == JPEG else []
+    tables = bytes(page.numbers.get(JPEG_TABLES, ()))[: -len(END_OF_JPEG)] or START
+    with path.open("rb") as file:
+        for place, length in pieces:
+            file.seek(place + len(START))
+            if not jpeg_fits(tables + file.read(length - len(START))):
+                return False
+    return True
 
 
 def _tiff_is_whole(path: Path, page: Directory) -> bool:

@@ -13,6 +13,7 @@ MOST_TAGS = 4096  # of a directory
 MOST_VALUES = 2**22  # of a tag: places of strips, for instance
 WHOLE_NUMBERS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}  # types of values, and those of `struct`
 SUBFILE, SUB_IFDS = 254, 330  # tags
+JPEG_TABLES, BYTES = 347, "B"  # a tag of undefined type, and the type that it has
 STRIPS, STRIP_BYTES, TILE_WIDTH, TILES, TILE_BYTES = 273, 279, 322, 324, 325
 REDUCED = 1  # bit of SUBFILE: a smaller copy of another picture of the file
 OLD_SUBFILE, OLD_REDUCED = 255, 2  # the same, as it was said before TIFF 6.0
@@ -120,7 +121,8 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
             return None
         numbers = {}
         for tag, kind, length, value in entry.iter_unpack(rows):
-            numbers[tag] = _numbers(file, order, WHOLE_NUMBERS.get(kind), length, value)
+            form = BYTES if tag == JPEG_TABLES else WHOLE_NUMBERS.get(kind)
+            numbers[tag] = _numbers(file, order, form, length, value)
         file.seek(place + struct.calcsize(order + count_form) + entry.size * count)
         rest = file.read(struct.calcsize(next_form))
         following = struct.unpack(order + next_form, rest)[0] if len(rest) == struct.calcsize(next_form) else 0

@@ -22,13 +22,16 @@ class Fence(nn.Module):
 
     The height of lit paint is relative to the median width of all strokes. A stroke above the median therefore stays
     above it, a narrower stroke stays below it, and the median is bit-identical.
+
+    The region is measured in pixels of the painting, which has ``zoom`` of them per unit of the strokes.
     """
 
     room: Tensor
     inner: Tensor  # (N,) bool: strokes that may change
 
-    def __init__(self, strokes: Strokes, room: Tensor, edge: float) -> None:
+    def __init__(self, strokes: Strokes, room: Tensor, edge: float, zoom: float = 1.0) -> None:
         super().__init__()
+        self.zoom = zoom
         self.first = Catalogue(strokes, {})  # bit-identical
         self.register_buffer("room", room, persistent=False)
         self.edge = edge
@@ -56,6 +59,7 @@ class Fence(nn.Module):
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
         """Tell which strokes (N,) lie wholly inside the region, soft edges included; off the canvas is inside, too."""
+        strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
         apart = (points[:, 1:] - points[:, :-1]).square().sum(2).sqrt().amax(1)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.contracts import UserError, build_named, plain_config, plugins, register
 from brushexp.contracts.families import Change, ExportJob, Order, PaintingState
-from brushexp.contracts.painting import export_job, recorded_settings
+from brushexp.contracts.painting import AUTO, export_job, recorded_settings, sizes_of, working_side_for
 from brushexp.contracts.pictures import load_mask
 from brushexp.contracts.strokes import Strokes, load_catalogue
 from brushexp.contracts.tasks import PICTURE
@@ -27,7 +27,8 @@ class Region(Change):
     """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
     Only strokes that lie wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
-    and ground are taken from the painting.
+    and ground are taken from the painting, and the size at which strokes are optimised, unless
+    ``working_resolution`` is typed.
 
     Args:
         mask: picture shaped like the painting, bright where it is to be repainted.
@@ -37,10 +38,12 @@ class Region(Change):
 
     mask: Annotated[str, PICTURE] | None = None
     _job: ExportJob | None = field(default=None, init=False, repr=False)  # the painting
-    _fence: Fence | None = field(default=None, init=False, repr=False)
+    _whole: Fence | None = field(default=None, init=False, repr=False)  # for strokes at the size of the painting
+    _fence: Fence | None = field(default=None, init=False, repr=False)  # for strokes at the size of the target
 
     def settings(self, cfg: DictConfig) -> DictConfig:
         self._job = self._load(cfg)
+        check_steps(cfg, f"region={self.mask}")
         return as_painted(cfg, self._job)
 
     def _load(self, cfg: DictConfig) -> ExportJob:
@@ -58,10 +61,10 @@ class Region(Change):
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
         assert self._job is not None
-        check_steps(cfg, f"region={self.mask}")
-        if size != self._job.size:
+        painting = sizes_of(cfg).painting
+        if painting != self._job.size:
             height, width = self._job.size
-            is_now = f"image={cfg.image} comes to {size[1]} x {size[0]} pixels"
+            is_now = f"image={cfg.image} comes to {painting[1]} x {painting[0]} pixels"
             cure = "give a picture whose sides have the same ratio"
             raise UserError(f"{is_now}, and the painting has {width} x {height}; {cure}")
         if (wet := cfg.change.get("wet")) is not None and wet.amount:
@@ -88,13 +91,18 @@ class Region(Change):
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
         if self._job is None:
             return strokes
-        self._fence = self._fence_of(self._job)
+        self._whole = self._fence_of(self._job)
+        first = self._whole.first().moved(zoom=1 / state.zoom)
+        self._fence = Fence(first, self._whole.room, self._whole.edge, state.zoom)
         return self._fence(strokes)
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
         if self._fence is None:
             return strokes
         return self._fence.to(strokes.position.device)(strokes, before, rows)
+
+    def enlarge(self, strokes: Strokes) -> Strokes:
+        return strokes if self._whole is None else self._whole(strokes)
 
 
 def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
@@ -105,7 +113,8 @@ def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
     nodes |= {family: {"_target_": _target_of(family, "fixed")} for family in ("order", "density")}
     ground = "#" + bytes((255 * saved.background).round().byte().tolist()).hex()
     values = {"background": ground, "resolution": max(saved.size), "strokes": None, "warm_up": None}
-    values["working_resolution"] = None
+    if cfg.working_resolution == AUTO:
+        values["working_resolution"] = working_resolution_of(job)
     cfg = deepcopy(cfg)
     with open_dict(cfg):
         for name, node in nodes.items():
@@ -113,6 +122,15 @@ def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
         for name, value in values.items():
             cfg[name] = value
     return cfg
+
+
+def working_resolution_of(job: ExportJob) -> str | None:
+    """Return the ``working_resolution`` at which a painting was optimised; None for its own size."""
+    recorded = recorded_settings(job.saved)
+    side = recorded.get("working_resolution")
+    if side == AUTO and recorded.get("resolution") is None:
+        return str(working_side_for(len(job.strokes), job.size))
+    return str(side) if str(side).isdecimal() else None
 
 
 def _target_of(family: str, name: str) -> str:

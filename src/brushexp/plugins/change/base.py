@@ -57,7 +57,8 @@ class Change:
     - `begin` once: change the initial strokes;
     - `aim` before each step: change the target and ground of this step;
     - `limit` after each step: bring the moved strokes within limits;
-    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes move on.
+    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes move on;
+    - `enlarge` once, after `end`: correct strokes that were scaled from the target to the painting.
 
     Changes apply by ascending `rank`, so the highest rank has the last word; equal ranks apply in the order of names.
 
@@ -111,6 +112,10 @@ class Change:
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
         """Return the finished strokes and their order: the N strokes first, then added ones."""
         return strokes, front_to_back
+
+    def enlarge(self, strokes: Strokes) -> Strokes:
+        """Return the N finished strokes in pixels of the painting, to which they were scaled from the target."""
+        return strokes
 
     def state_dict(self) -> dict[str, Any]:
         """Return the tensors and numbers that a resumed run needs."""
