@@ -26,7 +26,7 @@ from brushexp_training.fitting.renderer_module import RendererModule, RendererSe
 from brushexp_training.stroke_sets.datamodule import StrokeData
 from brushexp_training.stroke_sets.stroke_data import data_recipe
 
-LOGGED_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")
+LOGGED_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc", "f1", "precision")
 
 log = logging.getLogger(__name__)
 
