@@ -6,7 +6,7 @@
 - Strokes that do not overlap are exchanged, so that neighbours follow each other.
 - Columns are rounded one group after another; before each, a few steps of gradient descent let the columns that are
   not yet rounded make up for those that are.
-- All steps are scaled until the picture has the error that is allowed.
+- All steps are scaled until the picture has the error, or the file the size, that is allowed.
 """
 
 from collections.abc import Callable
@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.contracts import UserError
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.strokes import Strokes
 from brushexp_coding.file import file_of
@@ -32,15 +33,16 @@ from brushexp_coding.rounding import (
     strokes_of,
     values_of,
 )
+from brushexp_coding.search import BOLDEST, coarsest, finest
+from brushexp_coding.sizes import size_text
 
 SIDE = 1024  # pixels of the longer side, at most, of the picture in which errors are measured
 PROBES = 12  # random pictures
 FINEST, COARSEST = -8, 3  # octaves of coarseness; beyond, strokes that are hardly seen would come to be seen
 UNSEEN = 2.0**-24  # sensitivity of a number that is not seen
-TRIALS, SLOW_TRIALS, MOST_TRIALS = 6, 3, 30  # of the scale of all steps: without descent, with it, of both at most
-BOLDEST = 4.0  # factor by which a trial's scale differs from that before
+TRIALS, SLOW_TRIALS = 6, 3  # of the scale of all steps: without descent, with it
 REFINED = 2.5  # error of rounding at once over that of rounding in stages, about
-ENOUGH, AIM = 0.8, 0.92  # shares of the error that is allowed
+LEAST_ERROR, MOST_ERROR = 1e-7, 1e-2  # mean squared errors of the finest and the coarsest sensible rounding
 RATE = 0.1  # of the descent (Adam), in steps of rounding
 SAME = 1e-8  # mean squared error below which two pictures are the same
 STAGES = (  # columns that are rounded together, the first ones first
@@ -72,49 +74,74 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
         goal: (3, h, w) picture that the strokes stand for; None for their own.
         steps: number of gradient steps in all; 0 rounds all columns at once.
     """
-    canvas = Canvas(job)
-    strokes = job.strokes[job.bottom_up].map(lambda value: value.detach().cpu().float())
-    with torch.no_grad():
-        own = canvas.draw(strokes)
-    goal = own if goal is None else goal
-    order = torch.from_numpy(neighbouring_order(strokes, job.size, job.renderer))
-    rounding = _Rounding(canvas, template_of(canvas, strokes[order], own), goal)
-    before = mean_square(own - goal)
-
-    def loss_of(trial: Rounded) -> float:
-        return max(SAME, rounding.error(trial) - before)
-
-    scale, usual = rounding.scale_for(allowed), REFINED if steps else 1.0
-    rounded, scale = _coarsest(lambda scale: rounding.at(scale, 0), loss_of, usual * allowed, scale, TRIALS)
-    if steps:
-        rounded, scale = _coarsest(lambda scale: rounding.at(scale, steps), loss_of, allowed, scale, SLOW_TRIALS)
-    with torch.no_grad():
-        picture = canvas.draw(rounded.strokes())
-    return Coded(file_of(rounded, job.saved), rounded, picture, mean_square(picture - goal) - before)
+    fit = _Fit(job, goal)
+    return fit.coded(fit.coarsest(allowed, steps))
 
 
-def _coarsest(
-    at: Callable[[float], Rounded], loss_of: Callable[[Rounded], float], allowed: float, scale: float, trials: int
-) -> tuple[Rounded, float]:
-    """Find about the largest scale at which rounding costs no more than is allowed.
+def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps: int = 60, option: str) -> Coded:
+    """Code the strokes of a job as finely as fits into a file of ``size`` bytes; for the other arguments see `code`.
 
-    After ``trials`` the coarsest that was fine enough is taken; without one, the search goes on with finer ones.
+    A UserError says which ``option`` is too small if the coarsest rounding needs more bytes.
     """
-    best: tuple[Rounded, float] | None = None
-    too_coarse = np.inf
-    for trial in range(MOST_TRIALS):
-        rounded = at(scale)
-        share = loss_of(rounded) / allowed
-        if share > 1:
-            too_coarse = min(too_coarse, scale)
-        elif best is None or scale > best[1]:
-            best = rounded, scale
-        if ENOUGH <= share <= 1 or not len(rounded) or (best is not None and trial + 1 >= trials):
-            break
-        fine = 0.0 if best is None else best[1]
-        proposed = scale * min(max((AIM / share) ** 0.5, 1 / BOLDEST), BOLDEST)
-        scale = proposed if fine < proposed < too_coarse else (max(fine, too_coarse / BOLDEST) * too_coarse) ** 0.5
-    return (rounded, scale) if best is None else best
+    fit = _Fit(job, goal)
+    coded = fit.coded(fit.finest(size, steps))
+    if len(coded.data) <= size and coded.loss <= MOST_ERROR:
+        return coded
+    coded = fit.coded(fit.coarsest(MOST_ERROR, steps))
+    if len(coded.data) <= size:
+        return coded
+    empty = len(fit.coded(Rounded.none()).data)
+    count = len(job.strokes)
+    fitting = int(count * (size - empty) / max(1, len(coded.data) - empty))
+    cure = f"type {option}={size_text(len(coded.data))}"
+    cure += f", or paint about {fitting} strokes" if fitting > 0 else ""
+    raise UserError(f"{option}={size_text(size)} is too small for {count} strokes; {cure}")
+
+
+class _Fit:
+    """Searches how the strokes of a job are to be rounded."""
+
+    def __init__(self, job: ExportJob, goal: Tensor | None) -> None:
+        self._canvas, self._saved = Canvas(job), job.saved
+        strokes = job.strokes[job.bottom_up].map(lambda value: value.detach().cpu().float())
+        with torch.no_grad():
+            own = self._canvas.draw(strokes)
+        self._goal = own if goal is None else goal
+        order = torch.from_numpy(neighbouring_order(strokes, job.size, job.renderer))
+        self._rounding = _Rounding(self._canvas, template_of(self._canvas, strokes[order], own), self._goal)
+        self._before = mean_square(own - self._goal)
+
+    def coarsest(self, allowed: float, steps: int) -> Rounded:
+        """Round as coarsely as the error allows."""
+        scale, usual = self._rounding.scale_for(allowed), REFINED if steps else 1.0
+        rounded, scale = coarsest(self._at(0), self._loss_of, usual * allowed, scale, TRIALS)
+        if steps:
+            rounded, scale = coarsest(self._at(steps), self._loss_of, allowed, scale, SLOW_TRIALS)
+        return rounded
+
+    def finest(self, size: int, steps: int) -> Rounded:
+        """Round as finely as fits into ``size`` bytes, or at the coarsest scale if nothing fits."""
+        limits = self._rounding.scale_for(LEAST_ERROR), BOLDEST * self._rounding.scale_for(MOST_ERROR)
+        at_once = finest(self._at(0), self._size_of, size, limits[1] / BOLDEST, TRIALS, limits=limits)
+        if at_once is None or not steps:
+            return self._rounding.at(limits[1], 0) if at_once is None else at_once[0]
+        in_stages = finest(self._at(steps), self._size_of, size, at_once[1], SLOW_TRIALS, limits=limits)
+        return min((trial[0] for trial in (at_once, in_stages) if trial is not None), key=self._loss_of)
+
+    def coded(self, rounded: Rounded) -> Coded:
+        """Write a file, and draw what it holds."""
+        with torch.no_grad():
+            picture = self._canvas.draw(rounded.strokes())
+        return Coded(file_of(rounded, self._saved), rounded, picture, mean_square(picture - self._goal) - self._before)
+
+    def _at(self, steps: int) -> Callable[[float], Rounded]:
+        return lambda scale: self._rounding.at(scale, steps)
+
+    def _loss_of(self, trial: Rounded) -> float:
+        return max(SAME, self._rounding.error(trial) - self._before)
+
+    def _size_of(self, trial: Rounded) -> int:
+        return len(file_of(trial, self._saved))
 
 
 def mean_square(difference: Tensor) -> float:

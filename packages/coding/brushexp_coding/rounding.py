@@ -70,6 +70,12 @@ class Rounded:
     windows: bool  # whether the windows are those of the file; otherwise they fit closely around the curves
     brushes: np.ndarray | None = None  # (N,) int64; None where the renderer does not choose by it
 
+    @classmethod
+    def none(cls) -> "Rounded":
+        """Make 0 strokes."""
+        columns = len(Column) - len(OF_WINDOWS)
+        return cls(np.zeros((0, columns), np.int64), np.zeros((0, 2), np.int64), np.zeros(columns, np.int64), False)
+
     def __len__(self) -> int:
         return len(self.numbers)
 

@@ -2,9 +2,10 @@
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -89,7 +90,8 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     settings, changes = cfg, build_changes(cfg, keep_built)
     for name, change in changes.items():
         before, settings = settings, change.settings(settings)
-        own = set() if settings is before else {str(key) for key in settings if settings[key] != before.get(key)}
+        is_same = settings is before
+        own = set() if is_same else {str(key) for key in settings if not keeps(before.get(key), settings[key])}
         if unused := sorted(own & {top_of(word) for word in overrides}):
             log.warning("change=%s sets %s itself, so the typed value has no effect", name, " and ".join(unused))
         overrides = [word for word in overrides if top_of(word) not in own]
@@ -97,6 +99,18 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     for change in changes.values():
         change.check(settings, sizes.working)
     check_painting(settings, overrides, sizes.working, painted=sizes.painting)
+
+
+def keeps(before: Any, after: Any) -> bool:
+    """Tell whether a change kept a value: members or options that it adds to a node override nothing.
+
+    >>> keeps({"psnr": 1}, {"psnr": 1, "bits": 2}), keeps({"psnr": 1}, {"psnr": 2})
+    (True, False)
+    """
+    if before == after:
+        return True
+    are_nodes = isinstance(before, Mapping | DictConfig) and isinstance(after, Mapping | DictConfig)
+    return are_nodes and all(value is None or keeps(value, after.get(key)) for key, value in before.items())
 
 
 def top_of(word: str) -> str:

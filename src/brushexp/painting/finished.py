@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Collection, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from brushexp.painting.components import STYLE
-from brushexp.painting.metrics import measure
+from brushexp.painting.metrics import kept_files, measure
 from brushexp.painting.schedule import add_pair
 from brushexp.painting.working_size import resolution_of
 from brushexp.pictures.credits import credits_of, write_credited
@@ -33,7 +33,7 @@ from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.device import device_of
-from brushexp.system.files import to_bytes, write_json
+from brushexp.system.files import to_bytes, write_bytes, write_json
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.runtime import peak_memory
 from brushexp.system.status import UNFINISHED, Status
@@ -59,6 +59,7 @@ class Finished:
     compute_metrics: Callable[[], Mapping[str, Any]]
     timelapse: "Timelapse | None" = None
     whole: np.ndarray | None = None  # the painting at its own size, if it was read from a file
+    files: Mapping[str, bytes] = field(default_factory=dict)  # those that metrics keep, once they are computed
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
@@ -78,7 +79,7 @@ class Finished:
         return self.pictures["painting"].shape[:2] == self.job.size
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write the pictures ``names``, the catalogue, the SVG and finally ``metrics.json``."""
+        """Write the pictures ``names``, the catalogue, the SVG, the files of metrics and finally ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # the old metrics describe the painting that is being replaced
         save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because everything else can be made from it
         about = credits_of(self.job.source)
@@ -91,8 +92,11 @@ class Finished:
             shown = pixels if alpha is None else np.dstack([pixels, alpha])
             write_credited(folder / f"{name}.png", shown, about)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
-        status = {} if self.metrics["status"] in UNFINISHED else {"status": Status.AT_WORK}
-        write_json(folder / METRICS_FILE, self.metrics | status)
+        metrics = self.metrics
+        for name, data in self.files.items():
+            write_bytes(folder / name, data)
+        status = {} if metrics["status"] in UNFINISHED else {"status": Status.AT_WORK}
+        write_json(folder / METRICS_FILE, metrics | status)
 
     def conclude(self, folder: Path) -> None:
         """Add to ``metrics.json`` how the painting ended, after all other files are written."""
@@ -132,14 +136,17 @@ def finish(
     numbers |= painter.components.density.findings()
     numbers |= effort_of(painter, len(strokes)) | {"device": str(device_of(cfg.device))}
 
+    files: dict[str, bytes] = {}
+
     def compute_metrics() -> dict[str, object]:
         results = measure(metrics, flat, target, focus=canvas.focus, strokes=strokes, job=job.bare()) | numbers
+        files.update(kept_files(metrics))
         total = None if start is None else time.monotonic() - start
         return results | {"seconds_total": total, "peak_memory_mb": peak_memory(), "provenance": dict(provenance)}
 
     whole = job.at_size(painter.painted or canvas.size)
     whole = replace(whole, saved=replace(whole.saved, strokes=painter.enlarge(whole.strokes)))
-    return Finished(whole, sources | results, compute_metrics, timelapse)
+    return Finished(whole, sources | results, compute_metrics, timelapse, files=files)
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:

@@ -29,6 +29,11 @@ def standard_metrics() -> dict[str, Metric]:
     return {name: build_named("metric", name, {}) for name in STANDARD}
 
 
+def kept_files(metrics: Mapping[str, Metric]) -> dict[str, bytes]:
+    """List the files that metrics measured and keep, by name."""
+    return {name: data for metric in metrics.values() for name, data in metric.files.items()}
+
+
 @torch.no_grad()
 def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,

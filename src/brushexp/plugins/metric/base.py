@@ -49,6 +49,7 @@ class Metric(ABC):
     needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which it is omitted
     label: str = ""  # its name in metrics.json, if not that of the plugin
     remarks: Mapping[str, str | float] = {}  # further entries of metrics.json, once it has been called
+    files: Mapping[str, bytes] = {}  # files that it measured, by name, for the run's folder, once it has been called
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:

@@ -1,0 +1,53 @@
+"""Measure how many strokes a file of a given size should hold: PSNR of the decoded painting by bits per stroke.
+
+    python benchmarks/byte_goal.py docs/records/byte_goal.csv
+
+Paints three photographs of scikit-image with `look=plain` and as many strokes as the file holds at several bits per
+stroke, besides 60 bytes of a file without strokes, and rounds them as finely as fits. The share of `bits=` in
+`brushexp_coding.goal` follows from the table.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import brushexp
+
+PHOTOGRAPHS = ("astronaut", "coffee", "chelsea")
+SIZES = ((128, 800), (128, 2000), (192, 6000))  # side in pixels, bytes
+BITS = (65, 75, 85, 95, 110, 130)  # of a stroke
+OVERHEAD = 60  # bytes
+COLUMNS = ("photograph", "side", "size", "bits_a_stroke", "strokes", "bytes", "psnr", "psnr_decoded")
+
+
+def row_of(name, side, size, bits):
+    """Paint a photograph with the strokes that fit at so many bits each; return its row of the table."""
+    painting = brushexp.paint(
+        name,
+        look="plain",
+        resolution=side,
+        density="worth_bytes",
+        max_strokes=int((size - OVERHEAD) * 8 / bits),
+        metric=["psnr", "bits"],
+        threads=1,
+        **{"metric.bits.size": f"{size}B"},
+    )
+    metrics = painting.metrics
+    quality = (f"{metrics[key]:.2f}" for key in ("psnr", "psnr_decoded"))
+    return name, side, size, bits, metrics["n_strokes"], metrics["bytes"], *quality
+
+
+def main():
+    """Write the table into the file that is given."""
+    with Path(sys.argv[1]).open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for name in PHOTOGRAPHS:
+            for side, size in SIZES:
+                for bits in BITS:
+                    table.writerow(row_of(name, side, size, bits))
+                    file.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""``bits=20kB``: as close to the picture as a file of so many bytes allows."""
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Annotated
+
+from omegaconf import DictConfig, open_dict
+
+from brushexp.contracts import UserError, register
+from brushexp.contracts.families import Change
+from brushexp.contracts.painting import sizes_of
+from brushexp_coding.sizes import SIZE, size_from, size_text
+
+BITS = 85  # of a stroke: on average 0.11 dB below the best of six such numbers, at most 0.29 (benchmarks/byte_goal.py)
+OVERHEAD = 60  # bytes of a file without strokes, about
+PIXELS_OF_A_STROKE = 16  # fewest pixels of the painting for a stroke
+
+
+@register("change", "bits")
+@dataclass(kw_only=True)
+class BytesForStrokes(Change):
+    """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size: ``bits=20kB``.
+
+    More strokes come closer to the picture, but each must then be rounded more coarsely. With about 85 bits a stroke
+    the decoded painting is closest. So the painting has as many strokes as fit at 85 bits, or fewer if you limit their
+    number, and they are rounded as finely as fits into the file (``metric=bits``).
+
+    Args:
+        size: largest size of strokes.bits: 1500B, 20kB, 0.5MB; null = no goal.
+    """
+
+    size: Annotated[str, SIZE] | None = None
+
+    def settings(self, cfg: DictConfig) -> DictConfig:
+        if self.size is None:
+            return cfg
+        most = int((size_from(self.size, "bits") - OVERHEAD) * 8 / BITS)
+        if most < 1:
+            raise UserError(f"bits={self.size} holds no stroke; type bits={size_text(OVERHEAD + BITS / 8)} or more")
+        cfg = deepcopy(cfg)
+        if cfg.catalogue is None:
+            height, width = sizes_of(cfg).painting
+            limits = most, max(1, height * width // PIXELS_OF_A_STROKE), cfg.max_strokes, cfg.strokes
+            cfg.strokes = min(limit for limit in limits if limit is not None)
+        with open_dict(cfg):
+            cfg.metric.bits = {"_target_": "metric/bits", **cfg.metric.get("bits", {}), "size": self.size}
+        return cfg
