@@ -17,8 +17,9 @@ Array = NDArray[Any]
 
 NARROW = 6.0  # pixels: narrower strokes are hard to find
 LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
-UNSURE = 0.2  # median confidence: below it, a picture does not look like paint; van Gogh's Road has 0.22
-MOST_GROUND = 0.6  # share that looks bare: above it, a picture does not look like paint
+UNSURE = 0.2  # median confidence: below it, a picture does not look like paint
+MOST_GROUND = 0.6  # share that looks bare: above it, a picture does not look like paint,
+SURE = 0.5  # unless the median confidence is at least this: clear strokes on much bare ground are paint
 UNITS = {
     "x": "px",
     "y": "px",
@@ -106,7 +107,7 @@ def doubt_of_paint(table: StrokeTable) -> str | None:
         reason = "no strokes were found"
     elif (median := float(np.median(table.columns["confidence"]))) < UNSURE:
         reason = f"half of the strokes found have a confidence of {median:.2f} or less"
-    elif table.ground is not None and table.ground > MOST_GROUND:
+    elif table.ground is not None and table.ground > MOST_GROUND and median < SURE:
         reason = f"{100 * table.ground:.0f} % of it looks bare"
     else:
         return None

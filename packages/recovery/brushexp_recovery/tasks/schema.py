@@ -164,7 +164,7 @@ class TrainRecoveryTask(NetworkTask):
     paintings: int = key(400, "number of paintings to learn from", at_least(1))
     painters: int = key(1, "number of processes that make paintings during the training", at_least(1))
     families: bool = key(
-        False, "whether families of paint make half of the paintings; shipped weights have not learnt from them"
+        True, "whether families of paint make half of the paintings; otherwise engines and renderers make all of them"
     )
     leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
     batch_size: int = key(5, "crops per gradient step", at_least(1))

@@ -175,7 +175,8 @@ def test_bare_ground_is_told_from_paint_that_was_not_read():
     [
         ([], 0.0, "no strokes were found"),
         ([0.1, 0.15, 0.9], 0.0, "half of the strokes found have a confidence of 0.15 or less"),
-        ([0.8, 0.8, 0.8], 0.65, "65 % of it looks bare"),
+        ([0.4, 0.4, 0.4], 0.65, "65 % of it looks bare"),
+        ([0.8, 0.8, 0.8], 0.65, None),
         ([0.1, 0.25, 0.9], 0.39, None),
     ],
 )
