@@ -188,10 +188,11 @@ class Worth(Density):
     def _explain(self, state: DensificationState, reached: float, best_gain: float) -> str:
         at_limit = len(state.strokes) >= state.budget
         if state.psnr is None:
+            more = f"; more would be worth a price of {self.price:g}" if self.price else ""
             if at_limit and best_gain > BITS * self.price:
-                return f"as many as max_strokes={state.budget} allows; more would be worth a price of {self.price:g}"
+                return f"as many as max_strokes={state.budget} allows{more}"
             if self._is_cut_short:
-                return f"as many as grew in steps={self._limit}; more would be worth a price of {self.price:g}"
+                return f"as many as grew in steps={self._limit}{more}"
             return f"each saves more than its price, {self.price:g} of squared error per bit"
         if reached >= state.psnr:
             return f"the fewest found for psnr={state.psnr:g}"
