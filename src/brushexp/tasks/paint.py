@@ -129,7 +129,7 @@ class Opening(L.Callback):
 
     def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
         if pl_module.device.type == "cpu" and self.cfg.seconds is None and not is_job():
-            tell_of_slow_steps(pl_module.components.stages, len(pl_module.strokes()))
+            tell_of_slow_steps(pl_module.components.stages, pl_module.budget)
         if self.cfg.seconds is None and not is_job():
             height, width = pl_module.pictures["target"].shape[1:]
             tell_of_idle_parts(pl_module.components, pl_module.strokes(), (height, width))

@@ -17,9 +17,8 @@ Array = NDArray[Any]
 
 NARROW = 6.0  # pixels: narrower strokes are hard to find
 LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
-UNSURE = 0.2  # median confidence: below it, a picture does not look like paint
-MOST_GROUND = 0.6  # share that looks bare: above it, a picture does not look like paint,
-SURE = 0.5  # unless the median confidence is at least this: clear strokes on much bare ground are paint
+HARDLY, UNSURE, SURE = 0.1, 0.2, 0.5  # median confidences below which a picture does not look like paint: always,
+SOME_GROUND, MOST_GROUND = 0.15, 0.6  # if so much of it looks bare, and if most does
 UNITS = {
     "x": "px",
     "y": "px",
@@ -104,11 +103,12 @@ def describe_rest(table: StrokeTable) -> str:
 def doubt_of_paint(table: StrokeTable) -> str | None:
     """Say why a picture does not look like paint; None if it does."""
     if len(table) == 0:
-        reason = "no strokes were found"
-    elif (median := float(np.median(table.columns["confidence"]))) < UNSURE:
+        return "this does not look like paint: no strokes were found"
+    median, ground = float(np.median(table.columns["confidence"])), table.ground or 0.0
+    if median < HARDLY or (median < UNSURE and ground > SOME_GROUND):
         reason = f"half of the strokes found have a confidence of {median:.2f} or less"
-    elif table.ground is not None and table.ground > MOST_GROUND and median < SURE:
-        reason = f"{100 * table.ground:.0f} % of it looks bare"
+    elif median < SURE and ground > MOST_GROUND:
+        reason = f"{100 * ground:.0f} % of it looks bare"
     else:
         return None
     return f"this does not look like paint: {reason}"

@@ -86,5 +86,5 @@ def test_recover_takes_corrections(run_task, tmp_path, monkeypatch):
     assert result["n_strokes"] == 4
     assert read_recovered(tmp_path / "catalogue.h5").confidence.max() == 1
     path.write_text('{"size": [80, 61], "strokes": []}')
-    with pytest.raises(UserError, match="of a picture of 80 x 61 pixels, but image= has 80 x 60"):
+    with pytest.raises(UserError, match="to a picture of 80 x 61 pixels, but image= has 80 x 60"):
         check_marks(path, SIZE)

@@ -31,6 +31,6 @@ def test_a_photograph_taken_anew_gives_the_same_figures():
     gaps = difference_of(one, other, scales, 0)
     for name in ("length", "width"):
         assert not is_apart(gaps[name])
-        assert figures_again[name].value == pytest.approx(figures[name].value, rel=0.05)
+        assert figures_again[name].value == pytest.approx(figures[name].value, rel=0.1)
     assert gaps["direction"].low < -TURN < gaps["direction"].high
     assert gaps["direction"].value == pytest.approx(-TURN, abs=2)

@@ -129,10 +129,10 @@ def test_areas_are_rectangles_and_masks(mask, tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1,2", "no rectangle"),
+        ("1,2", "not a rectangle"),
         ("500,0,3,3", "no pixel"),
         ("nowhere.png", "region=|there is no"),
-        ("wide", "not the sha"),
+        ("wide", "not have the shape"),
     ],
 )
 def test_areas_that_are_none_are_refused(text, words, mask, tmp_path):

@@ -174,7 +174,9 @@ def test_bare_ground_is_told_from_paint_that_was_not_read():
     ("confidence", "ground", "words"),
     [
         ([], 0.0, "no strokes were found"),
-        ([0.1, 0.15, 0.9], 0.0, "half of the strokes found have a confidence of 0.15 or less"),
+        ([0.05, 0.08, 0.9], 0.0, "half of the strokes found have a confidence of 0.08 or less"),
+        ([0.1, 0.15, 0.9], 0.3, "half of the strokes found have a confidence of 0.15 or less"),
+        ([0.1, 0.15, 0.9], 0.1, None),
         ([0.4, 0.4, 0.4], 0.65, "65 % of it looks bare"),
         ([0.8, 0.8, 0.8], 0.65, None),
         ([0.1, 0.25, 0.9], 0.39, None),

@@ -103,7 +103,7 @@ def test_judges_are_fitted_in_a_copy_and_agree_more_with_the_marks(parts):
         model.pairs.layers[-1].bias -= 6  # it hardly merges any more
     before = {name: value.clone() for name, value in model.state_dict().items()}
     fitted = fit_to(model, parts, 0)
-    assert agreement_with(parts, fitted.classifiers()) > agreement_with(parts, model.classifiers()) + 0.1
+    assert agreement_with(parts, fitted.classifiers()) > agreement_with(parts, model.classifiers()) + 0.05
     changed = {name for name, value in fitted.state_dict().items() if not torch.equal(value, before[name])}
     assert {name.partition(".")[0] for name in changed} == {"pairs", "nodes"}
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
