@@ -8,9 +8,10 @@ import torch
 
 from brushexp.config.publish import prepare
 
-NAMES = ("gradient_check", "measures", "multiple_tests", "storage")
+NAMES = ("gradient_check", "losses", "multiple_tests", "storage")
 
 if __name__ == "__main__":
     prepare(Path())  # announces all plugins, as the tests expect
     torch.set_num_threads(1)
-    sys.exit(pytest.main(["--noconftest", "-n", "0", *(f"tests/test_{name}.py" for name in NAMES)]))
+    options = ["--noconftest", "-n", "0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]  # Hydra is imported here
+    sys.exit(pytest.main([*options, *(f"tests/test_{name}.py" for name in NAMES)]))
