@@ -83,9 +83,10 @@ def sharpness(picture: Tensor) -> Tensor:
     """Measure where a picture (3, H, W) has sharp edges, (H, W) float64, 0 (blurred or even) to 1."""
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
-    zoom = SHARP_SIDE / max(picture.shape)  # enlarged too, so that edges are as sharp as at any other size
-    size = [max(1, round(zoom * side)) for side in picture.shape[1:]]
-    planes = functional.interpolate(picture[None].double(), size, mode="bilinear", antialias=True)[0].clamp(0, 1)
+    small = downsample(picture, SHARP_SIDE).double()
+    zoom = SHARP_SIDE / max(small.shape)  # enlarged if it is smaller, so that edges are as sharp as at any other size
+    size = [max(1, round(zoom * side)) for side in small.shape[1:]]
+    planes = functional.interpolate(small[None], size, mode="bilinear", align_corners=False)[0].clamp(0, 1)
     lightness = to_lab(planes.flatten(1).T.cpu().numpy())[:, 0].reshape(size)
     blurred, crisp = SHARP_SLOPE
     edges = ((gaussian_gradient_magnitude(lightness, 1.0) - blurred) / (crisp - blurred)).clip(0, 1)
