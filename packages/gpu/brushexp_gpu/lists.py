@@ -36,7 +36,7 @@ class Lists:
 
 
 def tile_lists(curve: Tensor, reach: Tensor, front_to_back: Tensor, size: Size) -> Lists:
-    """List the strokes that may touch each tile of a canvas; arguments as of `brushexp.compositing.tile_lists`."""
+    """List the strokes that may touch each tile of a canvas; see `brushexp.compositing.tile_lists`."""
     curve, reach, n = curve.contiguous(), reach.contiguous(), len(front_to_back)
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
     tiles, number = rows * columns, curve.new_empty(0, dtype=torch.int32)

@@ -185,7 +185,7 @@ def wash(variant: int) -> Tensor:
 
 
 def dab(variant: int) -> Tensor:
-    """Draw a touch of the tip of a brush: a soft, uneven spot, thickest where the brush left it."""
+    """Draw the dab of a brush tip: a soft, uneven spot, thickest where the brush lifted off."""
     across, outside, t, _ = _grid()
     along = 0.7 * t + outside  # a dab is hardly longer than wide
     uneven = 0.16 * fractal_noise(along / 1.5, across / 1.5, 900 + variant, 2)

@@ -40,7 +40,7 @@ def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> floa
 
 
 def time_to(curve: Curve, psnr: float) -> float | None:
-    """Interpolate the seconds until a PSNR in dB was reached, at the earliest the first; None if never."""
+    """Interpolate when a PSNR in dB was reached, in seconds, not before the first point; None if it never was."""
     times, best = curve[0], np.maximum.accumulate(curve[1])
     k = int(np.searchsorted(best, psnr))
     around = slice(max(k - 1, 0), k + 1)

@@ -180,7 +180,7 @@ def paired_differences(
 
 
 def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
-    """Subtract others from values by unit, so that more is better; see `Difference`."""
+    """Subtract others from values, with the sign by which more is better; see `Difference`."""
     both = values.notna() & others.notna()
     if quantities()[metric].ratio:
         both &= (values > 0) & (others > 0)

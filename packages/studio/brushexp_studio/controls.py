@@ -229,7 +229,7 @@ class Controls:
 
 @contextmanager
 def part(title: str, hint: str = "") -> Iterator[None]:
-    """Add a section of the controls with a heading."""
+    """Add a section with a heading to the controls."""
     with Tag("section", "part"):
         with Tag("h2", text=title):
             if hint:

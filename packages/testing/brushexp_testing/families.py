@@ -93,7 +93,7 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
 
 
 def loads_its_checkpoint(make: Make) -> None:
-    """Check that a renderer with an option ``checkpoint`` reads that file, and refuses it if there is none."""
+    """Check that a renderer with an option ``checkpoint`` reads that file, and raises an error if there is none."""
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")

@@ -30,7 +30,7 @@ DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the c
 
 @dataclass(frozen=True)
 class Profile(Layers):
-    """Strokes of a colour each that may drift along them, with round ends and a soft edge.
+    """Strokes with round ends and a soft edge, each of one colour, which may drift along the stroke.
 
     alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
     S of width ``soft`` + ``softness``: the box of half width h smoothed by S, so that a line thinner than the edge

@@ -88,7 +88,7 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Map the names of facts for choosing a member to their values."""
+        """Return the facts by which a member is chosen, from name to value."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:

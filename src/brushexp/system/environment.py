@@ -48,7 +48,7 @@ def processor() -> str:
 
 @cache
 def code_state() -> dict[str, Any]:
-    """Describe this brushexp: its ``version``, and the `git_state` of the checkout that it was imported from."""
+    """Describe this installation of brushexp: its ``version``, and the `git_state` of its checkout, if any."""
     is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # not an environment inside an unrelated repository
     return {"version": __version__, **((git_state(PACKAGE) or {}) if is_tracked else {})}
 

@@ -17,7 +17,7 @@ def rgb_of(color: str) -> Array:
 
 
 def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes: the curves, of one colour or one each, and for those that are lacking some without ink."""
+    """Make n strokes of the curves, in one colour or one each; if there are too few curves, add some without ink."""
     lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
     curve, width, seen, color = (
         np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])

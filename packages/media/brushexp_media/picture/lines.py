@@ -42,7 +42,7 @@ def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> 
 
 
 def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
-    """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels: one line, not many."""
+    """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels."""
     points = points_of(curve).swapaxes(0, 1)
     rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
     taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))

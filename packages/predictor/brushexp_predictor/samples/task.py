@@ -73,7 +73,7 @@ def text_of(brushwork: SampledBrushwork, name: str) -> str:
 
 
 def texts_of(name: str, one: Interval) -> dict[str, str]:
-    """Write a measure and the ends of its interval; no ends of a direction that may be any."""
+    """Write a measure and the ends of its interval, without ends for a direction that is undetermined."""
     kind = OF_PAINTINGS[name]
     texts = {key: f"{value:.3g}" if np.isfinite(value) else MISSING for key, value in one._asdict().items()}
     if kind.axial and one.high - one.low >= HALF_TURN - 1e-6:

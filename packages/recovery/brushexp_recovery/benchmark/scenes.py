@@ -91,7 +91,7 @@ def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
 
 
 def photograph(image: Array, random: np.random.Generator) -> Array:
-    """Make a hard photograph of a painting (H, W, 3): weave, blur, noise, JPEG."""
+    """Simulate a hard photograph of a painting (H, W, 3): canvas weave, blur, noise and JPEG."""
     return compress_as_jpeg(np.clip(weather(image, random), 0, 1), HARD_QUALITY)
 
 

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 
 class PairFeature(IntEnum):
-    """Features of two neighbouring regions; ``SMALL`` and ``LARGE`` are the two by area, ``BOTH`` is their union."""
+    """Features of two neighbouring regions; ``SMALL`` is the smaller one, ``BOTH`` is their union."""
 
     AFFINITY_ADJACENT = 0  # between the regions, of the offsets of 1 pixel
     AFFINITY_3 = 1  # of 3 pixels

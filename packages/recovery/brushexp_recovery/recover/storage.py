@@ -56,7 +56,7 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
 
 
 def read_recovered(path: Path) -> Recovered:
-    """Read the file of `write_recovered`, by its path or folder; raise a UserError if it is another one."""
+    """Read a file of `write_recovered`, given its path or folder; raise a UserError for any other file."""
     saved = load_catalogue(path)
     path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
     with opened(path, cure) as file, explaining(path, cure):

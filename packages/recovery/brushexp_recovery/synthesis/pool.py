@@ -21,7 +21,7 @@ def fill_pool(
     pictures: Sequence[str],
     families: Collection[str] = (),
 ) -> None:
-    """Paint those of ``numbers`` that are not there yet, as long as the process ``parent`` lives.
+    """Paint those of ``numbers`` that the pool lacks, for as long as the process ``parent`` lives.
 
     Half of the paintings are of families of paint: only those of ``families`` are made. Without families, engines make
     every painting.

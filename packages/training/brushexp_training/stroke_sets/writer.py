@@ -98,7 +98,7 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """Open the finished shards, by their first strokes; raise a UserError if they do not belong to this set."""
+    """Open the finished shards, by first stroke number; raise a UserError if they do not belong to this set."""
     shards = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:
