@@ -8,12 +8,11 @@ from omegaconf import DictConfig, open_dict
 
 from brushexp.contracts import UserError, register
 from brushexp.contracts.families import Change
-from brushexp.contracts.painting import sizes_of
+from brushexp.contracts.painting import PIXELS_OF_A_STROKE, sizes_of
 from brushexp_coding.sizes import SIZE, size_from, size_text
 
 BITS = 85  # of a stroke: on average 0.11 dB below the best of six such numbers, at most 0.29 (benchmarks/byte_goal.py)
 OVERHEAD = 60  # bytes of a file without strokes, about
-PIXELS_OF_A_STROKE = 16  # fewest pixels of the painting for a stroke
 
 
 @register("change", "bits")

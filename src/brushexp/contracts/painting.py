@@ -4,6 +4,7 @@ from brushexp.painting.build import build_painter, clip_of, compute_focus, faces
 from brushexp.painting.canvas_memory import boxes_of
 from brushexp.painting.changes import build_changes
 from brushexp.painting.components import (
+    PIXELS_OF_A_STROKE,
     Components,
     Stage,
     build_components,
@@ -23,6 +24,7 @@ from brushexp.painting.working_size import AUTO, sizes_of, working_side_for
 
 __all__ = [
     "AUTO",
+    "PIXELS_OF_A_STROKE",
     "Components",
     "Finished",
     "Picture",

@@ -44,7 +44,7 @@ BYTES_PER_WINDOW_PIXEL = 32  # bytes per pixel: RGBA in 32 bits and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses added by keys of ``style``
 LONG_MINUTES = 2  # steps that take longer are announced
 MANY_DRAWINGS = 10_000  # number of drawings of a stroke below which their time is not measured
-PIXELS_OF_A_STROKE = 16  # minimum pixels per stroke if a density policy chooses their number
+PIXELS_OF_A_STROKE = 16  # minimum pixels per stroke where the number of strokes is chosen for the user
 AUTO = "auto"  # value of warm_up that leaves the choice to the renderer
 
 

@@ -102,10 +102,10 @@ def describe_rest(table: StrokeTable) -> str:
 
 def doubt_of_paint(table: StrokeTable) -> str | None:
     """Say why a picture does not look like paint; None if it does."""
+    median, ground = float(np.median(table.columns["confidence"])) if len(table) else 0.0, table.ground or 0.0
     if len(table) == 0:
-        return "this does not look like paint: no strokes were found"
-    median, ground = float(np.median(table.columns["confidence"])), table.ground or 0.0
-    if median < HARDLY or (median < UNSURE and ground > SOME_GROUND):
+        reason = "no strokes were found"
+    elif median < HARDLY or (median < UNSURE and ground > SOME_GROUND):
         reason = f"half of the strokes found have a confidence of {median:.2f} or less"
     elif median < SURE and ground > MOST_GROUND:
         reason = f"{100 * ground:.0f} % of it looks bare"
