@@ -155,9 +155,10 @@ class Toned(Palette):
 
 
 def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
-    """Compute how far colours are white with a green tint, 0 to 1, from their a*, their chroma and their L*.
+    """Compute how far colours are white with a green tint, 0 to 1, from their a*, chroma and L*.
 
-    Purer, such a tint would turn teeth, eyes and linen green. Faint warm and blue tints, as in clouds, do no harm.
+    If such a tint became purer, teeth, eyes and linen would turn green. Faint warm and blue tints, as in clouds, do no
+    harm.
     """
     green = (-red / chroma.clip(1e-6)).clip(0, 1)
     light = ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
@@ -180,10 +181,10 @@ def _around(lightness: Array) -> Array:
     return around
 
 
-LEAST_HUE = 8.0  # chroma from which on a dark colour has a hue
-TINT = 24.0  # chroma from which on a green is no tint of white
-TINTED = 55.0, 85.0  # L* up to which none is, and from which on all are
-NEUTRAL = 0.3  # chroma that such a tint keeps where others are raised
+LEAST_HUE = 8.0  # chroma of a colour whose hue may be raised fully
+TINT = 24.0  # chroma of a green that is no longer a tint of white
+TINTED = 55.0, 85.0  # L* up to which no green is a tint of white, and from which every pale one is
+NEUTRAL = 0.3  # share of its chroma that such a tint keeps where other colours become purer
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues

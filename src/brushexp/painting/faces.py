@@ -22,7 +22,7 @@ FLOOR = 120  # small strokes for an eye or a mouth
 FLOOR_OF_FACE = 6 * FLOOR  # small strokes for a face whose eyes and mouth are unknown
 FLOOR_OF_SPOT = 60  # small strokes for a spot, which may be the eye of an animal
 RADII_PER_WIDTH = 6.0  # radius of a feature over the width of the broadest stroke for it
-BROAD = 2.0  # width of a stroke that hides an eye or a mouth, in greatest widths of a small stroke
+BROAD = 2.0  # width of a stroke that hides an eye or a mouth, over the greatest width of a small one
 THINNEST_STROKE = 1.5  # width in pixels of the smallest strokes for a feature
 TYPED_SHARE = 0.5  # largest share of a typed number of strokes for features
 MOST_ON_A_FACE = 400  # most strokes that a face keeps while abstraction removes them elsewhere
@@ -87,9 +87,10 @@ def draw_features(
 
 
 def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
-    """Count the small ones among N strokes in a feature that no broad one hides: those after the last broad one.
+    """Count the small strokes in a feature that no broad one hides: those that come after the last broad one.
 
-    ``position`` (N, 2) and ``width`` (N,) are in pixels, bottom stroke first. Broad is `BROAD` times a small width.
+    ``position`` (N, 2) and ``width`` (N,) of N strokes are in pixels, bottom stroke first. A broad stroke is wider than
+    `BROAD` times the greatest width of a small one.
     """
     small = max(feature.radius / feature.fineness, THINNEST_STROKE)
     inside = width[feature.holds(position)]

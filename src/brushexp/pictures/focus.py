@@ -19,9 +19,9 @@ CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, 
 ROUNDING = 1e-3  # of a Lab unit: differences below it are rounding
 FACE_REACH = 0.7  # sides of a face: how far from its middle attention falls to 1/e
 SHARP_SIDE = 512  # pixels of the longer side at which sharp edges are found
-SHARP_SLOPE = 1.5, 8.0  # L* a pixel up to which an edge is blurred, and from which on it is fully sharp
+SHARP_SLOPE = 1.5, 8.0  # L* per pixel: slopes of an edge that is blurred, and of one that is fully sharp
 SHARP_BLUR = 0.025  # longer sides, of the blur of sharp edges
-SHARP_SHARE = 0.35  # share of an area that sharp edges take, from which on it is fully sharp
+SHARP_SHARE = 0.35  # share of sharp edges in an area that is fully sharp
 OF_SHARP = 0.5  # attention to an area that is sharp and not salient
 BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is a face
 

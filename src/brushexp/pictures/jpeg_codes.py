@@ -28,7 +28,7 @@ NUMBERS = 64  # of a block
 
 @function
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
-    """Test whether bytes, with `PADDING`, hold the codes of exactly so many units, in the range of 8-bit pixels.
+    """Test whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, in the range of 8-bit pixels.
 
     ``kinds`` (B,) are the components of the blocks of a unit. ``codes`` (C, 2, 65536) has for the next 16 bits, in the
     first and the other numbers of a block, 256 times the length of the code plus its symbol. ``steps`` (C, 64) are the

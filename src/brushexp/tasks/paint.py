@@ -128,8 +128,8 @@ class Opening(L.Callback):
         self.is_written = False
 
     def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
-        is_slow = pl_module.resumable and pl_module.device.type == "cpu"  # other painters take no gradient steps
-        if is_slow and self.cfg.seconds is None and not is_job():
+        may_be_slow = pl_module.resumable and pl_module.device.type == "cpu"  # others have no gradient steps
+        if may_be_slow and self.cfg.seconds is None and not is_job():
             tell_of_slow_steps(pl_module.components.stages, pl_module.budget)
         if self.cfg.seconds is None and not is_job():
             height, width = pl_module.pictures["target"].shape[1:]

@@ -116,7 +116,7 @@ class Chalks(Initializer):
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
     def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
-        """Draw accents along edges; where one looks less than elsewhere, they would be loose ticks, and are unseen."""
+        """Draw accents along edges, visible only where the focus is at least average; elsewhere they look loose."""
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
         drawn = Strokes.join(

@@ -14,7 +14,7 @@ from brushexp_media.picture.lines import edge_lines
 
 SIDE = 96  # pixels of the longer side at which dark shapes are found
 THICK, FAINT = 20.0, 0.015  # scale of lines, in those of a pen, and the least difference that is one
-DARKER = 0.6  # deviations of the largest channel below the mean from which on a place is inked
+DARKER = 0.6  # standard deviations below the mean, of the largest channel, at which a place is inked
 BROADEST = 0.12  # width of a stroke, in longer sides
 SPECK = 0.002  # share of the target below which a shape is a speck
 

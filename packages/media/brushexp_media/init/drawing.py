@@ -33,12 +33,13 @@ BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
-DEEPEST, DARK_FEATURE = 0.26, 0.5  # largest channel up to which there are accents, and where one looks first: not lips
+DEEPEST = 0.26  # largest channel of a place with an accent
+DARK_FEATURE = 0.5  # and where one looks first: lids and pupils are darker, lips are not
 SPECK = 6e-4  # least accent over what is looked at
 LOOKED_AT = 0.5  # share of the largest focus above which one looks first
 EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
 FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
-CRISP = 0.45  # sharpness, over the largest, from which on an edge is a full contour
+CRISP = 0.45  # sharpness, over the largest, of an edge with a full contour
 FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
@@ -190,7 +191,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
 
     ``length`` and ``width``, in pixels, are those of the strongest. With a focus (H, W) a share of them is finer, and
     where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those. Elsewhere
-    what is out of focus has no contour.
+    blurred edges have no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
