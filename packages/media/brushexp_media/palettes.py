@@ -130,7 +130,7 @@ class Toned(Palette):
             lightness = lightness + self.irradiation * (lightness - _around(lightness))
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
         toned = self.dark + tone * (self.light - self.dark)
-        share = share_of_night(own.mean(), toned.mean())
+        share = share_of_night(own.mean(), toned.mean()) * share_of_dark(own)
         tone = tone + share * (own / 100 - tone)
         chroma = np.hypot(lab[..., 1], lab[..., 2])
         tint = green_tint(lab[..., 1], chroma, toned)
@@ -174,6 +174,12 @@ def share_of_night(own: float, toned: float) -> float:
     return 1 - min(1.0, allowed / max(toned - own, 1e-6))
 
 
+def share_of_dark(lightness: Array) -> Array:
+    """Compute the share of its own L* that each place of a night keeps: darks most of it, lit places none."""
+    lit = ((lightness - LAMPLIGHT[0]) / (LAMPLIGHT[1] - LAMPLIGHT[0])).clip(0, 1)
+    return DARKS_KEPT * (1 - lit * lit * (3 - 2 * lit))
+
+
 def _around(lightness: Array) -> Array:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
@@ -187,6 +193,8 @@ TINTED = 55.0, 85.0  # L* up to which no green is a tint of white, and from whic
 NEUTRAL = 0.3  # share of its chroma that such a tint keeps where other colours become purer
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
+DARKS_KEPT = 0.65  # of the lightness of the darkest places of a night
+LAMPLIGHT = 20.0, 50.0  # L* of places from which on, and of those where, a night is as light as in a day
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
