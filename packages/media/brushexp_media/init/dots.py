@@ -22,7 +22,7 @@ SHADOW = 56.0  # L* below which a touch is in shadow
 WHITE = 87.0  # L* from which on a touch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.15, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
-TURNED, UNEVEN = 0.45, 0.05  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
+TURNED, UNEVEN = 0.45, 0.08  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
 
 
 @register("init", "dots")
