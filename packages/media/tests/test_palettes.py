@@ -68,12 +68,12 @@ def test_darks_of_a_night_stay_dark_and_its_lit_places_are_as_light_as_by_day(lo
     lab, own = as_lab(toned(night))[..., 0], as_lab(night)[..., 0]
     dark = own < LAMPLIGHT[0]
     assert own.mean() < NIGHT
-    assert lab[dark].mean() - own[dark].mean() < 10
+    assert lab[dark].mean() - own[dark].mean() < 14
     assert lab[6, 30] > 88
     assert share_of_night(50.0, 62.0) == 0
     assert share_of_night(20.0, 19.0) == 0
     kept = share_of_dark(np.array([0.0, LAMPLIGHT[0], 35.0, LAMPLIGHT[1], 100.0]))
-    assert np.allclose(kept / kept[0], [1, 1, 0.5, 0, 0])
+    assert np.allclose(kept, [1, 1, 0.5, 0, 0])
 
 
 def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():
