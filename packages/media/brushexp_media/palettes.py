@@ -101,6 +101,7 @@ class Toned(Palette):
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
         irradiation: increase of the contrast of lightness with the surroundings, 0 to 2.
         outlines: strength of outlines, 0 to 1.
+        night: share of their own lightness that the dark places of a night keep, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
 
@@ -119,6 +120,7 @@ class Toned(Palette):
     flatness: Annotated[float, between(0, 2)] = 0.0
     irradiation: Annotated[float, between(0, 2)] = 0.0
     outlines: Annotated[float, between(0, 1)] = 0.0
+    night: Annotated[float, between(0, 1)] = 0.65
     warmth: Annotated[float, between(0, 50)] = 0.0
 
     def __call__(self, picture: Tensor) -> Tensor:
@@ -130,7 +132,7 @@ class Toned(Palette):
             lightness = lightness + self.irradiation * (lightness - _around(lightness))
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
         toned = self.dark + tone * (self.light - self.dark)
-        share = share_of_night(own.mean(), toned.mean())
+        share = self.night * share_of_night(own.mean(), toned.mean()) * share_of_dark(own)
         tone = tone + share * (own / 100 - tone)
         chroma = np.hypot(lab[..., 1], lab[..., 2])
         tint = green_tint(lab[..., 1], chroma, toned)
@@ -174,6 +176,12 @@ def share_of_night(own: float, toned: float) -> float:
     return 1 - min(1.0, allowed / max(toned - own, 1e-6))
 
 
+def share_of_dark(lightness: Array) -> Array:
+    """Compute how dark each place is, 0 (lit) to 1, from its L*."""
+    lit = ((lightness - LAMPLIGHT[0]) / (LAMPLIGHT[1] - LAMPLIGHT[0])).clip(0, 1)
+    return 1 - lit * lit * (3 - 2 * lit)
+
+
 def _around(lightness: Array) -> Array:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
@@ -187,6 +195,7 @@ TINTED = 55.0, 85.0  # L* up to which no green is a tint of white, and from whic
 NEUTRAL = 0.3  # share of its chroma that such a tint keeps where other colours become purer
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
+LAMPLIGHT = 20.0, 50.0  # L* of places from which on, and of those where, a night is as light as in a day
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared

@@ -10,6 +10,7 @@ from brushexp_media.blurred import Blurred
 from brushexp_media.chroma import Chroma
 from brushexp_media.palettes import (
     CLEAR,
+    LAMPLIGHT,
     NIGHT,
     STEEPEST,
     as_lab,
@@ -17,6 +18,7 @@ from brushexp_media.palettes import (
     grouped,
     harmonised,
     limited,
+    share_of_dark,
     share_of_night,
     spread_out,
 )
@@ -58,16 +60,20 @@ def test_values_are_grouped():
 
 
 @pytest.mark.parametrize("look", ["impasto", "gouache", "watercolour", "pastel", "vangogh", "pointillist", "ink"])
-def test_night_stays_night_and_day_does_not_change(look):
+def test_darks_of_a_night_stay_dark_and_its_lit_places_are_as_light_as_by_day(look):
     conf = Path(brushexp_media.__file__).parent / "conf" / "look" / f"{look}.yaml"
     toned = build_named("palette", "toned", OmegaConf.to_container(OmegaConf.load(conf).palette))
     night = 0.25 * torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
     night[:, 5:9, 20:40] = 0.9  # a lit window
-    lab, own = as_lab(toned(night)), as_lab(night)
-    assert own[..., 0].mean() < NIGHT
-    assert lab[..., 0].mean() - own[..., 0].mean() < 3
+    lab, own = as_lab(toned(night))[..., 0], as_lab(night)[..., 0]
+    dark = own < LAMPLIGHT[0]
+    assert own.mean() < NIGHT
+    assert lab[dark].mean() - own[dark].mean() < 14
+    assert lab[6, 30] > 88
     assert share_of_night(50.0, 62.0) == 0
     assert share_of_night(20.0, 19.0) == 0
+    kept = share_of_dark(np.array([0.0, LAMPLIGHT[0], 35.0, LAMPLIGHT[1], 100.0]))
+    assert np.allclose(kept, [1, 1, 0.5, 0, 0])
 
 
 def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():

@@ -30,6 +30,7 @@ WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of 
 SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
 HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
 POOLED, POOLS = 3.0, 0.1  # times the darkness of a wash at which all of its pigment settles; longer sides between pools
+GRANULATED = 0.35  # share of the granulation that every wash has, between pools, too
 LEFT = 0.5  # share of the paint that is dust which a hollow keeps
 STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
 
@@ -46,7 +47,7 @@ class GrainedPaper(Paper):
         drag: elongation of the grain along the strokes, as by a stick that skips, 0 to 1.
         accents: increase of the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
         roughness: height of the grain in the light, in grain sizes; it shows where ``light.depth`` is not 0.
-        granulation: settling of wet pigment in hollows, 0 to 2, where it pools: here and there in dark washes.
+        granulation: settling of wet pigment in hollows, 0 to 2, most where it pools in dark washes.
         rims: gathering of wet pigment at the edges of a wash, 0 to 10.
         blooms: unevenness of a drying wash, 0 to 2.
         clean: smoothing of paint along its edges, in grains: many touches get the edges of a single one.
@@ -122,7 +123,8 @@ class GrainedPaper(Paper):
         density = self.granulation * (0.5 - low)
         if self.granulation:
             load = (POOLED * (ground - flat).mean(0)).clamp(0, 1)
-            density = density * load * evened(fractal_noise(x / POOLS, y / POOLS, self.seed + 61, 3)).to(flat)
+            pools = load * evened(fractal_noise(x / POOLS, y / POOLS, self.seed + 61, 3)).to(flat)
+            density = density * (GRANULATED + (1 - GRANULATED) * pools)
         if self.blooms:
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
         if self.rims:
