@@ -140,7 +140,7 @@ def test_a_reason_and_the_version_that_was_tried_are_given_for_every_dependency(
 
 
 def test_the_page_about_installing_names_every_extra_and_what_it_installs():
-    page = (ROOT / "docs" / "install.md").read_text().partition("## Extras")[2].partition("\n## ")[0]
+    page = (ROOT / "docs" / "index.md").read_text().partition("### Extras")[2].partition("\n### ")[0]
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| `")]
     extras = {name: libraries for names, _, libraries in rows for name in re.findall(r"`(\w+)`", names)}
     assert extras.keys() == PROJECT["optional-dependencies"].keys()

@@ -1,6 +1,6 @@
 """Read files as untrusted data: nothing in them is executed, and all sizes are bounded.
 
-docs/security.md lists the files and their limits. A one-line UserError says what is wrong; functions that take a path
+docs/formats.md lists the files and their limits. A one-line UserError says what is wrong; functions that take a path
 name the file in it.
 """
 
