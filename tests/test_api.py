@@ -184,7 +184,7 @@ def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(
     brushexp.render(strokes, (20, 30), renderer=frozen)
     brushexp.render(strokes.map(torch.Tensor.double), (20, 30))
     slow = "PyTorch draws the strokes, many times slower than compiled kernels: "
-    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, but kernels take float32"]
+    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, but kernels need float32"]
     assert len(caplog.messages) == 2
     for message, reason in zip(caplog.messages, reasons, strict=True):
         assert message.startswith(slow)

@@ -161,8 +161,8 @@ def test_without_any_place_functions_are_compiled_and_a_line_says_so(kernels, mo
     with caplog.at_level(logging.WARNING):
         assert doubled() == doubled() == 2
     assert [record.message for record in caplog.records] == [
-        "what is compiled cannot be kept, so each run compiles anew; "
-        "NUMBA_CACHE_DIR=FOLDER before the command names a folder for it"
+        "compiled code cannot be stored, so every run compiles again; "
+        "to choose a folder for it, put NUMBA_CACHE_DIR=FOLDER before the command"
     ]
     assert not kept_kernels.is_kept()
 

@@ -114,7 +114,7 @@ def test_missing_and_old_libraries_and_extras_come_with_the_line_that_installs_t
     needed += ['jobs; extra == "cluster"', 'queues; extra == "cluster"', 'linter; extra == "dev"']
     needed += ["odd; python_version < '3' and extra == 'elsewhere'"]
     installed(needed, {"arrays": "2.1rc1", "kernels": "1", "films": "3.0", "queues": "1"})
-    assert doctor._libraries() == "all that the program needs"
+    assert doctor._libraries() == "all required libraries are installed"
     assert doctor._extras() == (["film"], ["cluster"])
     assert doctor._missing_extras() == "cluster; to add all: pip install 'brushexp[cluster]'"
     installed(needed, {"arrays": "1.9", "films": "2.9"})

@@ -98,7 +98,7 @@ def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, capl
     torch.save(checkpoint, tmp_path / CHECKPOINT)
     resumed()
     now = torch.__version__
-    assert f"continues in another environment than it began in: PyTorch (1.0, {now}); for a comparable" in caplog.text
+    assert f"continues in a different environment (PyTorch (1.0, {now})); for a comparable" in caplog.text
     for other in (None, "odd"):  # of an earlier version, or spoilt
         checkpoint[RECORD_KEY]["provenance"] = other
         torch.save(checkpoint, tmp_path / CHECKPOINT)

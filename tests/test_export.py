@@ -566,7 +566,7 @@ def test_edited_strokes_are_painted(tmp_path):
     (lambda d: d.pop("config"), "config is None; a list is needed"),
     (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
     (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
-    (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
+    (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; valid: position"),
     (lambda d: d["strokes"][2].update(brush=1.5), "stroke 2: brush is 1.5; a whole number is needed"),
     (lambda d: d["strokes"][2].update(brush=10**400), "brush is not a whole number"),
     (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),

@@ -36,7 +36,7 @@ class Nobody(Sampler):
 
 def test_a_loss_without_gradient_is_refused_before_the_first_step():
     painter = painter_of(n=5, steps=3, losses={"mine": Detached()})
-    refuses(r"^loss=mine: no gradient reaches the strokes, so none would move; .*\.detach\(\)", fit, painter)
+    refuses(r"^loss=mine: no gradient reaches the strokes, so no stroke would move; .*\.detach\(\)", fit, painter)
     assert painter.schedule.step == 0
 
 

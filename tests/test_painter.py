@@ -208,10 +208,10 @@ def test_a_quality_ends_the_run_and_the_last_stage_gets_half_of_the_seconds(capl
     assert work.stop == Status.SECONDS_SPENT
     caplog.set_level("INFO")
     assert Work(40, error=0.1).run(Quality(10.5)).stop is None
-    assert "psnr=10.5 was not reached: the picture has 10.00 dB" in caplog.text
+    assert "psnr=10.5 was not reached; the picture has 10.00 dB" in caplog.text
     work = Work(40, error=0.1).run(Quality(9.5))
     assert (work.stop, work.schedule.step) == (Status.PSNR_REACHED, 1)
-    assert "psnr=9.5 is reached after" in caplog.text
+    assert "psnr=9.5 was reached after" in caplog.text
     assert Work(5, 5).run(Quality(0.0)).schedule.step == 6, "only the last stage reaches it"
 
 

@@ -347,7 +347,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     ):
         assert any(words in line for line in lines), (words, lines)
     assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
-    assert any("gone.png left out: these links lead nowhere" in line for line in lines)
+    assert any("gone.png left out: these links are broken" in line for line in lines)
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()

@@ -21,7 +21,7 @@ def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -
     if weights is None:
         raise UserError(
             f"backbone {name} needs a file with torchvision's weights, .pth or .safetensors; set {option}=path, "
-            f"or take another network: {option.replace('weights', 'backbone')}=effl0"
+            f"or choose another network: {option.replace('weights', 'backbone')}=effl0"
         )
     network: Backbone = PUBLISHED[name].load()(name, read_tensors(Path(weights), option))
     return network

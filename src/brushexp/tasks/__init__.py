@@ -1,1 +1,1 @@
-"""Carry out tasks: one module per task, with keys in config/schema.py. Pick one: ``task=paint``."""
+"""Perform tasks: one module per task, with keys in config/schema.py. Choose one: ``task=paint``."""

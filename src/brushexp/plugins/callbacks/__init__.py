@@ -1,1 +1,1 @@
-"""Callbacks: what happens beside the steps of a fit. Pick any number: ``callbacks=[timer,learning_rate_monitor]``."""
+"""Callbacks: actions during a fit, beside its steps. Choose any number: ``callbacks=[timer,learning_rate_monitor]``."""

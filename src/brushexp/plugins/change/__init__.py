@@ -1,1 +1,1 @@
-"""Changes: what is different about one painting. Pick several: ``'change=[wet,guides]'``."""
+"""Changes: what is different about one painting. Choose any number: ``'change=[wet,guides]'``."""

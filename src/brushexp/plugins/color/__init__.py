@@ -1,1 +1,1 @@
-"""Colour spaces in which paint is composited. Pick one: ``color=rgb``."""
+"""Colour spaces in which paint is composited. Choose one: ``color=rgb``."""

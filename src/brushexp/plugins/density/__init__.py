@@ -1,1 +1,1 @@
-"""Density policies: when strokes are added and removed. Pick one: ``density=fixed``."""
+"""Density policies: when to add and remove strokes. Choose one: ``density=fixed``."""

@@ -1,1 +1,1 @@
-"""Brush simulators: stroke parameters -> a picture of one stroke. Pick one: ``engine=...``."""
+"""Brush simulators: stroke parameters -> a picture of one stroke. Choose one: ``engine=...``."""

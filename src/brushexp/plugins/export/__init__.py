@@ -1,1 +1,1 @@
-"""Exporters: painting -> files. Pick several: ``task=export catalogue=catalogue.h5 to=svg,json``."""
+"""Exporters: painting -> files. Choose any number: ``task=export catalogue=catalogue.h5 to=svg,json``."""

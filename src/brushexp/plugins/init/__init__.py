@@ -1,1 +1,1 @@
-"""Initialisers: target picture -> initial strokes. Pick one: ``init=slic``."""
+"""Initialisers: target picture -> initial strokes. Choose one: ``init=slic``."""

@@ -1,1 +1,1 @@
-"""Loggers: where the curves, pictures and numbers of a run go. Pick several: ``logger=csv,wandb``."""
+"""Loggers: destinations of the curves, pictures and numbers of a run. Choose any number: ``logger=csv,wandb``."""

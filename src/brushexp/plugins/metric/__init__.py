@@ -1,1 +1,1 @@
-"""Metrics: finished painting -> number. Pick several: ``'metric=[psnr,ssim]'``."""
+"""Metrics: finished painting -> number. Choose any number: ``'metric=[psnr,ssim]'``."""

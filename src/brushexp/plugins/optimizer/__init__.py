@@ -1,1 +1,1 @@
-"""Optimisers: how the strokes move. Pick one: ``optimizer=adam``."""
+"""Optimisers: how strokes move. Choose one: ``optimizer=adam``."""

@@ -1,1 +1,1 @@
-"""Orders: which stroke lies on top. Pick one: ``order=area``."""
+"""Orders: which stroke lies on top. Choose one: ``order=area``."""

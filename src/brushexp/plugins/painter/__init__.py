@@ -1,1 +1,1 @@
-"""Painters: target picture -> strokes, state by state. Pick one: ``painter=gradient``."""
+"""Painters: target picture -> strokes, state by state. Choose one: ``painter=gradient``."""

@@ -1,1 +1,1 @@
-"""Palettes: colours of the picture -> colours of the target. Pick one: ``palette=muted``."""
+"""Palettes: colours of the picture -> colours of the target. Choose one: ``palette=muted``."""

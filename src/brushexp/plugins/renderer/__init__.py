@@ -1,1 +1,1 @@
-"""Renderers: stroke parameters -> what each stroke covers. Pick one: ``renderer=analytic``."""
+"""Renderers: stroke parameters -> what each stroke covers. Choose one: ``renderer=analytic``."""

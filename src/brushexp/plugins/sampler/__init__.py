@@ -1,1 +1,1 @@
-"""Samplers: which part of the canvas a step looks at. Pick one: ``sampler=whole``."""
+"""Samplers: which part of the canvas a step compares. Choose one: ``sampler=whole``."""
