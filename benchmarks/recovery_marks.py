@@ -29,8 +29,8 @@ from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import load_plugins
 
 SEED = 61
-MATCH, SOFT = 0.5, 0.3  # intersections over union
-LEAST_PIXELS = 12  # smallest region that counts
+MATCH, SOFT = 0.5, 0.3  # intersection over union
+LEAST_PIXELS = 12  # area of the smallest region that counts
 
 
 def find(model, image, scale=None):

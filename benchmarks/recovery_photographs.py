@@ -21,7 +21,7 @@ from brushexp_recovery.recover.pipeline import recover_with
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import load_plugins
 
-SEED, NUMBER, SIDE = 61, 7, 192  # seed, number and side in pixels of the paintings
+SEED, NUMBER, SIDE = 61, 7, 192  # seed, number, and side in pixels of the paintings
 PAINTINGS = (
     ("textured", 75, "clean"),
     ("fluid", 75, "hard"),
