@@ -1,4 +1,4 @@
-"""Chosen parts that do nothing in the painting at hand are told in a line, and no others."""
+"""Tests that parts without effect on a painting are reported in a line, and no others."""
 
 import pytest
 import torch

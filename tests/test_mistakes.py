@@ -1,4 +1,4 @@
-"""Every mistake ends in one line: what is wrong, and what to type instead; what else the terminal says is plain."""
+"""Tests that every mistake ends in one line with what is wrong and what to type, and that other output is plain."""
 
 import logging
 import re
@@ -344,11 +344,11 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
     log.setLevel(logging.INFO)
     log.info("writing the page")
     log.info("24.5 dB", extra=IN_LOG)
-    for _ in range(2):  # as jobs of a sweep
+    for _ in range(2):  # as in jobs of a sweep
         log.warning("it is slow")
     log.error("it is broken\nb\x1b[2J.png")
     assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\nb\\x1b[2J.png\n")
-    with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe: no bar, but lines
+    with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe gets lines instead of a bar
         monkeypatch.setattr(logging.getLogger("brushexp.system.progress"), "handlers", [Terminal()])
         show(0.5, "step 3 of 6, 24.50 dB")
     assert "painting: 50 %, step 3 of 6, 24.50 dB, 0:00:00 left" in caplog.messages, "run.log has the figures"
@@ -358,7 +358,7 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
 
 
 class Screen(StringIO):
-    """A stream that is a terminal, or not."""
+    """A stream that claims to be a terminal, or not."""
 
     def __init__(self, is_terminal):
         super().__init__()
