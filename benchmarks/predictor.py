@@ -188,7 +188,7 @@ def by_draft(names: Sequence[str], side: int) -> None:
 def sheet(
     path: Path, names: Sequence[str] = ("coffee", "astronaut"), counts: Sequence[int] = (200, 1000, 2600)
 ) -> None:
-    """Save pictures beside their paintings with more and more strokes."""
+    """Save pictures side by side with their paintings, which have more and more strokes."""
     rows = []
     for name in names:
         target = target_of(name, 400)[:, :266].contiguous()

@@ -66,7 +66,8 @@ def tone(look, seen, own, q, c):
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
     """Part: write the gradient of the numbers of stroke ``i`` into ``out``, given the gradients of alpha and colour.
 
-    The gradient of alpha is in row PULL_ALPHA of ``buf``, that of a channel is `of_color`. ``own`` may be overwritten.
+    The gradient of alpha is in row PULL_ALPHA of ``buf``; `of_color` computes the gradient of a channel. ``own`` may be
+    overwritten.
     """
 
 

@@ -88,7 +88,7 @@ def _touches(points, reach, x, y):
     """Check whether a piecewise straight stroke of half thickness ``reach`` meets the pixel centres around (x, y).
 
     It does if (x, y) is within reach of the hexagon that the square of pixel centres sweeps along a piece. Separating
-    axes alone (along and across) let pairs through at corners, an eighth of all pairs.
+    axes alone (along and across) would keep false pairs at corners, an eighth of all pairs.
     """
     half = 0.5 * (TILE - 1)
     for m in range(PIECES):

@@ -22,7 +22,7 @@ from brushexp.system.words import table_of_words
 
 GROUP = "change"
 LIST = re.compile(r"\[?([\w\s,]*)\]?")  # list of names
-NONE = ("", "null", "none")  # values with which a word does not choose a change
+NONE = ("", "null", "none")  # values of a word that choose no change
 
 
 def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
@@ -66,7 +66,7 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
     """Write out the changes that a look chooses, unless the words name several looks or a study, or add to a list.
 
-    Hydra composes members added by ``+change`` before it knows the look, on which options of some members depend.
+    Hydra composes members added by ``+change`` before the look, but options of some members depend on the look.
     """
     every = [*beside, *words]
     look = value_of("look", every) or PaintTask.presets["look"]

@@ -57,7 +57,7 @@ def presets_of(folder: Path) -> dict[str, str]:
 
 
 def load_config(path: Path) -> Any:
-    """Read the YAML of a config, in any encoding that `decode_text` knows."""
+    """Read the YAML of a config, in any encoding that `decode_text` supports."""
     return OmegaConf.load(StringIO(decode_text(path.read_bytes())))
 
 

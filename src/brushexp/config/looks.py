@@ -30,7 +30,7 @@ LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_optio
 UNTUNED = "untuned"  # group of members of families that allow several, without options of looks
 FAST_STARTS = "fast_start"  # group of files, one for each ``init``, that replace it in a draft
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
-KEEPS_SIZE = "keep_stroke_size"  # key in which a look chooses what quality means
+KEEPS_SIZE = "keep_stroke_size"  # key by which a look chooses the effect of ``quality``
 CLOSER = 50  # factor on the weight of the focus at abstraction=1
 LAYERS = 3  # layers added at abstraction=1, so that the smallest strokes keep their size
 
@@ -79,7 +79,7 @@ def density_of_quality(look: str, density: str) -> str:
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Choose what quality means: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
+    """Choose the effect of ``quality``: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 

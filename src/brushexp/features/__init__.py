@@ -7,7 +7,7 @@ from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 from brushexp.system.published import published
 
-PUBLISHED = published("brushexp.networks")  # functions that make a network from its name and tensors
+PUBLISHED = published("brushexp.networks")  # functions that build a network from its name and tensors
 NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` accepts
 
 

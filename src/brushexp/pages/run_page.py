@@ -102,7 +102,7 @@ def run_page(
     """Build the page of a painting as self-contained HTML, leaving out parts without data.
 
     ``look`` is a name. ``curves`` are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` come from
-    `files_in`, and ``beside`` tells whether painting.png is in the page's folder.
+    `files_in`, and ``beside`` says whether painting.png is in the page's folder.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)

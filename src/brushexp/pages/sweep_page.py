@@ -122,8 +122,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
-    ``picture`` is the index of the painted picture. ``ahead_from`` is the second at which a setting took the lead for
-    the last time, None if it never led.
+    ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, when a setting last took
+    the lead, None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))

@@ -41,7 +41,7 @@ class Picture(nn.Module):
         self.blend = blend
         self._aim: tuple[Tensor, Tensor] | None = None  # target and ground of the steps; None for the painting's own
         self.renderer: Renderer  # renderer of the strokes, set before the first picture
-        self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
+        self.memory: CanvasMemory | None = None  # the whole picture, while steps compare only parts of it
         self._last: Tensor | None = None  # the last picture, perhaps a smaller one, if the last step compared all of it
         self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
         self._error: float | None = math.inf  # error of the last picture; None until it is needed

@@ -19,7 +19,7 @@ AUTO = "auto"  # value of working_resolution: choose by the number of strokes
 PIXELS_PER_STROKE = 80  # minimum pixels of the working picture per stroke, from `benchmarks/photographs.py --pixels`
 SMALLEST_SIDE = 1024  # pixels on the longer side below which pictures are optimised at full size
 SMALLEST_SHORT_SIDE = 256  # minimum pixels on the other side, so that a panorama keeps its rows
-WORTH_IT = 1.5  # ratio of sides from which shrinking saves enough time
+WORTH_IT = 1.5  # least ratio of sides for which shrinking saves enough time
 LARGEST_PAINTING = 50_000_000  # maximum number of pixels of a painting
 
 log = logging.getLogger(__name__)

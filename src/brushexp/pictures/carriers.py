@@ -25,7 +25,7 @@ from brushexp.pictures.colorimetry import (
 Colors = bytes | Encoding | None  # an ICC profile, an encoding, or None for sRGB or no declaration
 
 IN_BOXES = ("AVIF", "HEIF")  # file formats that consist of boxes
-HEAD = 2**20  # bytes at the start of a file in which formats declare their colours
+HEAD = 2**20  # number of first bytes that may declare the colours of a file
 WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # EXIF tags and sections
 INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
 UNCALIBRATED, ADOBE = 65535, 2  # values of COLOR_SPACE

@@ -23,15 +23,15 @@ LAST_MARKS = {  # first bytes of a file -> the mark at its end, and the mark tha
 }
 LAST_BYTES = {b"GIF8": b";", b"qoif": b"\0\0\0\0\0\0\0\1"}
 BOXES = (b"ftyp", b"jP  ", b"JXL ")  # fifth to eighth byte of files that consist of boxes (ISO/IEC 14496-12)
-TAIL = 2**16  # bytes at the end of a file in which its end is sought; some programs append other data
+TAIL = 2**16  # number of last bytes to search for the end marker; some programs append other data
 JPEGS = ("JPEG", "MPO")
 ROW_BY_ROW = (*JPEGS, "PNG", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats whose decoders return the existing part
-MOST_MISSING = 0.05  # largest missing share of the pixels with which a picture is still painted
+MOST_MISSING = 0.05  # largest share of missing pixels in a picture that is still painted
 JPEG_FILL = 128  # grey level of the missing part of a JPEG; 0 in other formats
 
 
 def has_end(path: Path) -> bool | None:
-    """Check whether the file of a picture is complete; None if neither its format nor the file tells."""
+    """Check whether the file of a picture is complete; None if neither its format nor the file makes that clear."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)

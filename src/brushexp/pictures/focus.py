@@ -23,7 +23,7 @@ SHARP_SLOPE = 1.5, 8.0  # L* per pixel: slope of a blurred edge, and of a fully 
 SHARP_BLUR = 0.025  # blur of the map of sharp edges, in longer sides
 SHARP_SHARE = 0.35  # share of sharp edges in a fully sharp area
 OF_SHARP = 0.5  # attention to an area that is sharp but not salient
-BESIDE_FACES = 0.5  # factor on the attention to all else in a picture with faces
+BESIDE_FACES = 0.5  # factor on the attention outside the faces of a picture
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:

@@ -1,4 +1,4 @@
-"""Compute structure tensors, which show the direction in which a picture changes least."""
+"""Compute structure tensors, which give the direction of least change in a picture."""
 
 from collections.abc import Iterable
 

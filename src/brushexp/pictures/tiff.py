@@ -88,7 +88,7 @@ def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
 
 
 def has_codecs() -> bool:
-    """Check whether imagecodecs is installed, with which tifffile unpacks more formats."""
+    """Check whether imagecodecs is installed, which lets tifffile unpack more formats."""
     return find_spec("imagecodecs") is not None
 
 
@@ -203,7 +203,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the palette (N, 3) of a page, in [0, 1], to which samples refer."""
+    """Read the palette (N, 3), in [0, 1], that the samples of a page index."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255

@@ -79,7 +79,7 @@ def name_member(family: str, member: object, name: str = "") -> str:
 
 
 def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin | None:
-    """Find the plugin, among several in one file, to which a call belongs, from its innermost frame outwards.
+    """Find which of several plugins in one file a call belongs to, from its innermost frame outwards.
 
     A function belongs to the class of its ``self`` or to the class around its definition. A function of another class,
     such as a hook passed to Lightning, or of no class belongs to the only plugin whose methods mention it.

@@ -34,7 +34,7 @@ def mean_curve(curves: Sequence[Curve]) -> Curve:
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """List the leading settings and the second at which each took the lead; a finished run keeps its value."""
+    """List the leading settings and the time, in seconds, when each took the lead; a finished run keeps its value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]
     names, leader, changes = list(curves), None, []

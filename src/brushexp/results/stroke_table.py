@@ -26,7 +26,7 @@ ALIGNED_WITHIN = math.radians(20)  # largest difference in direction between ali
 LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are computed
 THIN_FILM = 1e-4  # factor on opacities at which strokes hardly hide each other
 DIRECTION_BINS = 18  # bins of 10 degrees
-LEAST_PAINT = 1e-6  # pixels of paint on the canvas below which there is no paint
+LEAST_PAINT = 1e-6  # pixels of paint below which a canvas counts as bare
 SIZE_MEASURES = ("length", "width", "area", "elongatedness")  # measures that depend on the settings, not on the picture
 
 MEASURES = ruler.MEASURES | {

@@ -141,7 +141,7 @@ def launch_jobs(
 
 
 def moved(job: Words, place: str) -> list[str]:
-    """Set the folder of a job with its last word."""
+    """Replace the folder of a job by a last word."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 

@@ -25,15 +25,15 @@ from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes, drawable
 
 FILM = 0.1  # thickest paint of a stroke of typical width, relative to its width
-BROADER = 0.25  # exponent with which a film grows with the width of its stroke; larger values make relief uneven
+BROADER = 0.25  # exponent of a film's growth with the width of its stroke; larger values make relief uneven
 CARRIED = 0.75  # share of the paint below that an opaque stroke removes or levels
 THIN = 0.5  # pixels; strokes thinner than about twice this are drawn at that thickness, but lower
 AT_ONCE = 256  # number of windows computed in one batch
 DENSE = 0.97  # coverage of a full film
 LEAN = 0.12  # thickness of the darkest paint, in films, because painters keep darks thin and lights thick
-LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # luma up to which paint is thinnest, and from which it has its full thickness
+LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # largest luma of the thinnest paint, and smallest luma of full films
 FILLED = 0.25  # thickness of paint, in films, that reduces the relief of the ground to about a third
-LIT = 0.8  # films by which paint with white light is higher than paint in its own colour
+LIT = 0.8  # extra height, in films, of paint that shines white over paint in its own colour
 VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the previous one
 ROWS, COLUMNS = 48, 64  # texels of their textures, across and along
 KNOTS = 6  # number of knots along a stroke between which bristles waver

@@ -20,7 +20,7 @@ from torch import Tensor
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-NEIGHBOURS = 10  # number of strokes around a stroke
+NEIGHBOURS = 10  # number of nearest strokes that a stroke is compared with
 POINT_LENGTH = 0.1  # pixels; a much shorter curve is a point, and smoothly loses curvature and direction
 LEG_SOFTENING = 1e-4  # fraction of the curve below which a leg does not count as a turn
 ISOTROPY_SOFTENING = 1e-3  # a curve with nearly equal spread in all directions smoothly loses its direction

@@ -1,1 +1,1 @@
-"""Perform tasks: one module per task, with keys in config/schema.py. Choose one: ``task=paint``."""
+"""Tasks are the program's commands, one per module, with keys in config/schema.py; choose one with ``task=paint``."""

@@ -1,1 +1,1 @@
-"""Blends: composite strokes in depth order into a picture. Choose one: ``blend=tiled``."""
+"""Blends composite strokes in depth order into a picture; choose one with ``blend=tiled``."""

@@ -1,1 +1,1 @@
-"""Callbacks: actions during a fit, beside its steps. Choose any number: ``callbacks=[timer,learning_rate_monitor]``."""
+"""Callbacks act between the steps of a fit; choose several with ``callbacks=[timer,learning_rate_monitor]``."""

@@ -1,1 +1,1 @@
-"""Density policies: when to add and remove strokes. Choose one: ``density=fixed``."""
+"""Density policies decide when to add and remove strokes; choose one with ``density=fixed``."""

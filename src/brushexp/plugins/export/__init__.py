@@ -1,1 +1,1 @@
-"""Exporters: painting -> files. Choose any number: ``task=export catalogue=catalogue.h5 to=svg,json``."""
+"""Exporters write a painting to files; choose several with ``task=export catalogue=catalogue.h5 to=svg,json``."""

@@ -1,1 +1,1 @@
-"""Loggers: destinations of the curves, pictures and numbers of a run. Choose any number: ``logger=csv,wandb``."""
+"""Loggers record the curves, pictures and numbers of a run; choose several with ``logger=csv,wandb``."""

@@ -24,7 +24,7 @@ class PaintedView:
     """The painted view of a step, with everything that a loss may read."""
 
     image: Tensor  # (3, h, w) the region of this step in the painting, display-referred RGB in [0, 1]
-    target: Tensor  # (3, h, w) target; the same object while steps look at the same region
+    target: Tensor  # (3, h, w) target; the same object while steps view the same region
     strokes: Strokes  # all N strokes of the painting; only those that this step moves have a gradient
     surroundings: Surroundings | None = None  # the surrounding canvas; None if ``image`` is the whole canvas
     focus: Tensor | None = None  # (h, w) weights of the pixels, of mean 1 over the whole canvas; None for equal weights

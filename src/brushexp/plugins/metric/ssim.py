@@ -7,7 +7,7 @@ from brushexp.registry import register
 
 @register("metric", "ssim")
 class SimilarityOfStructure(Metric):
-    """SSIM (structural similarity, Wang et al., 2004); 1 is identical.
+    """SSIM (structural similarity, Wang et al., 2004); 1 for identical pictures.
 
     SSIM is undefined for pictures smaller than its window of 11 x 11 pixels.
     """

@@ -1,1 +1,1 @@
-"""Optimisers: how strokes move. Choose one: ``optimizer=adam``."""
+"""Optimisers move strokes, given their gradients; choose one with ``optimizer=adam``."""

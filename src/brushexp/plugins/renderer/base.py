@@ -67,7 +67,7 @@ class Renderer(nn.Module, ABC):
     """
 
     cost: ClassVar[str] = "not measured"  # time of a step relative to ``analytic``, at 512 px and 2,621 strokes
-    weights: ClassVar[str] = "none"  # what has to be trained
+    weights: ClassVar[str] = "none"  # description of the weights to train
     strokes: ClassVar[str] = "all"  # strokes that the renderer can draw
     warm_up: str | None = None  # fast renderer that takes most of the steps of a painting in place of a slow one
     weights_hash: str = ""  # hash of the trained weights; "" if there are none

@@ -1,1 +1,1 @@
-"""Samplers: which part of the canvas a step compares. Choose one: ``sampler=whole``."""
+"""Samplers choose the part of the canvas that a step compares; choose one with ``sampler=whole``."""
