@@ -148,7 +148,7 @@ def page(run: Path) -> None:
 
 
 def main() -> None:
-    """Print Markdown."""
+    """Print the tables in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--strokes", type=int, default=10_000, help="strokes of the larger painting")
     parser.add_argument("--resolution", type=int, default=8192, help="pixels on the longer side of the largest exports")

@@ -1,4 +1,4 @@
-"""Measure whole runs of the program, started like a user does: wall time, PSNR, SSIM and strokes.
+"""Measure whole runs of the program, started as a user would: wall time, PSNR, SSIM and strokes.
 
     python benchmarks/pictures.py                        the default picture
     python benchmarks/pictures.py a.jpg b.png --strokes 10000 --override quality=fine

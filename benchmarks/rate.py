@@ -1,8 +1,7 @@
 """Compare rate and distortion of coded strokes and picture codecs: PSNR of the decoded picture against bits per pixel.
 
-python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paint, code, and add to the records
-python benchmarks/rate.py show records.csv figure.png                        # print tables in Markdown, and draw the
-figure
+    python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paint, code, and add to the records
+    python benchmarks/rate.py show records.csv figure.png                        # print the tables, and draw the figure
 
 The pictures are icons drawn by this script, photographs of scikit-image, and some of Kodak's pictures from a folder,
 all reduced. Each is painted with several numbers of strokes, which are coded; Pillow writes JPEG, WebP, AVIF and JPEG
@@ -180,7 +179,7 @@ def read(records: Path) -> list[Record]:
 
 
 def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
-    """Collect the points of each set, picture and codec by rate, without those beaten by another of the curve."""
+    """Collect the points of each set, picture and codec by rate, leaving out points beaten by others."""
     points = defaultdict(list)
     for row in rows:
         points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))

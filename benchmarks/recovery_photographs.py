@@ -1,4 +1,4 @@
-"""Does recovery recognise photographs that show no painting, and bare ground?
+"""Measure whether recovery recognises bare ground, and photographs that show no painting.
 
     python benchmarks/recovery_photographs.py camera.png coins.png kodim15.png kodim23.png --side 224
 

@@ -381,7 +381,7 @@ def gif(byte: int) -> bytes:
 
 
 def with_pasp(wide: int, high: int) -> bytes:
-    """Declare the width and height of pixels in an AVIF, in place of the bits per channel, equally many bytes."""
+    """Declare the shape of pixels in an AVIF, in place of the bits per channel, which take equally many bytes."""
     whole = file_of(SMOOTH, "AVIF", quality=95, subsampling="4:4:4")
     at = whole.index(b"\0\0\0\x10pixi") + 4
     return whole[:at] + b"pasp" + struct.pack(">II", wide, high) + whole[at + 12 :]

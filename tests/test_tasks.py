@@ -200,7 +200,10 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in every), name
     assert any(line.startswith("Sample pictures: astronaut, ") for line in every)
-    assert "  options of renderer=neural, and their values now" in run("renderer=neural", "--help", cwd=tmp_path).stdout
+    assert (
+        "  options of renderer=neural, and their current values"
+        in run("renderer=neural", "--help", cwd=tmp_path).stdout
+    )
     topics = {topic: run(f"--help={topic}", cwd=tmp_path).stdout for topic in ("tasks", "research")}
     for name, task in TASKS.items():
         assert [f"\n  {name} " in text for text in topics.values()] == [not task.is_research, task.is_research], name

@@ -193,7 +193,7 @@ def _begin_behind(background, weighs, buf):
 def _step_back(look, own, buf):
     """Write the derivative with respect to the alpha of a stroke, then include the stroke in what lies behind the next.
 
-    Of the colour behind, only its product with the gradient of the picture is needed.
+    Only the product of the colour behind with the gradient of the picture is needed.
     """
     for q in range(AREA):
         seen, light, behind = shade(look, own, q), own[ABOVE * AREA + q], buf[BEHIND * AREA + q]

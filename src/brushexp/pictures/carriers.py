@@ -49,7 +49,7 @@ def colors_of(picture: Image.Image) -> Colors:
 def exif_of(picture: Image.Image) -> Image.Exif:
     """Read the EXIF data of a picture, empty if they are damaged; raises errors of the picture's decoder.
 
-    Pillow decodes a PNG to find EXIF data after its pixels. If it loads the picture again after an error, it is black.
+    Pillow decodes a PNG to find EXIF data after its pixels. If the picture is loaded again after an error, it is black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()

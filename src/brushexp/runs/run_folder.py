@@ -125,7 +125,7 @@ def _check_replaceable(folder: Path) -> None:
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Take the folder of a job in the process that runs it.
+    """Claim the folder of a job in the process that runs it.
 
     A killed job continues from its checkpoint (``cfg.resume`` is set) or starts over.
     """

@@ -66,7 +66,7 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Take the folder of a sweep and record its jobs; a continued sweep (``goes_on``) must have the same jobs.
+    """Claim the folder of a sweep and record its jobs; a continued sweep (``goes_on``) must have the same jobs.
 
     A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job. A UserError refuses other
     changes.

@@ -161,7 +161,7 @@ def pass_signal_on() -> None:
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """At the first Ctrl-C, SIGTERM or SIGHUP, call ``stop`` and log a ``promise`` to end; a second signal ends at once.
+    """Call ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, and log a ``promise`` to end; a second signal ends at once.
 
     Signals of a cluster act in the same way if they have a handler.
     """
@@ -192,7 +192,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 @contextmanager
 def held_back(promise: str) -> Iterator[None]:
-    """At a first Ctrl-C, SIGTERM or SIGHUP, log a ``promise`` to end; raise KeyboardInterrupt after ``with``."""
+    """Delay a first Ctrl-C, SIGTERM or SIGHUP: log a ``promise`` to end, and raise KeyboardInterrupt after ``with``."""
     pressed = threading.Event()
     with interruptible(pressed.set, promise):
         yield

@@ -27,7 +27,7 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 
     Detects frontal faces and profiles from about 16 pixels, tilted by up to 45 degrees and more. The picture is
     searched at several sizes and turned both ways; a face must be detected more than once unless it is certain
-    (``least`` is the confidence needed otherwise). Of several candidates for one face, the best is kept.
+    (``least`` is the confidence needed otherwise). The best of several candidates for a face is kept.
     """
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []

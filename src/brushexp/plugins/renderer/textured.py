@@ -200,7 +200,7 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 def weights_of_texels(texels: Tensor) -> Tensor:
     """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) before sigmoid, tanh and sigmoid.
 
-    Where there is more paint than nearby, bristles hold more pigment and are paler; where there is less, darker.
+    Where there is more paint than nearby, bristles hold more pigment and are paler; elsewhere they are darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
     coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
